@@ -1,4 +1,4 @@
-"""Accuracy of a DEM against the truth; the only part of the processing that knows it."""
+"""Accuracy of a DEM against the truth; the only part of the processing with access to it."""
 
 import lazy_loader
 

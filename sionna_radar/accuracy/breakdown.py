@@ -1,4 +1,4 @@
-"""Where a DEM errs, and how: checkpoints, classes of terrain and view, canopy, and the variogram of the error."""
+"""Breakdown of a DEM's error: checkpoints, classes of terrain and view, canopy, and the variogram of the error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ DISTANCES_M = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, np.inf)
 class ErrorClass:
     """The error over the cells of one class; NaN without any.
 
-    low, high: its bounds, in degrees or metres; low belongs to it, high to the next one, if there is one.
+    low, high: its bounds, in degrees or metres; low is inclusive, high exclusive except in the last class.
     count: number of cells. Other fields are as in `DemError`.
     """
 
@@ -40,43 +40,43 @@ class ErrorClass:
 def by_class(
     error_m: Float[np.ndarray, " cell"], value: Float[np.ndarray, " cell"], bounds: tuple[float, ...]
 ) -> tuple[ErrorClass, ...]:
-    """Return the error by classes of a value; cells without the value belong to none, and empty classes are left out.
+    """Return the error by classes of a value, without cells whose value is NaN, and without empty classes.
 
     Parameters
     ----------
     error_m:
         DEM minus truth, finite.
     value:
-        What decides about the class.
+        Classified value of each cell.
     bounds:
-        Of the classes, ascending.
+        Bounds of the classes, ascending.
 
     """
     number = np.searchsorted(bounds, value, side="right") - 1
     number[value == bounds[-1]] = len(bounds) - 2
     classes = []
-    for place, (low, high) in enumerate(pairwise(bounds)):
-        own = error_m[(number == place) & ~np.isnan(value)]
-        if len(own):
-            rms_m, mean_m, std_m = float(np.sqrt(np.mean(own**2))), float(own.mean()), float(own.std())
-            found = ErrorClass(
-                low=low, high=high, count=len(own), rms_m=rms_m, mean_m=mean_m, std_m=std_m, nmad_m=nmad(own)
+    for index, (low, high) in enumerate(pairwise(bounds)):
+        errors = error_m[(number == index) & ~np.isnan(value)]
+        if len(errors):
+            rms_m, mean_m, std_m = float(np.sqrt(np.mean(errors**2))), float(errors.mean()), float(errors.std())
+            error_class = ErrorClass(
+                low=low, high=high, count=len(errors), rms_m=rms_m, mean_m=mean_m, std_m=std_m, nmad_m=nmad(errors)
             )
-            classes.append(found)
+            classes.append(error_class)
     return tuple(classes)
 
 
 def incidence_deg(truth: Raster, points: Points, cells: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, " cell"]:
-    """Return the angle between the normal of some cells and the direction to the radar that mapped each.
+    """Return the incidence angle of some cells: between their normals and the direction to the radar.
 
-    That is the radar's measured position at the nearest point. NaN where the surface has no slope, or without points.
+    The radar is at its measured position of the nearest point. NaN where the slope is undefined, or without points.
     """
     count = int(cells.sum())
     if len(points) == 0 or count == 0:
         return np.full(count, np.nan)
-    inside = cells.ravel()
-    place = np.column_stack([truth.grid.centres_m[inside], truth.height_m.ravel()[inside]])
-    east, north = (part.ravel()[inside] for part in gradient(truth))
+    chosen = cells.ravel()
+    place = np.column_stack([truth.grid.centres_m[chosen], truth.height_m.ravel()[chosen]])
+    east, north = (component.ravel()[chosen] for component in gradient(truth))
     nearest = KDTree(points.position_m[:, :2]).query(place[:, :2])[1]
     to_radar = points.origin_m[nearest] - place
     # The normal is (-east, -north, 1), not yet of unit length.
@@ -86,20 +86,20 @@ def incidence_deg(truth: Raster, points: Points, cells: Bool[np.ndarray, "row co
 
 
 CLASSES = 14
-# Drawn in each class of lags; those with an empty end are dropped.
+# Pairs drawn in each class of lags; those with an empty end are dropped.
 PAIRS = 4000
 MIN_PAIRS = 30
-# Of the larger side of the mapped area: beyond, few pairs are independent.
+# Largest lag as a share of the mapped area's longer side; beyond, few pairs are independent.
 FARTHEST = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class VariogramLag:
-    """Half the mean squared difference of two errors at about one distance.
+    """Semivariance of the error in one class of lags: half the mean squared difference of pairs.
 
     lag_m: mean distance of the pairs.
     semivariance_m2: Matheron's estimator.
-    robust_m2: Dowd's, from the median of the differences, which outliers do not move.
+    robust_m2: Dowd's estimator, from the median of the differences, robust to outliers.
     """
 
     lag_m: float
@@ -112,8 +112,8 @@ class VariogramLag:
 class Variogram:
     """An empirical variogram.
 
-    variance_m2: of all the errors, which the semivariance approaches at distances without correlation.
-    correlation_length_m: distance at which it passes 1 - 1/e of that; None if it does so nowhere, or from the start.
+    variance_m2: of all errors; the sill of the semivariance at uncorrelated distances.
+    correlation_length_m: lag at which it exceeds 1 - 1/e of the sill; None if it does so at no lag, or at the first.
     lags: by ascending distance.
     """
 
@@ -125,23 +125,23 @@ class Variogram:
 def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -> Variogram | None:
     """Return the variogram of the error over some cells; None without enough of them.
 
-    Pairs are drawn, as many in each class of lags: one end among the cells, the other in a random direction.
+    Equally many pairs are drawn in each class of lags: one end among the cells, the other in a random direction.
 
     Parameters
     ----------
     error:
         DEM minus truth.
     cells:
-        Those that count, as far as they are filled.
+        Cells to use, where filled.
     seed:
-        Of the scenario.
+        Seed of the scenario.
 
     """
-    inside = error.filled & cells
-    row, column = np.nonzero(inside)
+    valid = error.filled & cells
+    row, column = np.nonzero(valid)
     if len(row) < MIN_PAIRS:
         return None
-    values = np.where(inside, error.height_m, np.nan)
+    values = np.where(valid, error.height_m, np.nan)
     farthest = FARTHEST * max(float(np.ptp(row)), float(np.ptp(column)), 4.0)
     generator = pulse_generator(seed, Stream.VARIOGRAM, 0)
     lags = []
@@ -150,24 +150,24 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
         distance, angle = generator.uniform(low, high, PAIRS), generator.uniform(0.0, 2 * np.pi, PAIRS)
         down, right = np.rint(distance * np.sin(angle)).astype(int), np.rint(distance * np.cos(angle)).astype(int)
         other_row, other_column = row[start] + down, column[start] + right
-        there = (other_row >= 0) & (other_row < values.shape[0]) & (other_column >= 0)
-        there &= other_column < values.shape[1]
-        start, other = start[there], (other_row[there], other_column[there])
-        step = values[other] - values[row[start], column[start]]
-        lag = _lag(step, np.hypot(down[there], right[there]) * error.grid.spacing_m)
+        in_map = (other_row >= 0) & (other_row < values.shape[0]) & (other_column >= 0)
+        in_map &= other_column < values.shape[1]
+        start, end = start[in_map], (other_row[in_map], other_column[in_map])
+        step = values[end] - values[row[start], column[start]]
+        lag = _lag(step, np.hypot(down[in_map], right[in_map]) * error.grid.spacing_m)
         if lag is not None:
             lags.append(lag)
-    variance_m2 = float(np.var(error.height_m[inside]))
+    variance_m2 = float(np.var(error.height_m[valid]))
     return Variogram(variance_m2=variance_m2, correlation_length_m=_length_m(lags, variance_m2), lags=tuple(lags))
 
 
 def _lag(step_m: Float[np.ndarray, " pair"], distance_m: Float[np.ndarray, " pair"]) -> VariogramLag | None:
-    both = np.isfinite(step_m)
-    if both.sum() < MIN_PAIRS:
+    valid = np.isfinite(step_m)
+    if valid.sum() < MIN_PAIRS:
         return None
-    step = step_m[both]
+    step = step_m[valid]
     return VariogramLag(
-        lag_m=float(distance_m[both].mean()),
+        lag_m=float(distance_m[valid].mean()),
         pairs=len(step),
         semivariance_m2=float(np.mean(step**2) / 2),
         # 2.198 is the ratio of variance and squared median of |x| of a normal distribution (Dowd 1984).
@@ -176,21 +176,21 @@ def _lag(step_m: Float[np.ndarray, " pair"], distance_m: Float[np.ndarray, " pai
 
 
 def _length_m(lags: list[VariogramLag], variance_m2: float) -> float | None:
-    goal = (1 - np.exp(-1.0)) * variance_m2
-    for before, after in pairwise(lags):
-        if before.semivariance_m2 < goal <= after.semivariance_m2:
-            share = (goal - before.semivariance_m2) / (after.semivariance_m2 - before.semivariance_m2)
-            return before.lag_m + share * (after.lag_m - before.lag_m)
+    threshold_m2 = (1 - np.exp(-1.0)) * variance_m2
+    for near, far in pairwise(lags):
+        if near.semivariance_m2 < threshold_m2 <= far.semivariance_m2:
+            share = (threshold_m2 - near.semivariance_m2) / (far.semivariance_m2 - near.semivariance_m2)
+            return near.lag_m + share * (far.lag_m - near.lag_m)
     return None
 
 
-# Distances and incidence angles are looked up at this many cells of a larger map.
+# Largest number of cells at which distances and incidence angles are evaluated.
 MAX_CELLS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Breakdown:
-    """The error of lit cells by what may explain it; see `sionna_radar.accuracy` for each.
+    """The error of lit cells by explanatory variables; see `sionna_radar.accuracy` for each.
 
     by_slope: classes of the true slope, degrees.
     by_incidence: classes of the angle between the true surface's normal and the direction to the radar, degrees.
@@ -221,49 +221,49 @@ def break_down(
     error, truth, lit:
         DEM minus truth, the truth, and the cells that the main beam reached.
     points:
-        From where the radar looked.
+        Located echoes, for the radar's positions.
     walls:
-        Of the scene.
+        Walls of the scene.
     seed:
-        Of the scenario; it draws checkpoints and pairs.
+        Seed of the scenario, for checkpoints and pairs.
     covered:
         See `checkpoint_test`.
 
     """
     cells = error.filled & lit
-    some = _some(cells, seed)
-    error_m = error.height_m[some]
+    sample = _some(cells, seed)
+    error_m = error.height_m[sample]
     distances = None
     if walls:
-        place = error.grid.centres_m[some.ravel()]
+        place = error.grid.centres_m[sample.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
     return Breakdown(
         checkpoints=checkpoint_test(error, truth, lit, seed, covered),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
-        by_incidence=by_class(error_m, incidence_deg(truth, points, some), INCIDENCES_DEG),
+        by_incidence=by_class(error_m, incidence_deg(truth, points, sample), INCIDENCES_DEG),
         by_wall_distance=distances,
         variogram=variogram(error, cells, seed),
     )
 
 
 def _some(cells: Bool[np.ndarray, "row column"], seed: int) -> Bool[np.ndarray, "row column"]:
-    """Return the cells, or so many of them, drawn, that looking each up stays cheap."""
-    found = np.flatnonzero(cells)
-    if len(found) <= MAX_CELLS:
+    """Return the cells, or a random sample of `MAX_CELLS` of them."""
+    indices = np.flatnonzero(cells)
+    if len(indices) <= MAX_CELLS:
         return cells
     chosen = np.zeros(cells.size, dtype=bool)
-    chosen[pulse_generator(seed, Stream.CELLS, 0).choice(found, MAX_CELLS, replace=False)] = True
+    chosen[pulse_generator(seed, Stream.CELLS, 0).choice(indices, MAX_CELLS, replace=False)] = True
     return chosen.reshape(cells.shape)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CanopyReading:
-    """The heights of a DEM among plants; the truth is the ground under them.
+    """The heights of a DEM in vegetation; the truth is the ground below.
 
     count: filled cells with plants.
     height_m: mean height of these plants.
-    above_ground_m: mean of the DEM over the ground there.
-    share: the second over the first: 0 where it reads the ground, 1 where it reads the tops.
+    above_ground_m: mean height of the DEM above ground in these cells.
+    share: the second over the first: 0 for a DEM of the ground, 1 for one of the tops.
     ground_rms_m, top_rms_m: root mean square of the DEM less the ground, and less the tops.
     """
 

@@ -1,13 +1,13 @@
-"""The vertical accuracy test of ASPRS with checkpoints, as a surveyor would make it, and the slopes of a raster.
+"""The ASPRS vertical accuracy test with checkpoints, and the slopes of a raster.
 
 American Society for Photogrammetry and Remote Sensing, "Positional Accuracy Standards for Digital Geospatial Data",
 Edition 2 (2023): at least 30 checkpoints, 10 more for each 1000 km2 beyond the first, at most 120 (annex C);
 spread over the whole area; on even ground no steeper than 10 %, so that their horizontal error does not count; and the
-accuracy is their RMSE, no multiple of it. The survey's own error, which the standard adds in squares, is zero here.
-Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls hold more of the map than `MAX_COVERED`
-such a class says little of it, and none is stated.
+accuracy is their RMSE, no multiple of it. The checkpoints' own survey error, which the standard adds in quadrature, is
+zero here. Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls cover more of the map than
+`MAX_COVERED` such a class is not representative, and none is stated.
 
-Slopes are third-order finite differences of Horn (1981), as GDAL and xDEM have them.
+Slopes are third-order finite differences of Horn (1981), as in GDAL and xDEM.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,9 +48,9 @@ MAX_COVERED = 0.2
 MORE, AREA_OF_MORE_KM2 = 10, 1000.0
 STEEPEST_DEG = float(np.rad2deg(np.arctan(0.1)))
 NOTHING_COVERED: Mapping[str, float] = MappingProxyType({})
-# Of the diagonal: the distance of checkpoints that is tried first, and the factor by which it shrinks.
+# Initial distance of checkpoints as a share of the diagonal, and the factor by which it shrinks.
 SPREAD, CLOSER = 0.1, 0.8
-# Candidates beyond these add nothing to 120.
+# Further candidates add nothing to 120 checkpoints.
 MAX_CANDIDATES = 5000
 
 
@@ -58,13 +58,13 @@ MAX_CANDIDATES = 5000
 class CheckpointTest:
     """A test with checkpoints; heights in metres, NaN without any.
 
-    count, wanted: number of checkpoints, and how many the standard asks for.
-    even: whether they lie on slopes up to 10 % only; too few such cells leave the choice to all lit ones.
-    spacing_m: shortest distance of two of them.
+    count, wanted: number of checkpoints, and number required by the standard.
+    even: True if all lie on slopes up to 10 %; with too few such cells all lit ones are candidates.
+    spacing_m: shortest distance between two of them.
     rms_m: RMSE_V; mean_m, std_m, greatest_m: bias, standard deviation and greatest |error|.
     class_cm: vertical accuracy class that is met, the RMSE_V rounded up to a centimetre; None with too few checkpoints,
         or too little open ground.
-    where: on which ground they lie, in words; statement: the result in the words of the standard.
+    where: the ground they lie on, in words; statement: the result in the words of the standard.
     """
 
     count: int
@@ -82,8 +82,8 @@ class CheckpointTest:
 
 def checkpoints_wanted(area_m2: float) -> int:
     """Return the number of checkpoints that the standard requires."""
-    beyond = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
-    return min(MIN + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MAX)
+    excess_km2 = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
+    return min(MIN + MORE * int(np.ceil(excess_km2 / AREA_OF_MORE_KM2)), MAX)
 
 
 def checkpoint_test(
@@ -102,9 +102,9 @@ def checkpoint_test(
     lit:
         Cells that the main beam reached.
     seed:
-        Of the scenario.
+        Seed of the scenario.
     covered:
-        The share of the cells that something else than open ground holds, by what that is.
+        Shares of the cells covered by anything but open ground, by kind of cover.
 
     """
     cells = error.filled & lit
@@ -139,30 +139,30 @@ def checkpoint_test(
 
 
 def _spread(
-    candidates: Int[np.ndarray, " cell"], error: Raster, wanted: int, seed: int
+    candidates: Int[np.ndarray, " cell"], error: Raster, required: int, seed: int
 ) -> tuple[Int[np.ndarray, " checkpoint"], float]:
-    """Return checkpoints drawn in random order, none nearer to another than a distance that leaves enough of them."""
+    """Return checkpoints drawn in random order at the largest tried minimum distance that yields enough of them."""
     generator = pulse_generator(seed, Stream.CHECKPOINTS, 0)
     drawn = generator.permutation(candidates)[:MAX_CANDIDATES]
-    if len(drawn) <= wanted:
+    if len(drawn) <= required:
         return drawn, _closest_m(_places(drawn, error))
     place = _places(drawn, error)
-    apart_m = SPREAD * float(np.linalg.norm(np.ptp(place, axis=0)))
+    min_distance_m = SPREAD * float(np.linalg.norm(np.ptp(place, axis=0)))
     while True:
-        kept = _darts(place, apart_m, wanted)
-        if len(kept) == wanted:
-            return drawn[kept], _closest_m(place[kept])
-        apart_m *= CLOSER
+        selected = _darts(place, min_distance_m, required)
+        if len(selected) == required:
+            return drawn[selected], _closest_m(place[selected])
+        min_distance_m *= CLOSER
 
 
-def _darts(place_m: Float[np.ndarray, "n 2"], apart_m: float, wanted: int) -> list[int]:
-    """Return the first places, in order, that keep their distance from all before."""
+def _darts(place_m: Float[np.ndarray, "n 2"], min_distance_m: float, required: int) -> list[int]:
+    """Return the first places, in order, at the minimum distance from all earlier ones (dart throwing)."""
     free = np.ones(len(place_m), dtype=bool)
-    kept: list[int] = []
-    while len(kept) < wanted and free.any():
-        kept.append(int(np.argmax(free)))
-        free &= np.linalg.norm(place_m - place_m[kept[-1]], axis=1) >= max(apart_m, 1e-9)
-    return kept
+    selected: list[int] = []
+    while len(selected) < required and free.any():
+        selected.append(int(np.argmax(free)))
+        free &= np.linalg.norm(place_m - place_m[selected[-1]], axis=1) >= max(min_distance_m, 1e-9)
+    return selected
 
 
 def _places(cell: Int[np.ndarray, " n"], error: Raster) -> Float[np.ndarray, "n 2"]:
@@ -181,12 +181,12 @@ def _where(even: bool) -> str:
     return "slopes up to 10 %" if even else "lit cells of any slope, as too few are no steeper than 10 %"
 
 
-def _statement(count: int, wanted: int, where: str, rms_m: float, class_cm: int | None, hidden: Sequence[str]) -> str:
+def _statement(count: int, required: int, where: str, rms_m: float, class_cm: int | None, hidden: Sequence[str]) -> str:
     standard = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2 (2023)"
     if hidden:
         return f"not tested by the {standard}, whose checkpoints lie in the open: {' and '.join(hidden)} of the cells"
     if class_cm is None:
-        return f"not tested by the {standard}: it asks for {wanted} checkpoints, and there are {count} cells for them"
+        return f"not tested by the {standard}: it asks for {required} checkpoints, and there are {count} cells for them"
     return (
         f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
         f"{100 * rms_m:.1f} cm of {count} simulated checkpoints on {where}, themselves without error"

@@ -6,12 +6,12 @@ tile: whichever two are assigned to one engine, the squared distance between the
 
     d^2 = sum over the tile's cells of ((G + G' - S - S') / 2)^2,
 
-has the same distribution. There are three ways to form the pairs, and a tile's share is the true pairing's d^2 over
-the sum of all three. The sum of the shares over all tiles is compared with its values when the pairing of each
-tile is drawn at random (Pitman 1937, "Significance tests which may be applied to samples from any populations").
-No distribution of the errors is assumed (it is far from Gaussian along walls), and no tile counts for more
-than one; tiles need only be independent, so they are three correlation lengths wide.
-The share of draws that reach the sum of the true pairing is the probability of a false alarm.
+has the same distribution. There are three possible pairings, and a tile's share is the true pairing's d^2 over the
+sum of all three. The sum of the shares over all tiles is compared with its values when the pairing of each tile is
+drawn at random (Pitman 1937, "Significance tests which may be applied to samples from any populations"). No
+distribution of the errors is assumed (it is far from Gaussian along walls), and each tile counts for at most one;
+tiles need only be independent, so they are three correlation lengths wide. The share of draws that reach the sum of
+the true pairing is the probability of a false alarm.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from sionna_radar.foundation.raster import Raster
 LE90_MEANING = (
     "90th percentile of |error|, bias included; tools that report the width |P95 - P5| print about twice as much"
 )
-# The words of the trade beside the names of the fields.
+# Standard terms for the fields.
 MEANING = {
     "rms_m": "RMSE: root of the mean squared error, bias included",
     "mean_m": "bias: mean error, DEM minus truth",
@@ -44,7 +44,7 @@ class DemError:
     """Elevation error, DEM minus truth, over the cells where both have a height.
 
     count: number of those cells.
-    coverage: their share of the illuminated cells that have a truth.
+    coverage: their share of the illuminated cells with a true height.
     nmad_m: 1.4826 times the median absolute deviation from the median error: the standard deviation of a normal
         distribution with the same middle half, robust to outliers.
     le68_m, le90_m, le95_m: linear errors: the percentiles of |error|, bias included. Some tools use the name LE90 for
@@ -82,9 +82,9 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
     Parameters
     ----------
     error:
-        DEM minus truth; empty where either is.
+        DEM minus truth; empty where either is empty.
     illuminated:
-        Cells that the survey could have mapped, the reference of the coverage.
+        Mappable cells, the reference of the coverage.
 
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
@@ -124,11 +124,11 @@ MIN_CELLS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class SpeckleTest:
-    """Outcome of the test.
+    """Result of the randomisation test.
 
     cross_rms_m: RMS difference of one engine's DEM and the other's, over all four cross pairs.
     speckle_rms_m: the same expected from speckle alone: over the two pairs of one engine.
-    tiles: their number n; the least possible probability is 3^-n.
+    tiles: their number n; the smallest possible probability is 3^-n.
     probability: of a difference this large from speckle alone; NaN without tiles.
     """
 
@@ -138,7 +138,7 @@ class SpeckleTest:
     probability: float
 
     def can_reject(self, probability: float) -> bool:
-        """Return whether there are enough tiles for so small a probability."""
+        """Return whether the number of tiles allows so small a probability."""
         return 3.0**-self.tiles <= probability
 
 
@@ -163,16 +163,16 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     side = max(1, round(TILE_LENGTHS * correlation_m / grid.spacing_m))
     _, tile = np.unique(np.stack([row // side, column // side]), axis=1, return_inverse=True)
     tile = tile.ravel()
-    kept = np.bincount(tile) >= MIN_CELLS
+    usable = np.bincount(tile) >= MIN_CELLS
     # The true pairing first, then the two others.
     pairings = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
     distance = np.stack(
-        [np.bincount(tile, (height[[*a]].mean(axis=0) - height[[*b]].mean(axis=0)) ** 2)[kept] for a, b in pairings]
+        [np.bincount(tile, (height[[*a]].mean(axis=0) - height[[*b]].mean(axis=0)) ** 2)[usable] for a, b in pairings]
     )
     return SpeckleTest(
         cross_rms_m=_rms(height, ((0, 2), (0, 3), (1, 2), (1, 3))),
         speckle_rms_m=_rms(height, ((0, 1), (2, 3))),
-        tiles=int(kept.sum()),
+        tiles=int(usable.sum()),
         probability=_chance(distance / np.maximum(distance.sum(axis=0), np.finfo(float).tiny)),
     )
 
@@ -187,11 +187,11 @@ def _chance(share: Float[np.ndarray, "3 tile"]) -> float:
     if tiles == 0:
         return float("nan")
     random = np.random.default_rng(1937)
-    own = share[0].sum()
+    true_sum = share[0].sum()
     reached = 0
     for _ in range(0, DRAWS, 1000):
         choice = random.integers(0, 3, (1000, tiles))
         total = share[choice, np.arange(tiles)].sum(axis=1)
-        reached += int(np.sum(total >= own * (1 - 1e-12)))
+        reached += int(np.sum(total >= true_sum * (1 - 1e-12)))
     # The true pairing is one of those that could have been drawn.
     return (reached + 1) / (DRAWS + 1)

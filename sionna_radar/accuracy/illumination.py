@@ -1,4 +1,4 @@
-"""What a survey could have mapped: ground in the main beam, and not in geometric shadow."""
+"""The mappable ground of a survey: in the main beam, and not in geometric shadow."""
 
 from collections.abc import Sequence
 from typing import no_type_check
@@ -24,34 +24,34 @@ def main_beam_hits(
     beams: of an electronic scan, each with its own pattern.
     """
     pose = pulses.true
-    first = np.searchsorted(paths.pulse, np.append(pulses.index, pulses.index[-1] + 1))
+    start = np.searchsorted(paths.pulse, np.append(pulses.index, pulses.index[-1] + 1))
     direction = np.empty((len(paths), 3))
-    ahead(first, pose.position_m, np.ascontiguousarray(pose.R_world_antenna), paths.hit_m, direction)
-    row = np.repeat(np.arange(len(pulses)), np.diff(first))
-    inside = paths.surface >= 0
+    ahead(start, pose.position_m, np.ascontiguousarray(pose.R_world_antenna), paths.hit_m, direction)
+    row = np.repeat(np.arange(len(pulses)), np.diff(start))
+    in_lobe = paths.surface >= 0
     if beams and pulses.beam is not None:
         beam = pulses.beam[row]
         for number in np.unique(beam):
-            own = np.flatnonzero(beam == number)
-            inside[own] &= in_main_lobe(beams[int(number)], direction[own])
+            hits = np.flatnonzero(beam == number)
+            in_lobe[hits] &= in_main_lobe(beams[int(number)], direction[hits])
     else:
-        inside &= in_main_lobe(antenna, direction)
-    return paths.hit_m[inside], pose.position_m[row[inside]]
+        in_lobe &= in_main_lobe(antenna, direction)
+    return paths.hit_m[in_lobe], pose.position_m[row[in_lobe]]
 
 
 def light(paths: Paths, pulses: Pulses, antenna: Antenna, beams: Sequence[Antenna], lit: Illumination) -> None:
-    """Mark the cells under what `main_beam_hits` returns; for a separable antenna all in one go."""
+    """Mark the cells below the hits of `main_beam_hits`; for a separable antenna in one pass."""
     if not antenna.separable or (beams and pulses.beam is not None):
         lit.add(*main_beam_hits(paths, pulses, antenna, beams))
         return
 
     pose = pulses.true
-    first = np.searchsorted(paths.pulse, np.append(pulses.index, pulses.index[-1] + 1))
+    start = np.searchsorted(paths.pulse, np.append(pulses.index, pulses.index[-1] + 1))
     lobe = (*(np.ascontiguousarray(cut.voltage) for cut in (antenna.azimuth, antenna.elevation)), LIT)
-    # As NumPy does with numbers of Python: in the precision of the hits.
+    # In the precision of the hits, as NumPy promotes Python numbers.
     grid = (paths.hit_m.dtype.type(number) for number in (lit.grid.west_m, lit.grid.south_m, lit.grid.spacing_m))
     axes = np.ascontiguousarray(pose.R_world_antenna)
-    light_cells(first, pose.position_m, axes, paths.hit_m, paths.surface, lobe, tuple(grid), *lit.columns)
+    light_cells(start, pose.position_m, axes, paths.hit_m, paths.surface, lobe, tuple(grid), *lit.columns)
 
 
 @compiled
@@ -59,7 +59,7 @@ def light(paths: Paths, pulses: Pulses, antenna: Antenna, beams: Sequence[Antenn
 def ahead(first, position, axes, hit, out):
     """Write the unit vectors from the antennas to hits, in the antennas' frames.
 
-    first: where the hits of each pulse begin, and where the last one's end.
+    first: index of each pulse's first hit, plus the overall end.
     """
     for pulse in range(len(position)):
         for n in range(first[pulse], first[pulse + 1]):
@@ -74,9 +74,9 @@ def ahead(first, position, axes, hit, out):
 def light_cells(first, position, axes, hit, surface, lobe, grid, origin, seen):
     """Mark the cells of a grid under hits on surfaces inside the main lobe of a separable antenna.
 
-    lobe: the cuts in azimuth and elevation, and the least two-way power over the peak's.
-    grid: middle of its south-western cell, and the spacing, in the precision of the hits.
-    origin, seen: of each cell where it was last seen from, and whether at all; both are written.
+    lobe: the cuts in azimuth and elevation, and the minimum two-way power over the peak's.
+    grid: centre of its south-western cell, and the spacing, in the precision of the hits.
+    origin, seen: radar position of each cell's last hit, and the mask of hit cells; both are written.
     """
     azimuth, elevation, level = lobe
     west, south, spacing = grid
@@ -138,5 +138,5 @@ def shadowed(
     along = offset @ ahead - np.tan(incidence_rad) * np.hypot(across, below)
     scanned = (along >= 0) & (along <= length) & (np.abs(np.arctan2(across, below)) <= half_swath_rad)
     scanned &= truth.filled.ravel()
-    seen = caster.visible(start + along[:, None] * ahead, cell, TOLERANCE_M)
-    return (scanned & ~seen).reshape(truth.grid.shape)
+    visible = caster.visible(start + along[:, None] * ahead, cell, TOLERANCE_M)
+    return (scanned & ~visible).reshape(truth.grid.shape)

@@ -1,6 +1,6 @@
-"""The truth about a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
+"""The truth of a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
 
-The label of an echo as volume clutter (rain, snow, fog, dust) is truth for a warning, not available to mapping.
+The label of an echo as volume clutter (rain, snow, fog, dust) serves a warning, and is not available to mapping.
 """
 
 from dataclasses import dataclass
@@ -46,20 +46,20 @@ def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " 
     rain = paths.surface == VOLUME
     if not rain.any() or len(echoes) == 0:
         return np.zeros(len(echoes), dtype=bool)
-    first = paths.pulse[0]
+    first_pulse = paths.pulse[0]
     # Pulses are laid end to end on one range axis, so that one search serves them all.
     length_m = 2 * chirp.max_range_m + 4 * REACH_CELLS * chirp.range_resolution_m
     range_m = np.minimum(paths.delay_s * (speed_of_light / 2), length_m / 2)
-    place = (paths.pulse - first) * length_m + range_m
+    place = (paths.pulse - first_pulse) * length_m + range_m
     order = np.argsort(place)
     power = np.abs(paths.gain.astype(np.complex128)) ** 2 * np.where(rain, 1.0, -1.0)
     total = np.concatenate([[0.0], np.cumsum(power[order])])
-    centre = (echoes.pulse - first) * length_m + echoes.range_m
+    centre = (echoes.pulse - first_pulse) * length_m + echoes.range_m
     reach_m = REACH_CELLS * chirp.range_resolution_m
     low, high = (np.searchsorted(place[order], centre + side * reach_m) for side in (-1, 1))
-    # A range with no path near it is noise, neither rain nor ground.
-    led: Bool[np.ndarray, " echo"] = total[high] - total[low] > 0
-    return led
+    # A range without nearby paths is noise, neither rain nor ground.
+    dominated: Bool[np.ndarray, " echo"] = total[high] - total[low] > 0
+    return dominated
 
 
 # Vertical rays start this far above the highest surface.
@@ -68,7 +68,7 @@ CLEAR_M = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A DEM against the truth; see `Survey` for what each is.
+    """A DEM against the truth; see `Survey` for the fields.
 
     beside_wall: cells within half a footprint of a wall; None where there are no walls.
     """
@@ -87,9 +87,9 @@ class Comparison:
 class GroundTruth:
     """The true surface under a survey.
 
-    built, buildings: the scene, and the scenario's buildings that are in it.
+    built, buildings: the scene, and the scenario's buildings in it.
     grid, max_gap_m: of the DEM.
-    antenna: its main beam illuminates the ground; beams: those of an electronic scan, instead of it.
+    antenna: its main beam illuminates the ground; beams: those of an electronic scan, replacing it.
     """
 
     built: BuiltScene
@@ -107,7 +107,7 @@ class GroundTruth:
 
     @cached_property
     def overhang(self) -> Overhang | None:
-        """Where there is more than one surface; None for scenes of ground and solid buildings, without a count."""
+        """Cells with more than one surface; None for scenes of ground and solid buildings only, without a count."""
         if not self.built.may_overhang:
             return None
         return overhang(self.built.caster, self.grid, float(self.built.scene.bounds_m[0, 2]) - CLEAR_M)
@@ -115,8 +115,8 @@ class GroundTruth:
     @cached_property
     def walls(self) -> Walls:
         """The walls within the map."""
-        scene, where = self.built.scene, (repr(self.grid), repr(self.buildings))
-        return self.built.caster.once("walls", where, lambda: walls_on(self.grid, scene, self.buildings))
+        scene, key = self.built.scene, (repr(self.grid), repr(self.buildings))
+        return self.built.caster.once("walls", key, lambda: walls_on(self.grid, scene, self.buildings))
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""
@@ -145,9 +145,9 @@ class GroundTruth:
 class Counted:
     """True hits of a stretch of pulses.
 
-    cell: numbers of the DEM's cells that the main beam reached, each once; origin_m: where each was last seen from.
-    silent_cell, silent_origin_m: the same of pulses without an echo alone.
-    paths: how many were traced; rain_echoes: echoes dominated by rain.
+    cell: indices of the DEM's cells that the main beam reached, each once; origin_m: radar position of its last hit.
+    silent_cell, silent_origin_m: the same for pulses without an echo only.
+    paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
     """
 
     cell: Int[np.ndarray, " lit"]
@@ -162,8 +162,8 @@ class Counted:
 class TrueHits:
     """True hits of a survey.
 
-    lit: cells of the DEM that the main beam reached; silent: those that it reached in pulses without an echo.
-    paths: how many were traced; rain_echoes: echoes dominated by rain.
+    lit: cells of the DEM that the main beam reached; silent: those reached in pulses without an echo.
+    paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
     """
 
     lit: Bool[np.ndarray, "row column"]
@@ -191,11 +191,13 @@ class Tally:
         self.paths += len(paths)
 
     def add_silence(self, paths: Paths, pulses: Pulses, echoes: Echoes) -> None:
-        """Count the paths of those pulses of a block that have no echo."""
+        """Count the paths of a block's pulses without an echo."""
         silent = ~np.isin(pulses.index, echoes.pulse)
         if silent.any():
-            own = paths.rows(np.flatnonzero(silent[pulses.row_of(paths.pulse)]))
-            light(own, pulses.rows(np.flatnonzero(silent)), self._truth.antenna, self._truth.beams, self._silence)
+            unanswered = paths.rows(np.flatnonzero(silent[pulses.row_of(paths.pulse)]))
+            light(
+                unanswered, pulses.rows(np.flatnonzero(silent)), self._truth.antenna, self._truth.beams, self._silence
+            )
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
         """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
@@ -218,7 +220,7 @@ class Tally:
         )
 
     def add_counted(self, counted: Counted) -> None:
-        """Count what was counted of the pulses that follow."""
+        """Add the counts of the following pulses."""
         self._illumination.add_cells(counted.cell, counted.origin_m)
         self._silence.add_cells(counted.silent_cell, counted.silent_origin_m)
         self.paths += counted.paths
@@ -226,7 +228,7 @@ class Tally:
         self._told = self._told[0] + counted.paths, self._told[1] + counted.rain_echoes
 
     def hits(self) -> TrueHits:
-        """Return what was counted."""
+        """Return the total counts."""
         return TrueHits(
             lit=self._mask(self._illumination),
             silent=self._mask(self._silence),

@@ -1,8 +1,8 @@
-"""Whether a DEM's stated uncertainty is that of its errors: coverage of intervals, spread of z, means over windows.
+"""Calibration of a DEM's stated uncertainty: coverage of intervals, spread of z, means over windows.
 
-z is the error over the standard deviation that the map states for the cell. If errors are normal and the statement is
-right, z has the variance one, and the shares of its absolute values below the quantiles of the normal distribution are
-those that the intervals are named for.
+z is the error over the standard deviation stated by the map for the cell. If errors are normal and the statement is
+right, z has unit variance, and the shares of |z| below the quantiles of the normal distribution are the nominal
+coverages of the intervals.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 INTERVALS_PERCENT = (50, 68, 90, 95)
 ECHO_DISTANCES_M = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
 WINDOWS_M = (10.0, 30.0, 100.0)
-# Windows of each size whose means are compared, spread over the map, and the share of their cells that must be known.
+# Largest and smallest number of windows per size, spread over the map, and the minimum share of filled cells in each.
 MAX_WINDOWS, MIN_WINDOWS, FILLED_SHARE = 24, 3, 0.9
 
 
@@ -47,7 +47,7 @@ class Calibration:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationClass:
-    """The calibration over the cells of one class; low belongs to it, high to the next one."""
+    """The calibration over the cells of one class; low is inclusive, high exclusive."""
 
     low: float
     high: float
@@ -58,7 +58,7 @@ class CalibrationClass:
 class WindowMeans:
     """Errors of mean heights over windows of one size.
 
-    window_m: side of the windows; count: how many.
+    window_m: side of the windows; count: their number.
     error_rms_m: of the mean errors; sigma_rms_m: of the standard deviations stated for them.
     ratio: the first over the second.
     """
@@ -72,10 +72,10 @@ class WindowMeans:
 
 @dataclass(frozen=True, kw_only=True)
 class UncertaintyCheck:
-    """How the stated uncertainty of a DEM compares with its errors over lit cells.
+    """Stated uncertainty of a DEM against its errors over lit cells.
 
     cells: over all of them; by_slope: classes of the true slope, degrees; by_echo_distance: classes of the distance
-    from the nearest echo on the ground, m; means: of windows, where the method knows the covariance between cells.
+    from the nearest echo on the ground, m; means: of windows, where the method provides the covariance between cells.
     """
 
     cells: Calibration
@@ -103,7 +103,7 @@ def check_uncertainty(
     points:
         The located echoes.
     uncertainty:
-        Of means over cells; None if the method does not know it.
+        Uncertainty of means over cells; None if the method does not provide it.
 
     """
     cells = error.filled & sigma.filled & lit
@@ -145,30 +145,30 @@ def _by_class(
     """Return the calibration by classes of a value; empty classes are left out."""
     classes = []
     for low, high in pairwise(bounds):
-        own = (value >= low) & (value < high)
-        if own.any():
-            calibration = _calibration(error_m[own], sigma_m[own])
+        members = (value >= low) & (value < high)
+        if members.any():
+            calibration = _calibration(error_m[members], sigma_m[members])
             classes.append(CalibrationClass(low=low, high=high, calibration=calibration))
     return tuple(classes)
 
 
 def _means(error: Raster, cells: Bool[np.ndarray, "row column"], uncertainty: Uncertainty) -> Iterator[WindowMeans]:
-    """Yield what is known of the means over windows of each size that fit into the map often enough."""
+    """Yield the errors of means over windows, for each size with enough windows in the map."""
     x, y = np.meshgrid(error.grid.x_m, error.grid.y_m)
     for window_m in WINDOWS_M:
         mean_m, sigma_m = [], []
         for rows, columns in _windows(cells, round(window_m / error.grid.spacing_m)):
-            own = cells[rows, columns]
-            place = np.column_stack([x[rows, columns][own], y[rows, columns][own]])
-            mean_m.append(float(error.height_m[rows, columns][own].mean()))
+            filled = cells[rows, columns]
+            place = np.column_stack([x[rows, columns][filled], y[rows, columns][filled]])
+            mean_m.append(float(error.height_m[rows, columns][filled].mean()))
             sigma_m.append(uncertainty.mean_sigma_m(place, window_m))
-        known = np.isfinite(sigma_m)
-        if known.sum() >= MIN_WINDOWS:
-            error_rms = float(np.sqrt(np.mean(np.square(mean_m)[known])))
-            sigma_rms = float(np.sqrt(np.mean(np.square(sigma_m)[known])))
+        valid = np.isfinite(sigma_m)
+        if valid.sum() >= MIN_WINDOWS:
+            error_rms = float(np.sqrt(np.mean(np.square(mean_m)[valid])))
+            sigma_rms = float(np.sqrt(np.mean(np.square(sigma_m)[valid])))
             yield WindowMeans(
                 window_m=window_m,
-                count=int(known.sum()),
+                count=int(valid.sum()),
                 error_rms_m=error_rms,
                 sigma_rms_m=sigma_rms,
                 ratio=error_rms / max(sigma_rms, np.finfo(float).tiny),
@@ -176,14 +176,14 @@ def _means(error: Raster, cells: Bool[np.ndarray, "row column"], uncertainty: Un
 
 
 def _windows(cells: Bool[np.ndarray, "row column"], side: int) -> list[tuple[slice, slice]]:
-    """Return windows that lie beside each other and are nearly filled, evenly chosen if there are many."""
+    """Return adjacent, nearly filled windows, evenly subsampled if there are many."""
     if side < 1:
         return []
-    found = [
+    windows = [
         (slice(row, row + side), slice(column, column + side))
         for row in range(0, cells.shape[0] - side + 1, side)
         for column in range(0, cells.shape[1] - side + 1, side)
         if cells[row : row + side, column : column + side].mean() >= FILLED_SHARE
     ]
-    chosen = np.unique(np.linspace(0, max(len(found) - 1, 0), MAX_WINDOWS).astype(int))
-    return [found[number] for number in chosen] if found else []
+    chosen = np.unique(np.linspace(0, max(len(windows) - 1, 0), MAX_WINDOWS).astype(int))
+    return [windows[number] for number in chosen] if windows else []

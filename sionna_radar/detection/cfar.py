@@ -39,10 +39,10 @@ class Cfar:
     """A detector for one spectrum layout.
 
     guard, training: range cells on each side.
-    rank: which training cell OS takes, as a fraction of all in increasing order.
+    rank: training cell used by OS, as a fraction of all in increasing order.
     stride: spectrum bins per range cell.
     correlation: of the noise against lag in range cells, from lag 0; just [1] for independent cells.
-    looks: powers that are averaged in each cell; of several, CA alone has a known false-alarm rate.
+    looks: powers averaged in each cell; for several, only CA has a known false-alarm rate.
     """
 
     kind: Literal["CA", "GO", "SO", "OS"]
@@ -56,7 +56,7 @@ class Cfar:
 
     def __post_init__(self) -> None:
         if self.looks > 1 and self.kind != "CA":
-            message = f"{self.kind!r} knows single looks alone"
+            message = f"{self.kind!r} supports single looks only"
             raise ValueError(message)
 
     @cached_property
@@ -81,7 +81,7 @@ class Cfar:
 
     @cached_property
     def both_sides_mean(self) -> float:
-        """Mean noise level, over the noise power, where both sides fit: SO reads low, GO and a high rank read high."""
+        """Mean noise level over the noise power where both sides fit: biased low for SO, high for GO and high ranks."""
         if self.kind == "CA":
             return 1.0
         if self.kind == "OS":
@@ -91,15 +91,15 @@ class Cfar:
 
     @cached_property
     def one_side_mean(self) -> float:
-        """Mean noise level, over the noise power, where a single side fits."""
+        """Mean noise level over the noise power where a single side fits."""
         if self.kind == "OS":
             return mean_ordered(self.correlation, self.training, 1, _place(self.rank, self.training))
         return 1.0
 
     def threshold(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
         """Return the power that each cell must exceed; infinite where neither side fits."""
-        level, both = self.noise_level(power)
-        return level * np.where(both, self.both_sides_factor, self.one_side_factor)
+        level, two_sided = self.noise_level(power)
+        return level * np.where(two_sided, self.both_sides_factor, self.one_side_factor)
 
     def detection_probability(self, snr: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the detection probability of speckle cells in noise, with training cells on both sides.
@@ -129,15 +129,15 @@ class Cfar:
     def noise_level(
         self, power: Float[np.ndarray, "pulse bin"]
     ) -> tuple[Float[np.ndarray, "pulse bin"], Bool[np.ndarray, " bin"]]:
-        """Return the noise estimate at each cell, and whether both sides were used."""
+        """Return the noise estimate at each cell, and the mask of bins with both sides used."""
         bins = power.shape[1]
         reach = (self.guard + self.training) * self.stride
         cell = np.arange(bins)
         has_lag, has_lead = cell >= reach, cell + reach < bins
-        both = has_lag & has_lead
+        two_sided = has_lag & has_lead
         if self.kind == "OS":
-            return self._ranked_level(power, has_lag, has_lead), both
-        return self._mean_level(power), both
+            return self._ranked_level(power, has_lag, has_lead), two_sided
+        return self._mean_level(power), two_sided
 
     def _mean_level(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
 
@@ -196,7 +196,7 @@ CELL_AVERAGING, GREATEST_OF, SMALLEST_OF = 0, 1, 2
 def mean_levels(low, high, power, kind, guard, training, stride, level):
     """Write the noise level at each bin of some spectra, infinite where the training cells of neither side fit.
 
-    stride: bins in a range cell; the training cells of a bin are whole cells away from it.
+    stride: bins per range cell; the training cells of a bin are whole cells away from it.
     """
     bins = power.shape[1]
     cells, reach = -(-bins // stride), (guard + training) * stride

@@ -1,7 +1,7 @@
 """From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction, pairing of sweeps.
 
-The two halves of a triangular sweep give range and range rate with no other knowledge of the velocity. Motion shifts
-the echo of an up-sweep one way and that of a down-sweep the other: the mean of both is the range, their difference the
+The two halves of a triangular sweep give range and range rate without prior knowledge of the velocity. Motion shifts
+the echoes of the up-sweep and the down-sweep in opposite directions: their mean is the range, their difference the
 range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
@@ -31,7 +31,7 @@ from sionna_radar.signal.analog_filters import HighPass
 
 # Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.
 SHARED_NOISE = 0.01
-# Half-length of the window's response that is kept, in range cells; a tapered window has little power beyond.
+# Half-length of the window's response, in range cells; a tapered window has little power beyond.
 RESPONSE_CELLS = 6
 
 
@@ -61,7 +61,7 @@ class Detector:
 
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
-    speckle_looks: of the powers averaged in a pulse, how many have speckle of their own.
+    speckle_looks: number of averaged powers in a pulse with independent speckle.
     """
 
     analyser: SpectrumAnalyser
@@ -77,9 +77,9 @@ class Detector:
 
     def tested(self, power: Float[np.ndarray, "pulse bin"]) -> Spectra:
         """Return power spectra with their noise estimates and thresholds."""
-        level, both = self.cfar.noise_level(power)
-        factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
-        mean = np.where(both, self.cfar.both_sides_mean, self.cfar.one_side_mean)
+        level, two_sided = self.cfar.noise_level(power)
+        factor = np.where(two_sided, self.cfar.both_sides_factor, self.cfar.one_side_factor)
+        mean = np.where(two_sided, self.cfar.both_sides_mean, self.cfar.one_side_mean)
         return Spectra(power=power, noise=level / mean, threshold=level * factor)
 
     def detect(
@@ -123,7 +123,7 @@ class Detector:
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)
 
     def spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
-        """Return the spans of bins of the echoes that the scenario asks for."""
+        """Return the spans of bins of the echoes selected by the scenario."""
         return self._select(self._spans(spectra, window_m))
 
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
@@ -174,7 +174,7 @@ class Detector:
         if window_m is not None:
             range_m = self.analyser.range_m
             tested = tested & (range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:])
-            # Power outside the window must not raise the level that decides which weak cells belong to an echo.
+            # Power outside the window must not raise the limit for the weak cells of an echo.
             spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
         detected = (spectra.power > spectra.threshold) & tested
         row, start, stop = _true_spans((detected | self._raised(spectra)) & tested)
@@ -184,9 +184,9 @@ class Detector:
         first = np.flatnonzero(~follows)
         last = np.append(first[1:], len(row)) - 1
         row, start, stop = row[first], start[first], stop[last] if len(row) else stop
-        before = np.concatenate([np.zeros((len(detected), 1), dtype=np.int64), np.cumsum(detected, axis=1)], axis=1)
-        found = before[row, stop] > before[row, start]
-        row, start, stop = row[found], start[found], stop[found]
+        cumulative = np.concatenate([np.zeros((len(detected), 1), dtype=np.int64), np.cumsum(detected, axis=1)], axis=1)
+        has_detection = cumulative[row, stop] > cumulative[row, start]
+        row, start, stop = row[has_detection], start[has_detection], stop[has_detection]
         return EchoSpans(
             power=spectra.power,
             noise=spectra.noise,
@@ -204,7 +204,7 @@ class Detector:
 
         An echo wider than the training window masks itself: it raises its own threshold, and the CFAR detects
         only a few of its cells. So a cell counts if it exceeds the threshold of the pulse's quietest training window
-        and is not far weaker than the pulse's strongest cell.
+        and lies within the dynamic range of the pulse's strongest cell.
         """
         factor = self.cfar.both_sides_factor * self.cfar.both_sides_mean
         quiet = np.min(spectra.noise, axis=1, keepdims=True) * factor
@@ -212,7 +212,7 @@ class Detector:
         return spectra.power > np.maximum(quiet, strongest)
 
     def _select(self, spans: EchoSpans) -> EchoSpans:
-        """Keep the echoes that the scenario asks for, dropping those far weaker than the strongest of their pulse."""
+        """Keep the echoes selected by the scenario, dropping those far weaker than the strongest of their pulse."""
         peak_power = spans.power[spans.row, spans.peak]
         strongest = np.zeros(len(spans.power))
         np.maximum.at(strongest, spans.row, peak_power)
@@ -225,7 +225,7 @@ class Detector:
 
 
 def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None:
-    """Refuse what a custom range estimator returns if it is not one finite range an echo, with PluginError."""
+    """Raise PluginError unless a custom range estimator returned one finite range per echo."""
     if (
         isinstance(ranges, Ranges)
         and np.shape(ranges.range_m) == np.shape(ranges.sigma_m) == (echoes,)
@@ -256,9 +256,9 @@ def build_detector(
     high_pass:
         High-pass of the receiver, which the calibration removes from the spectra.
     estimator:
-        A range estimator in place of the one that `processing` names.
+        A range estimator in place of that of `processing`.
     speckle_looks:
-        Of the powers averaged in a pulse, how many have speckle of their own.
+        Number of averaged powers in a pulse with independent speckle.
 
     Raises
     ------
@@ -321,13 +321,13 @@ def strongest_bins(
     return np.minimum.reduceat(np.where(value == highest, cell_bin, power.shape[1]), begin)
 
 
-def _first_of_row(row: Int[np.ndarray, " span"], wanted: Bool[np.ndarray, " span"]) -> Bool[np.ndarray, " span"]:
-    """Mark the first wanted span of each row."""
-    index = np.flatnonzero(wanted)
+def _first_of_row(row: Int[np.ndarray, " span"], candidate: Bool[np.ndarray, " span"]) -> Bool[np.ndarray, " span"]:
+    """Mark the first candidate span of each row."""
+    index = np.flatnonzero(candidate)
     _, first = np.unique(row[index], return_index=True)
-    marked = np.zeros(len(row), dtype=bool)
-    marked[index[first]] = True
-    return marked
+    mask = np.zeros(len(row), dtype=bool)
+    mask[index[first]] = True
+    return mask
 
 
 def _number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
@@ -354,17 +354,17 @@ def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
         The rising half.
 
     """
-    pulse, first, second = np.intersect1d(up.pulse, down.pulse, return_indices=True)
-    early, late = up.range_m[first], down.range_m[second]
+    pulse, up_row, down_row = np.intersect1d(up.pulse, down.pulse, return_indices=True)
+    up_m, down_m = up.range_m[up_row], down.range_m[down_row]
     # The halves are one sweep duration apart, and the range changes in between.
     slope = 2 * float(chirp.doppler_range_m(np.ones(1))[0]) - chirp.duration_s
-    snr = [10 ** (echoes.snr_db[rows] / 10) for echoes, rows in ((up, first), (down, second))]
+    snr = [10 ** (echoes.snr_db[rows] / 10) for echoes, rows in ((up, up_row), (down, down_row))]
     echoes = Echoes(
         pulse=pulse,
         number=np.zeros(len(pulse), dtype=np.int64),
-        range_m=(early + late) / 2,
-        range_sigma_m=np.hypot(up.range_sigma_m[first], down.range_sigma_m[second]) / 2,
-        power=(up.power[first] + down.power[second]) / 2,
+        range_m=(up_m + down_m) / 2,
+        range_sigma_m=np.hypot(up.range_sigma_m[up_row], down.range_sigma_m[down_row]) / 2,
+        power=(up.power[up_row] + down.power[down_row]) / 2,
         snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
     )
-    return PairedEchoes(echoes=echoes, range_rate_mps=(early - late) / slope)
+    return PairedEchoes(echoes=echoes, range_rate_mps=(up_m - down_m) / slope)

@@ -23,11 +23,11 @@ class Echoes(Columns):
     range_m: slant range, Doppler corrected if the processing says so.
     range_sigma_m: standard deviation of that range, as estimated from the echo itself.
     power: calibrated power of the echo's strongest cell; W, or relative to the transmitted power under snr_db.
-    direction: mean direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one as
-        means of unit vectors are; None for echoes on the beam's axis.
+    direction: mean direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one as a
+        mean of unit vectors; None for echoes on the beam's axis.
     across_sigma_rad: standard deviation of that direction in the vertical plane; None with `direction`.
-    reach: over how many pulses errors of the range repeat, where neighbours decided it together; None where each was
-        ranged by itself.
+    reach: correlation length of range errors in pulses, for ranges estimated jointly with neighbours; None where each
+        pulse is ranged by itself.
     snr_db: that power over the mean noise power estimated from the training cells, unbiased for every kind of CFAR.
     """
 
@@ -56,8 +56,8 @@ class VolumeInFront:
 
     power: mean power in the profiles' cells without ground; in_air: share of it in front of the detected ground.
     echo_m, echo_sigma_m: detected range of the ground in each profile, and its standard deviation.
-    echo_reach: over how many pulses its error repeats; see `Echoes`.
-    drift_m: by how much motion lengthens the volume's ranges relative to those of stationary ground.
+    echo_reach: correlation length of its error in pulses; see `Echoes`.
+    drift_m: increase of the volume's ranges by motion, relative to those of stationary ground.
     spread_m: standard deviation of the drift, from particles that fall at different speeds.
     """
 
@@ -101,7 +101,7 @@ class VolumeInFront:
 class Profiles:
     """Profiles of the pulses with an echo, sorted by pulse.
 
-    first: range cell of each profile's first value; start: where its values begin in `power`, plus the overall end.
+    first: range cell of each profile's first value; start: index of that value in `power`, plus the overall end.
     power: calibrated power of the cells; noise: receiver noise power in each profile.
     volume: the volume in front of the ground; None in clear air.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
@@ -123,7 +123,7 @@ class Profiles:
         return self.power[self.start[profile] : self.start[profile + 1]].astype(np.float64)
 
     def background(self, profile: int) -> float | Float[np.ndarray, " cell"]:
-        """Return the mean power in the cells of one profile that is not ground: receiver noise and volume clutter."""
+        """Return the mean power in the cells of one profile apart from ground: receiver noise and volume clutter."""
         noise = float(self.noise[profile])
         if self.volume is None:
             return noise
@@ -133,7 +133,7 @@ class Profiles:
     def of_cells(
         self, values: Float[np.ndarray, "row cell"], row: Int[np.ndarray, " profile"]
     ) -> Float32[np.ndarray, " value"]:
-        """Return the values of range cells (one row per profile) at the cells that the profiles cover."""
+        """Return the values of range cells (one row per profile) at the cells of the profiles."""
         length = np.diff(self.start)
         cell = np.arange(self.start[-1]) + np.repeat(self.first - self.start[:-1], length)
         return values[np.repeat(row, length), cell].astype(np.float32)

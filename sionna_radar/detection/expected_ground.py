@@ -1,7 +1,7 @@
-"""Where the ground is expected: range windows predicted for each pulse from the platform's altimeter or a rough DEM.
+"""Expected ground: the range window of each pulse, from the platform's altimeter or a rough DEM.
 
-Echoes are searched in a range window only: from where the beam would meet the expected ground raised by the
-tolerance, to where it would meet it lowered by as much. Only the measured pose is used.
+Echoes are searched in a range window only: from the beam's intersection with the expected ground raised by the
+tolerance to that with the ground lowered by as much. Only the measured pose is used.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from sionna_radar.scenario.processing import ExpectedGroundTable
 
 KEY = "processing.expected_ground.path"
 MAX_CELLS_READ = 100_000_000
-# A beam that points up, or hardly down, does not meet level ground.
+# Minimum downward cosine of a beam that meets level ground.
 MIN_DOWN = 0.01
 
 
@@ -33,8 +33,8 @@ class ExpectedGround:
     """Prior knowledge of the ground.
 
     surface: rough heights; None for level ground `altitude_m` below the platform.
-    tolerance_m: by how much the true ground may lie above or below.
-    half_beam_rad: angle from boresight, in azimuth and elevation, to where the beam ends.
+    tolerance_m: largest deviation of the true ground, up or down.
+    half_beam_rad: angle from boresight to the beam's edge, in azimuth and elevation.
     """
 
     surface: Heightfield | None
@@ -43,7 +43,7 @@ class ExpectedGround:
     half_beam_rad: tuple[float, float]
 
     def window_m(self, pulses: Pulses, chirp: Chirp) -> Float[np.ndarray, "pulse 2"]:
-        """Return the nearest and farthest range, as measured by the sweep, at which ground may lie.
+        """Return the nearest and farthest possible range of ground in each pulse, as measured by the sweep.
 
         A pulse whose beam meets no expected ground keeps all ranges.
         """
@@ -114,18 +114,18 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
         require_cells(source, f"{KEY} = {table.path}", "heights; give an elevation raster in metres")
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
         column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
-        # Between the centres of the outermost cells and the raster's edge the heights of those cells are used.
-        inside = (np.abs(column - (source.width - 1) / 2) <= source.width / 2) & (
+        # Between the outermost cell centres and the raster's edge use the heights of those cells.
+        covered = (np.abs(column - (source.width - 1) / 2) <= source.width / 2) & (
             np.abs(row - (source.height - 1) / 2) <= source.height / 2
         )
-        if not inside.any():
+        if not covered.any():
             message = f"{KEY} = {table.path}: does not overlap the survey; check its position and CRS"
             raise InputFileError(message)
         column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
-        left, top = int(column[inside].min()), int(row[inside].min())
+        left, top = int(column[covered].min()), int(row[covered].min())
         width, height = (
-            min(int(np.ceil(c[inside].max())) - first + 2, most - first)
-            for c, first, most in ((column, left, source.width), (row, top, source.height))
+            min(int(np.ceil(c[covered].max())) - start + 2, size - start)
+            for c, start, size in ((column, left, source.width), (row, top, source.height))
         )
         if width * height > MAX_CELLS_READ:
             message = f"{KEY} = {table.path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it"
@@ -135,11 +135,11 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
     cells = stored.astype(np.float64).filled(np.nan)
     with np.errstate(invalid="ignore"):
         cells[(cells == UNDECLARED_NODATA) | (np.abs(cells) > MAX_HEIGHT_M)] = np.nan
-    height_m[inside] = bilinear(cells, row[inside] - top, column[inside] - left)
-    known = np.isfinite(height_m)
-    if not known.any():
+    height_m[covered] = bilinear(cells, row[covered] - top, column[covered] - left)
+    valid = np.isfinite(height_m)
+    if not valid.any():
         message = f"{KEY} = {table.path}: has no heights under the survey; fill its voids, or give another raster"
         raise InputFileError(message)
     # In voids the ground is expected at the mean height: a rough height is enough.
-    height_m = np.where(known, height_m, float(height_m[known].mean())) - (place.origin_m[2] if place else 0.0)
+    height_m = np.where(valid, height_m, float(height_m[valid].mean())) - (place.origin_m[2] if place else 0.0)
     return Heightfield(grid=grid, height_m=height_m.reshape(grid.shape))

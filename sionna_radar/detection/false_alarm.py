@@ -19,7 +19,7 @@ probability E[exp(-a Z)], Z being measured in units of the noise power. A window
 - An order statistic of independent cells has prod (N - i) / (N - i + a), i = 0 ... k - 1 (Gandhi and Kassam 1988,
   "Analysis of CFAR processors in nonhomogeneous background"). For correlated cells no closed form is known. A
   population of noise samples is annealed from a = 0 upward: at each step its mean weight exp(-da Z) multiplies the
-  probability, the weights decide who survives, and moves that leave the weighted distribution unchanged (Neal 1999,
+  probability, the weights set the survivors, and moves that leave the weighted distribution unchanged (Neal 1999,
   "Regression and classification using Gaussian process priors", eq. 15) spread the survivors. The estimate is
   unbiased (Del Moral, Doucet and Jasra 2006, "Sequential Monte Carlo samplers"); its scatter is a few per
   cent of the false-alarm rate (12 % with four cells at 1e-12), some hundredths of a decibel of the threshold. The seed
@@ -35,7 +35,7 @@ from scipy.integrate import quad
 from scipy.linalg import cholesky, toeplitz
 from scipy.optimize import brentq, minimize_scalar
 
-# Cells whose amplitudes correlate less are independent: a rectangular window leaves only rounding errors.
+# Correlation of amplitudes below which cells count as independent: a rectangular window leaves only rounding errors.
 INDEPENDENT = 1e-6
 # Size of the annealed population, scatter of its log-weights allowed in a step, and moves after each step.
 POPULATION = 8_000
@@ -47,8 +47,8 @@ ACCEPTED_SHARE = 0.3
 def cell_covariance(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np.ndarray, "cell cell"]:
     """Return the covariance of the complex amplitudes of neighbouring cells of unit noise power."""
     lags = np.zeros(cells)
-    known = correlation[:cells]
-    lags[: len(known)] = known
+    values = correlation[:cells]
+    lags[: len(values)] = values
     return toeplitz(lags)
 
 
@@ -58,7 +58,7 @@ def mean_weights(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np
 
 
 def factor_of_mean(weight: Float[np.ndarray, " n"], sides: int, probability: float, looks: int = 1) -> float:
-    """Return the factor for the mean over one or two independent sides, each of such a mean."""
+    """Return the factor for the mean over one or two independent sides, each with these weights."""
     return _solve(lambda factor: log_probability_over_mean(weight, sides, factor, looks), probability)
 
 
@@ -96,12 +96,12 @@ def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, facto
 
 
 def log_probability_over_smaller(weight: Float[np.ndarray, " n"], factor: float) -> float:
-    """Return that of a multiple of the smaller mean of two sides."""
+    """Return the logarithm of the probability that noise passes a multiple of the smaller mean of two sides."""
     return float(np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_share(weight, factor)))
 
 
 def log_probability_over_greater(weight: Float[np.ndarray, " n"], factor: float) -> float:
-    """Return that of a multiple of the greater mean of two sides."""
+    """Return the logarithm of the probability that noise passes a multiple of the greater mean of two sides."""
     return float(np.log(2) + _log_transform(weight, factor) + np.log(_greater_share(weight, factor)))
 
 
@@ -110,7 +110,7 @@ def probability_over_ordered(
 ) -> float:
     """Return the probability that noise passes a multiple of an order statistic: the mean over a drawn population.
 
-    It is no better known than to some thousandths, whatever its size; see `factor_of_ordered` for the parameters.
+    Its standard error is some thousandths, whatever its size; see `factor_of_ordered` for the parameters.
     """
     return float(np.exp(-factor * _drawn_levels(tuple(map(float, correlation[:cells])), cells, sides, place)).mean())
 
@@ -130,16 +130,16 @@ def factor_of_ordered(
     correlation:
         Correlation of the noise against lag in cells, from lag 0.
     cells, sides:
-        Cells of each side, and how many sides there are.
+        Cells of each side, and number of sides.
     place:
-        Which cell in increasing order, from 0.
+        Index of the cell in increasing order, from 0.
     probability:
         The specified probability of false alarm.
 
     """
     if np.all(np.abs(correlation[1:cells]) < INDEPENDENT):
-        left = sides * cells - np.arange(place + 1)
-        return _solve(lambda factor: float(-np.log1p(factor / left).sum()), probability)
+        remaining = sides * cells - np.arange(place + 1)
+        return _solve(lambda factor: float(-np.log1p(factor / remaining).sum()), probability)
     return _annealed_factor(tuple(map(float, correlation[:cells])), cells, sides, place, probability)
 
 
@@ -177,9 +177,9 @@ def _level(field: Complex[np.ndarray, "sample cell"], place: int) -> Float[np.nd
     return np.partition(field.real**2 + field.imag**2, place, axis=1)[:, place]
 
 
-def _solve(log_probability: Callable[[float], float], wanted: float) -> float:
+def _solve(log_probability: Callable[[float], float], probability: float) -> float:
     def miss(factor: float) -> float:
-        return float(log_probability(factor) - np.log(wanted))
+        return float(log_probability(factor) - np.log(probability))
 
     highest = 1.0
     while miss(highest) > 0:
@@ -193,7 +193,7 @@ def _log_transform(weight: Float[np.ndarray, " n"], factor: float) -> float:
 
 
 def _greater_share(weight: Float[np.ndarray, " n"], factor: float) -> float:
-    """Return P(T > M'): T as in the module's text, M' a sum of exponentials with the weights given."""
+    """Return P(T > M'): T as in the module's text, M' a sum of exponentials with these weights."""
     low = weight / (1 + factor * weight)
 
     def exponent(s: float | complex) -> complex:
@@ -201,8 +201,8 @@ def _greater_share(weight: Float[np.ndarray, " n"], factor: float) -> float:
 
     # The transform exists between 0 and the pole of the greatest weight, with a single minimum there.
     end = 1 / low.max()
-    found = minimize_scalar(lambda share: exponent(share * end).real, bounds=(1e-9, 1 - 1e-9), method="bounded")
-    saddle, peak = float(found.x) * end, float(found.fun)
+    minimum = minimize_scalar(lambda share: exponent(share * end).real, bounds=(1e-9, 1 - 1e-9), method="bounded")
+    saddle, peak = float(minimum.x) * end, float(minimum.fun)
     width = 1 / np.sqrt(_curvature(saddle, low, weight))
 
     def integrand(t: float) -> float:
@@ -223,13 +223,13 @@ def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, pla
     field = _noise(mix, sides, random)
     height = _level(field, place)
     factor, log_probability, stride = 0.0, 0.0, 0.5
-    wanted = np.log(probability)
+    log_target = np.log(probability)
     while True:
         step = STEP_SCATTER / height.std()
         weight = np.exp(-step * (height - height.min()))
         gained = float(np.log(weight.mean()) - step * height.min())
-        if log_probability + gained <= wanted:
-            return _last_step(height, factor, wanted - log_probability, step)
+        if log_probability + gained <= log_target:
+            return _last_step(height, factor, log_target - log_probability, step)
         factor, log_probability = factor + step, log_probability + gained
         chosen = _survivors(weight, random.random())
         field, height = field[chosen], height[chosen]
@@ -241,11 +241,13 @@ def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, pla
             stride = float(np.clip(stride * np.exp(accepted.mean() - ACCEPTED_SHARE), 1e-3, 0.99))
 
 
-def _last_step(height: Float[np.ndarray, " sample"], factor: float, left: float, step: float) -> float:
-    """Return the factor at which the population's mean weight supplies the remaining logarithm `left`."""
+def _last_step(height: Float[np.ndarray, " sample"], factor: float, log_remainder: float, step: float) -> float:
+    """Return the factor at which the logarithm of the population's mean weight equals `log_remainder`."""
 
-    def miss(part: float) -> float:
-        return float(np.log(np.exp(-part * (height - height.min())).mean()) - part * height.min() - left)
+    def miss(increment: float) -> float:
+        return float(
+            np.log(np.exp(-increment * (height - height.min())).mean()) - increment * height.min() - log_remainder
+        )
 
     return factor + float(brentq(miss, 0.0, step, xtol=1e-12))
 

@@ -1,12 +1,12 @@
 """Beat signals before the range FFT: interference bursts blanked, the chirps of a burst averaged.
 
-The beat of ground is the sum of many echoes and noise: its samples are Gaussian, of a width that the median tells even
-where a part of them is something else. Samples that hardly any Gaussian one would exceed belong to a burst. They are
+The beat of ground is the sum of many echoes and noise: its samples are Gaussian, of a width that the median estimates
+even when a part of them is contaminated. Samples that hardly any Gaussian one would exceed belong to a burst. They are
 set to zero (zeroing: Fischer 2016, "Untersuchungen zum Interferenzverhalten automobiler Radarsensorik"), and the rest
-is raised by the share that was lost, so that echoes keep their power.
+is scaled up by the lost share, so that echoes keep their power.
 
 Between chirps the range of a scatterer changes, and its beat turns by 2 pi (f0 + S t) times the change of its delay.
-Taking out what still ground on the axis does leaves the echo of the axis whole; one that recedes faster by v is
+Compensating the turn of stationary ground on the axis preserves the echo of the axis; one that recedes faster by v is
 weakened, over N chirps a time T apart, to
 
     |sin(pi N f T) / (N sin(pi f T))|^2,   f = 2 v / wavelength,
@@ -20,35 +20,35 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.radar.chirp import Chirp
 
-# Share of the samples of a pure Gaussian signal that are taken for bursts.
+# Share of the samples of a pure Gaussian signal that are classified as bursts.
 FALSE_BURSTS = 1e-6
-# Samples on either side of one that goes that go as well: a burst does not end where it falls under the threshold.
+# Samples blanked on either side of a detected one: a burst continues below the threshold.
 BESIDE = 2
 
 
 def zeroed(beat: Inexact[np.ndarray, "pulse sample"]) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return beat signals without bursts; a signal that is nothing else is left as it is."""
+    """Return beat signals without bursts; a signal that is mostly burst is left unchanged."""
     burst = bursts(beat)
-    kept = 1 - burst.mean(axis=1, keepdims=True)
-    burst &= kept > 0.5
-    out: Inexact[np.ndarray, "pulse sample"] = np.where(burst, 0, beat) / np.where(kept > 0.5, kept, 1.0)
+    kept_share = 1 - burst.mean(axis=1, keepdims=True)
+    burst &= kept_share > 0.5
+    out: Inexact[np.ndarray, "pulse sample"] = np.where(burst, 0, beat) / np.where(kept_share > 0.5, kept_share, 1.0)
     return out
 
 
 def bursts(beat: Inexact[np.ndarray, "pulse sample"]) -> Bool[np.ndarray, "pulse sample"]:
     """Return the mask of samples in interference bursts."""
-    # Of a real Gaussian of unit width the median size is 0.674 and one in a million lies beyond 4.89; of a complex one,
-    # whose power is exponential, sqrt(ln 2) and sqrt(-ln p) in units of the root mean square.
+    # The median magnitude of a real unit Gaussian is 0.674, and one in a million exceeds 4.89; for a complex one, whose
+    # power is exponential, they are sqrt(ln 2) and sqrt(-ln p) in units of the root mean square.
     ratio = np.sqrt(-np.log(FALSE_BURSTS) / np.log(2)) if np.iscomplexobj(beat) else 4.8916 / 0.67449
     size = np.abs(beat)
     width = np.median(size, axis=1, keepdims=True)
-    # A converter so coarse that it makes zeros of half of the samples leaves no width to tell bursts by.
-    beyond = (size > ratio * width) & (width > 0)
-    found = beyond.copy()
+    # With a converter so coarse that half of the samples are zero, the width is unknown.
+    exceeds = (size > ratio * width) & (width > 0)
+    mask = exceeds.copy()
     for step in range(1, BESIDE + 1):
-        found[:, step:] |= beyond[:, :-step]
-        found[:, :-step] |= beyond[:, step:]
-    return found
+        mask[:, step:] |= exceeds[:, :-step]
+        mask[:, :-step] |= exceeds[:, step:]
+    return mask
 
 
 def burst_mean(
@@ -57,18 +57,18 @@ def burst_mean(
     offset_s: Float[np.ndarray, " own"],
     range_rate_mps: Float[np.ndarray, " pulse"],
 ) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return the aligned mean of each burst; an echo that recedes as given keeps its power.
+    """Return the aligned mean of each burst; an echo of the given range rate keeps its power.
 
     Parameters
     ----------
     beat:
-        Of the chirps, burst by burst.
+        Beat signals of the chirps, burst by burst.
     chirp:
         The sweep.
     offset_s:
         Time of each chirp of a burst from its middle.
     range_rate_mps:
-        Of the ground in each burst, positive when receding.
+        Range rate of the ground in each burst, positive when receding.
 
     """
     delay_s = 2 * range_rate_mps[:, None] * offset_s / speed_of_light
@@ -80,10 +80,10 @@ def burst_mean(
 
 
 def _analytic(beat: Inexact[np.ndarray, "chirp sample"], chirp: Chirp) -> Inexact[np.ndarray, "chirp sample"]:
-    """Return beat signals that can be turned: a real one as the real part of its analytic signal."""
+    """Return complex beat signals: the analytic signal of real ones."""
     if chirp.sampling == "iq":
         return beat
-    # `scipy.signal` takes as long to import as many a survey to simulate.
+    # SciPy's signal package is slow to import.
     from scipy.signal import hilbert
 
     analytic: Inexact[np.ndarray, "chirp sample"] = hilbert(beat, axis=1)

@@ -13,7 +13,7 @@ from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
-# How far around a bin the window's response is evaluated, and in which steps.
+# Half-length of the window's response, in range cells, and its steps per cell.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4
 
 
@@ -23,7 +23,7 @@ class SpectrumAnalyser:
 
     zero_padding: spectrum bins per range cell (c / 2B).
     high_pass: of the receiver; the calibration divides by its response in each bin.
-    averaged: chirps in a row whose powers are averaged to those of a pulse.
+    averaged: consecutive chirps whose powers are averaged in a pulse.
     """
 
     chirp: Chirp
@@ -50,10 +50,10 @@ class SpectrumAnalyser:
         return self.chirp.range_resolution_m / self.zero_padding
 
     def power(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Float[np.ndarray, "pulse bin"]:
-        """Return the power spectra of beat signals, on all cores; of pulses of several chirps their mean."""
+        """Return the power spectra of beat signals, on all cores; averaged over the chirps of each pulse."""
         power = np.empty((len(beat), len(self.range_m)))
         if self.high_pass is not None:
-            _ = self.passed  # before several threads ask for it
+            _ = self.passed  # cached before several threads use it
 
         def transform(low: int, high: int) -> None:
             spectrum = self._transform(beat[low:high])
@@ -66,12 +66,12 @@ class SpectrumAnalyser:
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
     def power_where_they_are(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
-        """Return the power spectra of beat signals in arrays of another library, without a high-pass; see `power`."""
+        """Return the power spectra of beat signals held in another library's arrays, without a high-pass."""
         spectrum = self._transform(beat, library)
         return library.fetched(spectrum.real**2 + spectrum.imag**2).astype(np.float64)
 
     def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
-        """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""
+        """Return the complex spectra of beat signals, with the phase at the middle of the sweep."""
         middle = self.chirp.samples // 2
         turns = np.arange(len(self.range_m)) * (middle / (self.chirp.samples * self.zero_padding))
         spectrum = self._transform(beat) * np.exp(2j * np.pi * np.mod(turns, 1.0))
@@ -95,7 +95,7 @@ class SpectrumAnalyser:
 
     @property
     def passed_power(self) -> Float[np.ndarray, " bin"]:
-        """What the calibration divides the powers of the bins by, for the high-pass."""
+        """Power response of the high-pass in each bin, by which the calibration divides."""
         return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self.passed) ** 2
 
     def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:

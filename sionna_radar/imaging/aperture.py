@@ -1,4 +1,4 @@
-"""The synthetic aperture (pulses that a pixel is focused from, and their weights), and the pixels of an image.
+"""The synthetic aperture (the pulses focused into a pixel, and their weights), and the pixels of an image.
 
 The pixels are a parallelogram of points on a plane, usually the level ground beside the track.
 """
@@ -22,7 +22,7 @@ WINDOW_NODES = 1024
 
 @dataclass(frozen=True, kw_only=True)
 class Aperture:
-    """The part of the azimuth beam that is focused, and its weight.
+    """The focused part of the azimuth beam, and its weighting.
 
     width_rad: full angle about boresight in the plane of the azimuth cut.
     azimuth: the antenna's azimuth cut.
@@ -38,12 +38,12 @@ class Aperture:
 
     @property
     def reach(self) -> float:
-        """Largest direction cosine along the antenna's left that is focused."""
+        """Largest focused direction cosine along the antenna's left."""
         return float(np.sin(self.width_rad / 2))
 
     @cached_property
     def taper(self) -> Float[np.ndarray, " node"]:
-        """The window on equal steps of the direction cosine, from -reach to reach."""
+        """Samples of the window at equal steps of the direction cosine, from -reach to reach."""
         return get_window(self.window, WINDOW_NODES, fftbins=False)
 
     def two_way(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -51,25 +51,25 @@ class Aperture:
         return self.azimuth.at(u) ** 2
 
     def weight(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the weight of a pulse that sees the pixel at direction cosines within the reach."""
+        """Return the weights of pulses with the pixel at direction cosines within the reach."""
         taper = np.interp(u, np.linspace(-self.reach, self.reach, WINDOW_NODES), self.taper)
         return taper / self.two_way(u) if self.weighting == "flat" else taper
 
     @cached_property
     def beam_reach(self) -> float:
         """Direction cosine beyond which main-lobe echoes are too weak to alias into the focused part."""
-        beyond = lobe_samples(self.azimuth, FOLDING).stop
-        return float(self.azimuth.cosine[beyond]) if beyond < len(self.azimuth.cosine) else 1.0
+        edge = lobe_samples(self.azimuth, FOLDING).stop
+        return float(self.azimuth.cosine[edge]) if edge < len(self.azimuth.cosine) else 1.0
 
 
 def whole_beam(antenna: Antenna) -> Aperture:
-    """Return the aperture of an antenna's whole main lobe, with the weight of the beam."""
+    """Return the aperture of an antenna's whole main lobe, with beam weighting."""
     aperture = Aperture(width_rad=1.0, azimuth=antenna.azimuth)
     return Aperture(width_rad=2 * float(np.arcsin(aperture.beam_reach)), azimuth=antenna.azimuth)
 
 
 def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
-    """Refuse a chirp rate whose pulses are too far apart for the azimuth bandwidth.
+    """Raise an error for a chirp rate below the azimuth Nyquist rate.
 
     Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). The illuminated part
     |u| <= beam_reach must not alias into the focused part |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
@@ -82,11 +82,11 @@ def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
     """
     left = measured.R_world_antenna[:, :, 1]
     speed = float(np.abs(np.einsum("pi,pi->p", measured.velocity_mps, left)).max(initial=0.0))
-    needed = 2 * speed * (aperture.reach + aperture.beam_reach) / chirp.wavelength_m
-    if chirp.rate_hz < needed * (1 - 1e-9):
+    needed_hz = 2 * speed * (aperture.reach + aperture.beam_reach) / chirp.wavelength_m
+    if chirp.rate_hz < needed_hz * (1 - 1e-9):
         message = (
             f"{chirp.rate_hz:g} puts the pulses {1e3 * speed / chirp.rate_hz:.3g} mm apart at {speed:.3g} m/s, too far "
-            f"for the phase along the track; raise it to {np.ceil(needed):.0f}, lower platform.speed_mps, or narrow "
+            f"for the phase along the track; raise it to {np.ceil(needed_hz):.0f}, lower platform.speed_mps, or narrow "
             f"the focused {np.rad2deg(aperture.width_rad):.3g} deg"
         )
         raise ScenarioError([Problem("radar.chirp_rate_hz", message)])
@@ -96,7 +96,7 @@ def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
 class PixelGrid:
     """Pixels by their positions along and across the track.
 
-    origin_m: the point that both axes count from, world frame.
+    origin_m: origin of both axes, world frame.
     along, across: unit vectors of the axes.
     along_m, across_m: positions of the columns and of the rows.
     """
@@ -132,7 +132,7 @@ def ground_pixels(
     pose:
         Poses along the track; the first and the last give its direction.
     side:
-        The side that the antenna looks to.
+        Look side of the antenna.
     height_m:
         Height of the ground, world frame.
     along_m, across_m:

@@ -1,6 +1,6 @@
-"""The widths of point targets in images, measured if they are isolated, steady and far brighter than the ground.
+"""Measured widths of point targets in images: those isolated, steady and far brighter than the ground.
 
-Target positions are known for evaluating an image, like surveyed corner reflectors; imaging does not use them.
+Target positions serve the evaluation of an image, like surveyed corner reflectors; imaging does not use them.
 """
 
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from sionna_radar.scene.model import Target
 # Half extent of the patch for measuring a target, in theoretical widths, and the samples per width.
 PATCH_WIDTHS = 3.0
 SAMPLES_PER_WIDTH = 8
-# A target is measured if it exceeds the median around it by this. Speckle, exponential about 1.44 times its median,
-# does so once in 2^30 cells.
+# Minimum ratio of a measured target to the median around it. Speckle, exponential about 1.44 times its median,
+# exceeds it once in 2^30 cells.
 MIN_CONTRAST = 30.0
-# Swerling cases that change from pulse to pulse: their images have no defined width.
+# Swerling cases that fluctuate from pulse to pulse: their images have no defined width.
 UNSTEADY = (2, 4)
 
 
@@ -36,7 +36,7 @@ class Widths:
 class Point:
     """A point target by its position relative to a track.
 
-    along_m: along the track from below its start; ground_m: ground range from it, on the side of the radar's view.
+    along_m: along the track from below its start; ground_m: ground range from it, on the look side.
     height_m: world frame; slant_range_m, incidence_rad: from the nearest point of the track.
     """
 
@@ -65,7 +65,7 @@ def point_beside(target: Target, strip: Strip) -> Point:
 
 
 def isolated(point: Point, others: Sequence[Point], theory: Widths) -> bool:
-    """Return whether no other point is close enough to disturb the response of one."""
+    """Return whether no other point is close enough to disturb this one's response."""
     return not any(
         other is not point
         and abs(other.along_m - point.along_m) < 2 * PATCH_WIDTHS * theory.along_m
@@ -102,7 +102,7 @@ def _widths(
     along_m: Float[np.ndarray, " along"],
     across_m: Float[np.ndarray, " across"],
 ) -> Widths | None:
-    # The point is in the middle; anything brighter near the edge is something else.
+    # The point is in the middle; anything brighter near the edge is another scatterer.
     skip = [size // 3 for size in power.shape]
     inner = power[skip[0] : -skip[0], skip[1] : -skip[1]]
     brightest = np.unravel_index(inner.argmax(), inner.shape)
@@ -114,6 +114,6 @@ def _widths(
         return None
     try:
         along, across = (half_power_width(place, cut) for place, cut, _ in cuts)
-    except ValueError:  # a flank that does not fall to half belongs to something else, too
+    except ValueError:  # a flank that does not fall to half belongs to another scatterer, too
         return None
     return Widths(along_m=along, across_m=across)

@@ -7,7 +7,7 @@ residual video phase). The pulse's range spectrum is read at that frequency, rot
 
     image = sum of w(u) X(f) exp(-2 pi i c0) / sum of w(u) A(u)
 
-with A the two-way beam over its peak, so that the power of a point's image is what a chirp receives from it in the
+with A the two-way beam over its peak, so that the power of a point's image equals its received power per chirp in the
 middle of the beam. Ground focuses only with tracing.speckle = "persistent": its scatterers must stay fixed.
 Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture Radar", 1995.
 """
@@ -40,8 +40,8 @@ PIXELS_AT_ONCE = 8192
 class SarImage:
     """A focused image, and the settings of its focusing.
 
-    amplitude: sqrt(W), complex, with the phase of the scatterers' gains; 0 where no pulse looks.
-    pulses: number of pulses each pixel was focused from.
+    amplitude: sqrt(W), complex, with the phase of the scatterers' gains; 0 without a pulse.
+    pulses: number of pulses focused into each pixel.
     """
 
     grid: PixelGrid
@@ -73,7 +73,7 @@ class BackProjection:
     ) -> None:
         self._chirp, self._grid, self._aperture = chirp, grid, aperture
         self._analyser = SpectrumAnalyser(chirp, window_name, ZERO_PADDING, high_pass)
-        # Column by column, so that neighbours in a chunk are neighbours along the track.
+        # Column by column: neighbours in a chunk are neighbours along the track.
         self._pixels = grid.position_m.transpose(1, 0, 2).reshape(-1, 3)
         self._sum = np.zeros(len(self._pixels), dtype=np.complex128)
         self._weight = np.zeros(len(self._pixels))
@@ -108,14 +108,14 @@ class BackProjection:
                 self._project(spectra, pose, self._lighting(pose, chunk), chunk)
 
     def spectra(self, beats: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
-        """Return the range spectra of beat signals, in which the values of pixels are looked up."""
+        """Return the range spectra of beat signals, which are interpolated at the pixels."""
         return np.asarray(self._analyser.amplitude(beats), dtype=np.complex128)
 
     def image(self) -> SarImage:
         """Return the image of the pulses added so far."""
         columns = self._grid.shape[::-1]
-        seen = self._weight > 0
-        amplitude = np.divide(self._sum, self._weight, out=np.zeros_like(self._sum), where=seen)
+        covered = self._weight > 0
+        amplitude = np.divide(self._sum, self._weight, out=np.zeros_like(self._sum), where=covered)
         if self._chirp.direction > 0:  # an up-sweep's beat carries the conjugate of the gain
             amplitude = np.conj(amplitude)
         return SarImage(
@@ -132,7 +132,7 @@ class BackProjection:
             yield slice(start, min(start + PIXELS_AT_ONCE, len(self._pixels)))
 
     def _lighting(self, pose: Pose, chunk: slice) -> Int[np.ndarray, " row"]:
-        """Return the pulses whose aperture reaches into the sphere around some pixels."""
+        """Return the pulses whose aperture intersects the sphere around the chunk's pixels."""
         low, high = self._pixels[chunk].min(axis=0), self._pixels[chunk].max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
         away = (low + high) / 2 - pose.position_m
@@ -143,8 +143,6 @@ class BackProjection:
     def _project(
         self, spectra: Complex[np.ndarray, "pulse bin"], pose: Pose, lit: Int[np.ndarray, " row"], chunk: slice
     ) -> None:
-        # Numba takes half a second to import.
-
         chirp, aperture = self._chirp, self._aperture
         sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.duration_s * ZERO_PADDING)
         weighting = (aperture.reach, aperture.taper, aperture.azimuth.voltage, aperture.weighting == "flat")
@@ -194,7 +192,7 @@ def focus(
     return projection.image()
 
 
-# Of range, there and back.
+# Two-way delay per metre of range.
 S_PER_M = 2 / speed_of_light
 
 
@@ -216,19 +214,19 @@ def project(
     Parameters
     ----------
     low, high:
-        Which pixels.
+        First pixel, and one past the last.
     pixel_m:
-        Their positions.
+        Pixel positions.
     row:
-        Pulses that light some of them.
+        Pulses that illuminate some of them.
     pose:
         Measured positions and velocities of these, and the directions ahead and to the left of their antennas.
     spectra:
         Range spectra of all pulses.
     sweep:
-        Its carrier in hertz, slope in hertz per second, direction, and the spectrum bins for each hertz of beat.
+        Carrier in hertz, slope in hertz per second, direction, and spectrum bins per hertz of beat.
     weighting:
-        What a pulse counts by the direction cosine u of a pixel: the reach; the taper on equal steps from -reach to
+        Weight of a pulse against the direction cosine u of a pixel: the reach; the taper at equal steps from -reach to
         reach; the one-way voltage of the beam from -1 to 1; whether the beam is divided out.
     image:
         Sums of weighted values, sums of weights times two-way beam, and numbers of pulses.
@@ -236,27 +234,27 @@ def project(
     """
     total, weight_sum, count = image
     reach, taper, voltage, flat = weighting
-    last = spectra.shape[1] - 1
-    # By pulse: place in the spectrum, -1 where the pixel is not lit; cosine and sine of its phase; direction cosine.
-    seen = np.empty((4, len(row)))
+    last_bin = spectra.shape[1] - 1
+    # By pulse: position in the spectrum, -1 for unlit pixels; cosine and sine of the phase; direction cosine.
+    geometry = np.empty((4, len(row)))
     for pixel in range(low, high):
-        _look(pixel_m[pixel], pose, sweep, reach, seen[0], seen[1], seen[2], seen[3])
-        # The sums go on where they were, so that they do not depend on how many pulses are added at once.
+        _look(pixel_m[pixel], pose, sweep, reach, geometry[0], geometry[1], geometry[2], geometry[3])
+        # Continue the running sums, so that they do not depend on the number of pulses added at once.
         real, imaginary, weights = total[pixel].real, total[pixel].imag, weight_sum[pixel]
         for n in range(len(row)):
-            place = seen[0, n]
-            if place < 0 or place >= last:
+            place = geometry[0, n]
+            if place < 0 or place >= last_bin:
                 continue
             below = int(place)
             share = place - below
             spectrum = spectra[row[n]]
             value = spectrum[below] * (1 - share) + spectrum[below + 1] * share
-            u = seen[3, n]
+            u = geometry[3, n]
             two_way = _on_equal_steps(voltage, 1.0, u) ** 2
             weight = _on_equal_steps(taper, reach, u)
             if flat:
                 weight /= two_way
-            cosine, sine = weight * seen[1, n], weight * seen[2, n]
+            cosine, sine = weight * geometry[1, n], weight * geometry[2, n]
             real += value.real * cosine + value.imag * sine
             imaginary += value.imag * cosine - value.real * sine
             weights += weight * two_way
@@ -276,9 +274,9 @@ def _look(
     sine: Float[ndarray, " lit"],
     u: Float[ndarray, " lit"],
 ) -> None:
-    """Write where the echo of a pixel lies in the spectra of pulses, -1 for those that do not light it, and its phase.
+    """Write the position of a pixel's echo in the spectra of pulses, -1 for pulses that do not light it, and its phase.
 
-    Without a branch and pulse after pulse in memory, so that several are worked out at once.
+    Branch-free and contiguous over pulses, for vectorisation.
     """
     position_m, velocity_mps, axis, side = pose
     carrier_hz, slope_hz_s, direction, bins_per_hz = sweep
@@ -302,9 +300,9 @@ def _look(
 @compiled
 @no_type_check
 def _on_equal_steps(value: Float[ndarray, " n"], end: float, at: float) -> float:
-    """Return a function, given on equal steps from -end to end, between its samples."""
-    last = len(value) - 1
-    place = (min(max(at, -end), end) + end) * (last / (2 * end))
-    below = min(int(place), last - 1)
+    """Return the linear interpolation of a function sampled at equal steps from -end to end."""
+    last_node = len(value) - 1
+    place = (min(max(at, -end), end) + end) * (last_node / (2 * end))
+    below = min(int(place), last_node - 1)
     share = place - below
     return value[below] * (1 - share) + value[below + 1] * share

@@ -1,8 +1,8 @@
 """The image of a side-looking real-aperture radar: power against along-track position and slant range.
 
-Along the track it resolves the beam's footprint, in range c / (2 B) times the window's factor. On level ground a
-point at slant range r, seen from the height h, lies at the ground range sqrt(r^2 - h^2); a range cell there is
-1 / sin(incidence) times as wide, and elevated points shift toward the track (layover).
+Its resolution is the beam's footprint along the track, and c / (2 B) times the window's factor in range. On level
+ground a point at slant range r, seen from the height h, lies at the ground range sqrt(r^2 - h^2); a range cell there
+is 1 / sin(incidence) times as wide, and elevated points shift toward the track (layover).
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class GroundImage:
     """A slant-range image projected onto level ground.
 
     power: W, on the scale of the slant-range image; NaN nearer than the ground or beyond the last range.
-    ground_m: distance from the point under the radar.
+    ground_m: distance from nadir.
     """
 
     power: Float[np.ndarray, "along ground"]
@@ -62,14 +62,14 @@ class SideLooking:
             self._start_m = measured.position_m[0]
         power = self._corrected(self._analyser.power(beats), measured)
         along = np.linalg.norm((measured.position_m - self._start_m)[:, :2], axis=1)
-        stretch = np.floor(along / self._step_m).astype(int)
-        for number in np.unique(stretch):
-            mine = stretch == number
+        interval = np.floor(along / self._step_m).astype(int)
+        for number in np.unique(interval):
+            members = interval == number
             total, height, count = self._rows.get(int(number), (np.zeros(power.shape[1]), 0.0, 0))
             self._rows[int(number)] = (
-                total + power[mine].sum(axis=0),
-                height + float(measured.position_m[mine, 2].sum()),
-                count + int(mine.sum()),
+                total + power[members].sum(axis=0),
+                height + float(measured.position_m[members, 2].sum()),
+                count + int(members.sum()),
             )
 
     def image(self) -> SlantImage:
@@ -97,7 +97,7 @@ class SideLooking:
         )
 
     def _corrected(self, power: Float[np.ndarray, "pulse bin"], measured: Pose) -> Float[np.ndarray, "pulse bin"]:
-        """Return spectra shifted by the Doppler of the boresight, from the measured velocity."""
+        """Return spectra corrected for the Doppler shift of the boresight, from the measured velocity."""
         range_m = self._analyser.range_m
         shift = self._analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
         if np.all(np.abs(shift) < 1e-3 * self._analyser.bin_m):
@@ -118,12 +118,12 @@ def slant_range_image(
     analyser:
         Window and zero-padding of the range spectra.
     step_m:
-        Length of track over which pulses are averaged.
+        Averaging interval along the track.
 
     """
-    growing = SideLooking(analyser, step_m)
-    growing.add(beats, measured)
-    return growing.image()
+    imager = SideLooking(analyser, step_m)
+    imager.add(beats, measured)
+    return imager.image()
 
 
 def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:

@@ -1,16 +1,16 @@
-"""The strip of ground that a side-looking radar images beside a straight track, its pixels, and the resolution.
+"""The imaged strip of a side-looking radar beside a straight track, its pixels, and the resolution.
 
 Resolutions are given in closed form or by one quadrature; `half_power_width` measures that of a response. Widths are
 half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
-track where a scatterer has the direction cosine u; the image of a point is the Fourier transform of the weight W(u)
-applied by the beam and the processing,
+track at a scatterer's direction cosine u; the image of a point is the Fourier transform of the weight W(u) applied by
+the beam and the processing,
 
     h(x) = integral of W(u) exp(4 pi i u x / lambda) du
 
 A flat weight over |u| <= U gives a sinc with its first null at lambda / (4 U). An antenna of length d has the beam
-2 U = lambda / d, hence the null at d / 2: half the real aperture's length. Not equalised, its two-way beam is the
-squared transform of the taper, so h(x) is the taper convolved with itself, at 2 x: a triangle that ends at d / 2 for
-a uniform taper, of half-power width (2 - sqrt 2) d / 2.
+2 U = lambda / d, hence the null at d / 2: half the real aperture's length. Without equalisation its two-way beam is
+the squared transform of the taper, so h(x) is the taper convolved with itself, at 2 x: for a uniform taper a triangle
+that ends at d / 2, of half-power width (2 - sqrt 2) d / 2.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def ground_range_resolution_m(chirp: Chirp, window_name: str, incidence_rad: flo
 
 
 def real_aperture_resolution_m(azimuth: Cut, range_m: float) -> float:
-    """Return the half-power width along the track of an unfocused point: that of the two-way beam at its range."""
+    """Return the half-power width along the track of an unfocused point: the two-way beam's at its range."""
     return range_m * half_power_width(azimuth.cosine, azimuth.voltage**4)
 
 
@@ -69,7 +69,7 @@ def azimuth_resolution_m(aperture: Aperture, wavelength_m: float) -> float:
 
 
 def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " n"]) -> float:
-    """Return the width of a response at half its highest sample, the flanks interpolated.
+    """Return the width of a response at half its highest sample, with interpolated flanks.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def _half_power(response: Callable[[float], float], step: float) -> float:
     return float(brentq(lambda x: response(x) - np.sqrt(0.5), end - step, end))
 
 
-# Angles from nadir between which level ground is imaged, whatever the beam.
+# Limits of the imaged angles from nadir, whatever the beam.
 STEEPEST_RAD, FLATTEST_RAD = np.deg2rad(1.0), np.deg2rad(85.0)
 # Pixels per half-power width of a focused point.
 PIXELS_PER_WIDTH = 2
@@ -106,7 +106,7 @@ MAX_PIXELS = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """Level ground beside a straight track, as far across as the beam illuminates it.
+    """Illuminated level ground beside a straight track.
 
     track: the first and the last measured pose.
     height_m: height of the ground, world frame.
@@ -151,14 +151,14 @@ def lit_strip(
     elevation_width_rad: float,
     max_range_m: float,
 ) -> Strip:
-    """Return the strip that a beam illuminates.
+    """Return the strip illuminated by a beam.
 
     Parameters
     ----------
     track:
         The first and the last measured pose.
     side:
-        The side that the antenna looks to.
+        Look side of the antenna.
     clearance_m:
         Height of the track over the ground.
     incidence_rad, elevation_width_rad:
@@ -181,7 +181,7 @@ def lit_strip(
 
 
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:
-    """Return pixels wherever the full aperture is flown, so fine that a focused point covers two each way.
+    """Return pixels of full-aperture coverage, two per focused half-power width in each direction.
 
     Raises
     ------

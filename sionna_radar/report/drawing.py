@@ -31,7 +31,7 @@ ORANGE = "#e69f00"
 SKY = "#56b4e9"
 # Names of matplotlib's colour maps.
 HEIGHTS, POWERS, ERRORS = "viridis", "viridis", "RdBu_r"
-# An empty cell of a map, in grey.
+# Grey of empty map cells.
 EMPTY = "0.82"
 
 
@@ -61,7 +61,7 @@ def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
     if place is None or coordinates is Coordinates.LOCAL:
         return LOCAL_FRAME
     height = f"{place.vertical_name or 'Height above datum'} (m)"
-    # Labels of six or seven digits: no more than four fit side by side.
+    # Labels have six or seven digits: at most four fit side by side.
     return Frame(origin_m=place.origin_m, east="Easting (m)", north="Northing (m)", height=height, most_ticks=4)
 
 
@@ -79,7 +79,7 @@ class _ShiftedLocator(MaxNLocator):
 def shift_ticks(axis: Axis, shift: float, most: int) -> None:
     """Label an axis with its values plus a shift, at round numbers and without a separate offset."""
     axis.set_major_locator(_ShiftedLocator(shift, most))
-    # To a micrometre: round-off of the shift is not shown.
+    # Round to a micrometre, to hide round-off of the shift.
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{round(value + shift, 6):.12g}"))
 
 
@@ -104,7 +104,7 @@ def map_bounds(
         low, high = position_m.min(axis=0) - pad, position_m.max(axis=0) + pad
         west, east = min(west, low[0]), max(east, high[0])
         south, north = min(south, low[1]), max(north, high[1])
-    # A narrow strip gets room at its sides, for the ticks and the colour bar.
+    # Widen narrow strips, for the ticks and the colour bar.
     shortest = max(east - west, north - south) / MAX_ASPECT
     across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
     return float(west - across), float(east + across), float(south - along), float(north + along)
@@ -114,7 +114,7 @@ def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> N
     """Show a raster at its position, empty cells in plain grey."""
     axes.set_facecolor(EMPTY)
     height = np.ma.masked_invalid(raster.height_m)
-    # Smoothing would let colours bleed into empty cells.
+    # Interpolation would blur colours into empty cells.
     axes.imshow(height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest")
 
 
@@ -128,7 +128,7 @@ def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str
     shift_ticks(axes.yaxis, frame.origin_m[1], 7 if aspect < 2 else 4)
     halo = [withStroke(linewidth=2.5, foreground="white")]
     arrow = {"arrowstyle": "-|>", "lw": 1.5, "path_effects": halo, "shrinkA": 0, "shrinkB": 0}
-    # Offsets from the corner are in points, so that the arrow's size does not depend on that of the map.
+    # Offsets from the corner in points: the arrow's size is independent of the map's.
     corner = axes.transAxes + ScaledTranslation(-14 / 72, -8 / 72, axes.figure.dpi_scale_trans)
     axes.annotate(
         "N",
@@ -146,7 +146,7 @@ def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str
 
 def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither") -> None:
     """Put a colour bar beside a map of the given width in inches."""
-    # An inset keeps the height of its map; colour bars of the layout engine do not if axis scales are equal.
+    # An inset has the height of its map; colour bars of the layout engine do not if axis scales are equal.
     inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
     bar = axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
     # Heights of a mountain: 1203, not 3 with "+1.2e3" above the bar.
@@ -175,7 +175,7 @@ def height_colours(limits: tuple[float, float], frame: Frame = LOCAL_FRAME) -> S
 
 
 def dot_size(map_in: tuple[float, float], count: int) -> float:
-    """Return the size of a dot, in points, at which this many leave most of a map visible."""
+    """Return the dot size, in points, at which this many dots leave most of a map visible."""
     return float(np.clip(72 * np.sqrt(map_in[0] * map_in[1] / max(count, 1)) / 8, 0.75, 2.5))
 
 
@@ -186,7 +186,7 @@ Subject = TypeVar("Subject")
 
 
 class ReportFigure(Figure):
-    """A figure outside pyplot: no window, no state shared between figures; a notebook shows it as in print."""
+    """A figure outside pyplot: no window, no shared state; displayed in notebooks as in print."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -220,7 +220,7 @@ UNITS = {
     "m": "m",
     "s": "s",
 }
-# Last parts of keys that need the name of their table.
+# Key names that need the name of their table.
 VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path", "rank", "seed", "training", "window")
 
 

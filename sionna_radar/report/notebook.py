@@ -1,4 +1,4 @@
-"""Results in a notebook: a table, and a map or a curve under it."""
+"""Results in a notebook: a table, and a map or curve below it."""
 
 import base64
 import html
@@ -24,7 +24,7 @@ from sionna_radar.studies.images import Imagery
 from sionna_radar.studies.sweep import Sweep
 from sionna_radar.survey.result import Survey
 
-# For a screen, next to text; the files for print are finer.
+# For screens, beside text; files for print are finer.
 DPI = 80
 PRE = "<pre style='line-height: 1.2'>{code}</pre>"
 

@@ -1,7 +1,7 @@
 """The terminal: literal tables and text, in any encoding, and progress on interactive terminals.
 
-Descriptions, names and paths come from the user, and may contain what a terminal library takes for markup or an
-encoding cannot represent. All output goes through here.
+Descriptions, names and paths come from the user, and may contain text that a terminal library interprets as markup or
+an encoding cannot represent. All output goes through this module.
 """
 
 import codecs
@@ -18,7 +18,7 @@ from sionna_radar.foundation.progress import TimeLeft, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
-# Shown for a number that does not exist.
+# Shown for an undefined number.
 NONE = "-"
 PLAIN = {"±": "+-", "→": "->", "–": "-", "…": "...", "²": "2", "°": " deg", "µ": "u", "×": "x"}
 SECONDS_BETWEEN_LINES = 10.0
@@ -33,17 +33,17 @@ def console(width: int | None = None) -> "Console":
 
 
 def printable(text: object) -> str:
-    """Return a text without control characters, which a terminal would obey; those of names and paths, too."""
+    """Return a text with control characters escaped, such as those in names and paths."""
     return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in str(text))
 
 
 def number(value: float, form: str, unit: str = "") -> str:
-    """Return a number in a format with its unit; a dash for NaN."""
+    """Return a formatted number with its unit; a dash for NaN."""
     return NONE if value != value else f"{value:{form}}{unit}"
 
 
 def print_on_any_encoding() -> None:
-    """Let standard output and error replace what their encoding cannot represent, instead of failing."""
+    """Replace characters that standard output and error cannot encode, instead of failing."""
     codecs.register_error("sionna_radar.plain", _spelled_out)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -71,7 +71,7 @@ def shown_progress() -> Iterator[Report]:
 
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
-    """Return a report of progress in lines of text, at most one every ten seconds."""
+    """Return a progress report in lines of text, at most one every ten seconds."""
     last, left = clock(), TimeLeft()
 
     def report(stage: str, done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""Studies made of surveys; each returns a result, and writes nothing."""
+"""Studies of surveys; each returns a result, and writes nothing."""
 
 import lazy_loader
 

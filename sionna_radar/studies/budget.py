@@ -1,6 +1,6 @@
-"""The least GPS/IMU that keeps a DEM usable: how large each error of navigation may be, alone.
+"""The navigation error budget of a DEM: the largest allowed size of each GPS/IMU error on its own.
 
-An error is as large as it may be when it makes the RMS of the DEM grow by a tenth. Random errors count by the mean
+The limit of an error is the size that raises the RMS of the DEM by a tenth. Random errors are evaluated by the mean
 square of several draws, constant ones by the worse of both signs.
 """
 
@@ -26,7 +26,7 @@ from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.survey.observed_survey import ObservedSurvey, observe_survey, observed_elsewhere
 
 GROWTH = 0.1
-# The search ends this close to the growth asked for.
+# Relative tolerance of the search for the requested growth.
 TOLERANCE = 0.003
 MAX_STEPS = 20
 MIN_RMS_M = 1e-6
@@ -36,9 +36,9 @@ Kind = Literal["constant", "white", "markov"]
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationError:
-    """One error of navigation, by the key of `NavigationTable` and its share on each axis.
+    """One navigation error, by the key of `NavigationTable` and its share on each axis.
 
-    first, largest: sizes at which the search for its limit begins and gives up.
+    first, largest: initial and largest size in the search for its limit.
     """
 
     name: str
@@ -50,14 +50,14 @@ class NavigationError:
     largest: float
 
     def table(self, size: float) -> NavigationTable:
-        """Return errors of navigation of this one alone."""
+        """Return the navigation errors with this one only."""
         value: Any = size if self.axes is None else tuple(size * share for share in self.axes)
         return NavigationTable.model_validate({self.key: value})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limit:
-    """How large an error may be; infinite where the largest tried does not matter."""
+    """Largest allowed size of an error; infinite where even `largest` stays within the growth."""
 
     error: NavigationError
     size: float
@@ -65,7 +65,7 @@ class Limit:
 
 @dataclass(frozen=True, kw_only=True)
 class GradeResult:
-    """The DEM with a grade of GPS/IMU: RMS of its error and share of the lit ground that it covers."""
+    """The DEM with a grade of GPS/IMU: RMS error, and coverage of the lit ground."""
 
     name: str
     source: str
@@ -76,11 +76,11 @@ class GradeResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
+    """The limits of all errors and the results of some grades, beside the RMS with the exact pose.
 
-    growth: share by which the RMS may grow; repeat: draws of the random errors.
+    growth: allowed relative growth of the RMS; repeat: draws of the random errors.
     rms_m: over lit cells, which the main beam reached.
-    limits, grades: a result for each error of navigation, and for each grade of GPS/IMU.
+    limits, grades: a result for each navigation error, and for each grade of GPS/IMU.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class Budget:
 
 
 def navigation_errors() -> tuple[NavigationError, ...]:
-    """Return the errors that a budget looks at."""
+    """Return the navigation errors of a budget."""
     kinds: tuple[Kind, ...] = ("constant", "white", "markov")
     vectors = [
         ("position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
@@ -116,7 +116,7 @@ def navigation_errors() -> tuple[NavigationError, ...]:
         ("pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
         ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
     ]
-    found = [
+    errors = [
         NavigationError(name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest)
         for name, unit, key, axes, first, largest in vectors
         for kind in kinds
@@ -126,11 +126,11 @@ def navigation_errors() -> tuple[NavigationError, ...]:
         ("lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
         ("boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
     ]
-    found += [
+    errors += [
         NavigationError(name=name, kind="constant", unit=unit, key=key, axes=axes, first=first, largest=largest)
         for name, unit, key, axes, first, largest in mounting
     ]
-    return tuple(found)
+    return tuple(errors)
 
 
 def run_budget(
@@ -142,21 +142,21 @@ def run_budget(
     grades: Mapping[str, Grade] = GRADES,
     execution: Execution | None = None,
 ) -> Budget:
-    """Fly a survey once and find how large each error of its navigation may be.
+    """Fly a survey once and find the largest allowed size of each navigation error.
 
-    Its DEM is made anew some hundred times, by the scenario's own `dem.method`: "linear" takes a fraction of a second
+    Its DEM is recomputed some hundred times, by the scenario's own `dem.method`: "linear" takes a fraction of a second
     each time, "smooth" about twenty times as long, and "refined" a hundred and more.
 
     Parameters
     ----------
     scenario:
-        The survey; its own errors of navigation play no part.
+        The survey; its own navigation errors are ignored.
     growth:
-        Share by which the RMS of the DEM may grow.
+        Allowed relative growth of the DEM's RMS error.
     repeat:
         Draws of the random errors.
     errors, grades:
-        The errors to look at (all), and the grades of GPS/IMU to map with.
+        The errors to evaluate (all), and the grades of GPS/IMU to map with.
     execution:
         As for `sionna_radar.run`; the rows of the table are a stage after those of the survey.
 
@@ -183,34 +183,34 @@ def run_budget(
             else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
         )
         raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
-    asked = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
-    tasks: dict[str, Task] = {f"limit {error}": {**asked, "error": asdict(error)} for error in errors}
-    tasks |= {f"grade {name} {grade}": {**asked, "grade": [name, _document(grade)]} for name, grade in grades.items()}
+    inputs = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
+    tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
+    tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
     with execution.reported(), stage("mapping", len(tasks)):
-        found = _mapped(survey, tasks, execution)
+        results = _mapped(survey, tasks, execution)
     return Budget(
         scenario=scenario,
         growth=growth,
         repeat=repeat,
         rms_m=exact,
-        limits=tuple(Limit(error=error, size=found[f"limit {error}"]) for error in errors),
-        grades=tuple(GradeResult(**found[f"grade {name} {grade}"]) for name, grade in grades.items()),
+        limits=tuple(Limit(error=error, size=results[f"limit {error}"]) for error in errors),
+        grades=tuple(GradeResult(**results[f"grade {name} {grade}"]) for name, grade in grades.items()),
     )
 
 
 def _mapped(survey: ObservedSurvey, tasks: Mapping[str, Task], execution: Execution) -> dict[str, Any]:
     """Return the result of each task by its key."""
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     shared = survey.observed.packed() if execution.distributed else survey
     for key, result in execution.over(tasks, map_task, shared=shared):
         if isinstance(result, Failure):
             raise result.error()
-        found[key] = document_of(result)
-    return found
+        results[key] = document_of(result)
+    return results
 
 
 def map_task(task: Task) -> bytes:
-    """Return the limit of the error of a task, or what its grade gives, as a JSON document."""
+    """Return the limit of a task's error, or the result of its grade, as a JSON document."""
     shared = task[SHARED]
     survey = observed_elsewhere(task["scenario"], shared) if isinstance(shared, bytes) else shared
     if "error" in task:
@@ -226,7 +226,7 @@ def map_task(task: Task) -> bytes:
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:
-    """Return the inputs that determine the parts of a budget, as a JSON document."""
+    """Return the inputs of a budget that determine its parts, as a JSON document."""
     named = [[name, *_document(grade)] for name, grade in grades.items()]
     return {**identity(scenario, BLOCK_SIZE), "study": [growth, repeat], "grades": named}
 
@@ -236,31 +236,31 @@ def _document(grade: Grade) -> list[Any]:
 
 
 def rms_with(survey: ObservedSurvey, error: NavigationError, size: float, repeat: int) -> float:
-    """Return the RMS of the DEM with one error of navigation."""
+    """Return the RMS error of the DEM with one navigation error."""
     if error.kind == "constant":
         return max(survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
     return _mean_rms(survey, error.table(size), repeat)
 
 
 def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
-    """Return the size of an error at which the RMS has grown by a share of the exact one; infinite if none."""
+    """Return the size of an error at which the RMS exceeds the exact one by the growth; infinite if none."""
 
     def grown(size: float) -> float:
         rms = rms_with(survey, error, size, repeat)
-        # An error so large that no DEM is left has grown beyond all bounds.
+        # Without a DEM the growth is unbounded.
         return math.inf if math.isnan(rms) else rms / exact - 1
 
     size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
     for _ in range(MAX_STEPS):
-        found = grown(size)
-        if abs(found - growth) < TOLERANCE * (1 + growth):
+        reached = grown(size)
+        if abs(reached - growth) < TOLERANCE * (1 + growth):
             return size
-        if found < growth:
+        if reached < growth:
             if size >= error.largest:
                 return math.inf
-            low = (size, found)
+            low = (size, reached)
         else:
-            high = (size, found)
+            high = (size, reached)
         size = min(2.5 * size, error.largest) if math.isinf(high[0]) else _between(low, high, growth)
     return size
 
@@ -273,17 +273,17 @@ def fly_grade(survey: ObservedSurvey, name: str, grade: Grade, exact: float, rep
 
 
 def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> float:
-    first = survey.prepared.local.seed
+    seed = survey.prepared.local.seed
     squares = [
-        survey.lit_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
+        survey.lit_error(survey.navigation(table, (seed + number) % 2**63)).rms_m ** 2 for number in range(repeat)
     ]
     return math.sqrt(sum(squares) / repeat)
 
 
 def _between(low: tuple[float, float], high: tuple[float, float], growth: float) -> float:
-    """Return the next size to try: the mean square grows about as the square of the error does."""
-    square = [(1 + found) ** 2 for found in (low[1], high[1], growth)]
+    """Return the next size to try: the mean square grows about with the square of the error."""
+    square = [(1 + rise) ** 2 for rise in (low[1], high[1], growth)]
     share = (square[2] - square[0]) / (square[1] - square[0]) if square[1] > square[0] else 0.5
-    # Kept off the ends: where the mean square grows otherwise, this still closes in.
+    # Keep off the ends, so that the bracket shrinks whatever the growth of the mean square.
     share = min(max(share, 0.1), 0.9)
     return math.sqrt(low[0] ** 2 + share * (high[0] ** 2 - low[0] ** 2))

@@ -1,4 +1,4 @@
-"""Several results side by side: their errors, the settings in which they differ, and their maps where these overlap."""
+"""Several results side by side: their errors, their differing settings, and their maps in the common area."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from jaxtyping import Float
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Raster
 
-# Named when a setting has no such key.
+# Shown for settings without the key.
 ABSENT = "-"
 MAX_RESULTS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlownResult:
-    """What a folder of results holds: its numbers, its settings, and its maps in the coordinates of the map.
+    """Contents of a folder of results: its numbers, its settings, and its maps in map coordinates.
 
     name: that of the folder. summary: `summary.json`. settings: `scenario.toml`, nested tables.
     crs: of the maps; empty for local metres.
@@ -35,8 +35,8 @@ class FlownResult:
 class ResultsComparison:
     """Results side by side.
 
-    differing: values by dotted key, one for each result, of settings that are not the same in all.
-    common: west, east, south, north of the ground that all maps cover; None where there is none.
+    differing: values by dotted key, one per result, of settings that differ between results.
+    common: west, east, south, north of the area common to all maps; None without one.
     """
 
     results: tuple[FlownResult, ...]
@@ -44,7 +44,7 @@ class ResultsComparison:
     common: tuple[float, float, float, float] | None
 
     def profile(self, number: int, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return the heights of one result's DEM at places on the map; NaN where it has none."""
+        """Return the heights of one result's DEM at places on the map; NaN in its empty cells."""
         return self.results[number].dem.at(place_m)
 
 
@@ -64,7 +64,7 @@ def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:
 
 
 def differing_settings(settings: Sequence[dict[str, Any]]) -> dict[str, tuple[Any, ...]]:
-    """Return the values of dotted keys that are not the same in all of some nested tables."""
+    """Return the values of the dotted keys in which nested tables differ."""
     flat = [dict(_flat(tables)) for tables in settings]
     keys = sorted({key for tables in flat for key in tables})
     values = {key: tuple(tables.get(key, ABSENT) for tables in flat) for key in keys}
@@ -72,18 +72,18 @@ def differing_settings(settings: Sequence[dict[str, Any]]) -> dict[str, tuple[An
 
 
 def _flat(node: Any, key: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested tables, and of lists of tables, by their dotted keys."""
+    """Return the values of nested tables, and of lists of tables, with their dotted keys."""
     if isinstance(node, dict):
         entries = node.items()
     elif isinstance(node, list) and any(isinstance(entry, dict) for entry in node):
         entries = {str(number): entry for number, entry in enumerate(node)}.items()
     else:
         return [(key, node)]
-    return [found for name, entry in entries for found in _flat(entry, f"{key}.{name}" if key else str(name))]
+    return [pair for name, entry in entries for pair in _flat(entry, f"{key}.{name}" if key else str(name))]
 
 
 def _common(results: Sequence[FlownResult]) -> tuple[float, float, float, float] | None:
-    """Return the extent that all maps have in common, of maps in one CRS."""
+    """Return the common extent of maps in one CRS; None without one."""
     if len({result.crs for result in results}) > 1:
         return None
     west, east, south, north = np.array([result.dem.grid.extent_m for result in results]).T

@@ -1,15 +1,15 @@
 """Cross-check of the electromagnetic engine and the paper's facets over one survey, and gamma fits of materials.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
-|gain|^2 over its paths, that is before they interfere, so it is free of speckle and the engines must agree
+|gain|^2 over its paths, that is before interference, so it is free of speckle and the engines must agree
 closely. The DEMs are made of speckled echoes, and each engine draws its own speckle: two seeds of ONE engine
 already differ. So each engine flies with two seeds, all four cross pairs are compared with the two pairs of one
-engine, and `speckle_test` gives the probability that speckle alone makes such a difference. The noise of the
+engine, and `speckle_test` gives the probability of such a difference from speckle alone. The noise of the
 receiver, the rain and the fluctuation of targets are the same in all four.
 
-What the two share is not checked by this: Mitsuba's ray casting (shadows), the antenna's pattern, the models of
-backscatter, point targets, and mirror reflections, which are traced apart from both engines and added to each. Where
-a mirror outshines the diffuse echo the engines agree because it is one and the same.
+Shared parts are not checked: Mitsuba's ray casting (shadows), the antenna's pattern, the models of backscatter, point
+targets, and mirror reflections, which are traced apart from both engines and added to each. Where a mirror reflection
+exceeds the diffuse echo the engines agree trivially.
 
 For the simple model a fit gives the constant gamma that best matches a material over a span of incidence.
 """
@@ -49,15 +49,15 @@ INCIDENCE_STEP_DEG = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """How far the engines may lie apart.
+    """Tolerances of the differences between the engines.
 
-    mean_power_db: size of the difference of the mean power over all pulses, beside the scatter of both engines.
-    p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within, unless both engines
-        scatter by more: a few hundred rays meet an edge of a building, and scatterers whose polarization is drawn, as
-        a circular wave shows it, differ in power.
-    false_alarm_probability: how rarely scatter and speckle alone may be called a difference.
-    dem_factor: RMS difference of the DEMs over what speckle explains, up to which a difference, even a certain
-        one, is too small to matter.
+    mean_power_db: magnitude of the difference of the mean power over all pulses, beyond the scatter of both engines.
+    p95_power_db: 95th percentile of the magnitude of the difference of a pulse's power, unless both engines scatter by
+        more: a few hundred rays hit an edge of a building, and scatterers of random polarization, as in a circular
+        wave, differ in power.
+    false_alarm_probability: probability of reporting a difference from scatter and speckle alone.
+    dem_factor: RMS difference of the DEMs over that from speckle, up to which even a significant difference is
+        negligible.
     """
 
     mean_power_db: float = 0.1
@@ -68,11 +68,11 @@ class Tolerances:
 
 @dataclass(frozen=True, kw_only=True)
 class EngineResult:
-    """What one engine made of every pulse, and the DEM of it all.
+    """Result of one engine for every pulse, and the DEM.
 
-    power: sum of |gain|^2 over the surfaces' paths; a ratio to the sent power.
+    power: sum of |gain|^2 over the surfaces' paths; a ratio to the transmitted power.
     range_m, incidence_rad: means over those paths, weighted by power; NaN without any.
-    echo_range_m: range of the strongest echo detected, with its speckle; NaN without any.
+    echo_range_m: range of the strongest detected echo, speckle included; NaN without any.
     """
 
     seed: int
@@ -85,7 +85,7 @@ class EngineResult:
 
 @dataclass(frozen=True, kw_only=True)
 class IncidenceBin:
-    """The difference of power (gamma over Sionna) of pulses by their mean local incidence."""
+    """The power difference (gamma over Sionna) of pulses in one class of mean local incidence."""
 
     incidence_deg: float
     pulses: int
@@ -97,9 +97,9 @@ class IncidenceBin:
 class CrossCheck:
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
-    tolerances: how far the engines may lie apart.
+    tolerances: tolerances of the differences.
     correlation_m: distance over which errors of a DEM are correlated.
-    sionna, sionna_again, gamma, gamma_again: what each engine made of every pulse, with either seed.
+    sionna, sionna_again, gamma, gamma_again: results of each engine with either seed.
 
     Examples
     --------
@@ -127,7 +127,7 @@ class CrossCheck:
 
     @property
     def power_difference_db(self) -> Float[np.ndarray, " pulse"]:
-        """Difference of each pulse's power, before interference; NaN where an engine found none."""
+        """Difference of each pulse's power, before interference; NaN without power in either engine."""
         return _difference_db(self.gamma, self.sionna)
 
     @property
@@ -137,37 +137,37 @@ class CrossCheck:
 
     @property
     def p95_abs_power_difference_db(self) -> float:
-        """Size of the difference of a pulse's power that 95 pulses in 100 stay within."""
+        """95th percentile of the magnitude of a pulse's power difference."""
         return _percentile(np.abs(self.power_difference_db), 95.0)
 
     @property
     def mean_power_scatter_db(self) -> float:
-        """Standard deviation of the difference of the mean power: pulses are drawn anew, so their variances add.
+        """Standard deviation of the difference of the mean power: pulses are independent, so their variances add.
 
-        Half the square of what two seeds of an engine differ by is the variance of one, pulse by pulse.
+        Half the squared difference between two seeds of an engine is the variance of one, pulse by pulse.
         """
         variance = 0.0
-        for one, other in ((self.sionna, self.sionna_again), (self.gamma, self.gamma_again)):
-            mean = (one.power.sum() + other.power.sum()) / 2
-            variance += float(np.sum((one.power - other.power) ** 2) / 2 / mean**2) if mean > 0 else 0.0
+        for run, repeat in ((self.sionna, self.sionna_again), (self.gamma, self.gamma_again)):
+            mean = (run.power.sum() + repeat.power.sum()) / 2
+            variance += float(np.sum((run.power - repeat.power) ** 2) / 2 / mean**2) if mean > 0 else 0.0
         return 10 / math.log(10) * math.sqrt(variance)
 
     @property
     def p95_power_scatter_db(self) -> float:
-        """Size of a pulse's difference that 95 in 100 would stay within if scatter alone made it.
+        """95th percentile of the magnitude of a pulse's difference by scatter alone.
 
-        What two seeds of one engine differ by has twice its variance, so that the sum of that of both engines has twice
-        the variance of the difference of one run of each. Both percentiles are those of as many pulses as there are:
-        the order statistic is taken that is lower than the other's with the false-alarm probability.
+        The difference between two seeds of one engine has twice its variance, so that the sum over both engines has
+        twice the variance of the difference of one run of each. Both percentiles are those of the same number of
+        pulses: the order statistic is chosen that falls below the other's with the false-alarm probability.
         """
-        both = _difference_db(self.sionna, self.sionna_again) + _difference_db(self.gamma, self.gamma_again)
-        count = int(np.isfinite(both).sum())
+        seeds_db = _difference_db(self.sionna, self.sionna_again) + _difference_db(self.gamma, self.gamma_again)
+        count = int(np.isfinite(seeds_db).sum())
         above = self._sigmas * math.sqrt(2 * 0.95 * 0.05 / max(count, 1))
-        return _percentile(np.abs(both) / math.sqrt(2), min(95.0 + 100 * above, 100.0))
+        return _percentile(np.abs(seeds_db) / math.sqrt(2), min(95.0 + 100 * above, 100.0))
 
     @property
     def _sigmas(self) -> float:
-        """Standard deviations of a Gaussian that the false-alarm probability stands for."""
+        """Gaussian quantile of the false-alarm probability, in standard deviations."""
         return float(ndtri(1 - self.tolerances.false_alarm_probability))
 
     @property
@@ -177,7 +177,7 @@ class CrossCheck:
 
     @cached_property
     def dem_test(self) -> SpeckleTest:
-        """Whether the engines' DEMs differ by more than speckle."""
+        """Test for a difference of the engines' DEMs beyond speckle."""
         return compare_speckle(
             (self.sionna.dem, self.sionna_again.dem), (self.gamma.dem, self.gamma_again.dem), self.correlation_m
         )
@@ -189,16 +189,16 @@ class CrossCheck:
 
     @property
     def dem_speckle_rms_m(self) -> float:
-        """RMS difference that independent speckle alone would make between the engines' DEMs."""
+        """RMS difference of the engines' DEMs expected from independent speckle alone."""
         return self.dem_test.speckle_rms_m
 
     @property
     def agrees(self) -> bool:
-        """Whether every difference lies within its tolerance; one that does not exist does not."""
+        """True if every difference lies within its tolerance; an undefined one does not."""
         return all(entry["agrees"] for entry in self.verdict().values())
 
     def verdict(self) -> dict[str, dict[str, Any]]:
-        """Return each difference that is judged with its tolerance."""
+        """Return each tested difference with its tolerance."""
         limits = {
             "mean_power_difference_db": (
                 self.mean_power_difference_db,
@@ -214,7 +214,7 @@ class CrossCheck:
             for name, (value, limit) in limits.items()
         }
         test, limit = self.dem_test, self.tolerances.dem_factor * self.dem_speckle_rms_m
-        # A map of too few tiles cannot separate chance from difference; its size alone decides.
+        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
         by_chance = test.can_reject(self.tolerances.false_alarm_probability) and (
             test.probability > self.tolerances.false_alarm_probability
         )
@@ -227,13 +227,13 @@ class CrossCheck:
         return verdict
 
     def by_incidence(self) -> list[IncidenceBin]:
-        """Return the difference of power in steps of the mean local incidence."""
+        """Return the power difference in classes of the mean local incidence."""
         incidence_deg, difference = np.rad2deg(self.sionna.incidence_rad), self.power_difference_db
-        known = np.isfinite(difference)
-        step = np.floor(incidence_deg[known] / INCIDENCE_STEP_DEG).astype(int)
+        finite = np.isfinite(difference)
+        step = np.floor(incidence_deg[finite] / INCIDENCE_STEP_DEG).astype(int)
         bins = []
         for number in np.unique(step):
-            chosen = np.flatnonzero(known)[step == number]
+            chosen = np.flatnonzero(finite)[step == number]
             gamma, sionna = self.gamma.power[chosen].sum(), self.sionna.power[chosen].sum()
             entry = IncidenceBin(
                 incidence_deg=float(number + 0.5) * INCIDENCE_STEP_DEG,
@@ -245,12 +245,12 @@ class CrossCheck:
         return bins
 
     def power_trend_db_per_10deg(self) -> float:
-        """Return the slope of the difference of power over the incidence: least squares over pulses."""
+        """Return the slope of the power difference over the incidence: least squares over pulses."""
         incidence, difference = self.sionna.incidence_rad, self.power_difference_db
-        known = np.isfinite(difference)
-        if known.sum() < 2 or np.ptp(incidence[known]) == 0:
+        finite = np.isfinite(difference)
+        if finite.sum() < 2 or np.ptp(incidence[finite]) == 0:
             return math.nan
-        return float(np.polyfit(np.rad2deg(incidence[known]) / 10, difference[known], 1)[0])
+        return float(np.polyfit(np.rad2deg(incidence[finite]) / 10, difference[finite], 1)[0])
 
     def common(self) -> Bool[np.ndarray, "row column"]:
         """Return the cells that all four DEMs fill."""
@@ -274,11 +274,11 @@ class CrossCheck:
         return float(np.mean(gamma - sionna) / 2)
 
 
-def _difference_db(one: EngineResult, other: EngineResult) -> Float[np.ndarray, " pulse"]:
-    """Return one's power of each pulse over the other's; NaN where either found none."""
-    both = (one.power > 0) & (other.power > 0)
-    ratio = np.full(len(both), np.nan)
-    ratio[both] = one.power[both] / other.power[both]
+def _difference_db(result: EngineResult, reference: EngineResult) -> Float[np.ndarray, " pulse"]:
+    """Return the ratio of each pulse's power to the reference; NaN without power in either."""
+    valid = (result.power > 0) & (reference.power > 0)
+    ratio = np.full(len(valid), np.nan)
+    ratio[valid] = result.power[valid] / reference.power[valid]
     return 10 * np.log10(ratio)
 
 
@@ -287,8 +287,8 @@ def _ratio_db(gamma: float, sionna: float) -> float:
 
 
 def _percentile(values: Float[np.ndarray, " n"], percent: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.percentile(known, percent)) if len(known) else math.nan
+    finite = values[np.isfinite(values)]
+    return float(np.percentile(finite, percent)) if len(finite) else math.nan
 
 
 _last_radar: list[tuple[Prepared, str, int, Radar]] = []
@@ -300,21 +300,21 @@ def run_crosscheck(
     tolerances: Tolerances | None = None,
     execution: Execution | None = None,
 ) -> CrossCheck:
-    """Fly a survey with both engines, each with two seeds, and compare what they find.
+    """Fly a survey with both engines, each with two seeds, and compare the results.
 
     Parameters
     ----------
     scenario:
-        The survey; its own choice of engine does not matter.
+        The survey; its own choice of engine is ignored.
     tolerances:
-        How far the engines may lie apart.
+        Tolerances of the differences.
     execution:
         As for `sionna_radar.run`; the four runs are one stage.
 
     Raises
     ------
     ScenarioError, InputFileError
-        The scenario cannot be flown, or has nothing but point targets to see.
+        The scenario cannot be flown, or contains point targets only.
 
     Examples
     --------
@@ -339,7 +339,7 @@ def run_crosscheck(
 
 
 def _correlation_m(prepared: Prepared) -> float:
-    """Return the correlation length of DEM errors, m: a footprint, or half the gap that is filled."""
+    """Return the correlation length of DEM errors, m: a footprint, or half the largest filled gap."""
     pose = prepared.flight.sample(1000).true
     clearance = float(np.median(pose.position_m[:, 2] - prepared.scene.ground_m(pose.position_m[:, :2])))
     incidence_rad = prepared.flight.scan.incidence_rad
@@ -349,26 +349,26 @@ def _correlation_m(prepared: Prepared) -> float:
 
 def _observe_all(prepared: Prepared, execution: Execution) -> dict[str, EngineResult]:
     """Return the result of each engine with each of its two seeds."""
-    first = prepared.scenario.seed
+    base_seed = prepared.scenario.seed
     scenario, segments = prepared.scenario.model_dump_json(), segments_of(prepared, execution.block_size)
     runs, tasks, pulses = {}, {}, {}
     for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):
-        seed = first + repeat if first + repeat < 2**63 else 0
+        seed = base_seed + repeat if base_seed + repeat < 2**63 else 0
         runs[name] = seed
         for blocks in segments:
             key = f"{name} {key_of(blocks)}"
             engine = "gamma" if name.startswith("gamma") else "sionna"
             tasks[key] = {"scenario": scenario, "engine": engine, "seed": seed, "blocks": blocks}
             pulses[key] = blocks[-1][1] - blocks[0][0]
-    found: dict[str, bytes] = {}
+    results: dict[str, bytes] = {}
     shared = None if execution.distributed else prepared
     with stage("tracing", 4 * len(prepared)):
         for key, result in execution.over(tasks, engine_task, shared=shared, steps=pulses):
             if isinstance(result, Failure):
                 raise result.error()
-            found[key] = result
+            results[key] = result
     return {
-        name: _joined(prepared, seed, [columns_of(found[f"{name} {key_of(blocks)}"]) for blocks in segments])
+        name: _joined(prepared, seed, [columns_of(results[f"{name} {key_of(blocks)}"]) for blocks in segments])
         for name, seed in runs.items()
     }
 
@@ -385,9 +385,9 @@ def _joined(prepared: Prepared, seed: int, segments: Sequence[Mapping[str, Any]]
 
 
 def engine_task(task: Task) -> bytes:
-    """Return the bytes of what the engine of a task observes over its segment."""
+    """Return the packed observations of a task's engine over its segment."""
     prepared = task[SHARED] or on_this_worker(task["scenario"])[0]
-    return _observe(prepared, task["engine"], task["seed"], [(first, end) for first, end in task["blocks"]])
+    return _observe(prepared, task["engine"], task["seed"], [(start, end) for start, end in task["blocks"]])
 
 
 @on_one_thread
@@ -397,13 +397,13 @@ def _observe(prepared: Prepared, engine: str, seed: int, blocks: Sequence[tuple[
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
     for block in observe_blocks((prepared.flight.pulses(np.arange(*bounds)) for bounds in blocks), radar):
-        pulses, here = block.pulses, block.pulses.index
-        echoes = radar.correct(block.observation.echoes, here, pulses.measured)
-        at = here - offset
-        power[at], range_m[at], incidence[at] = _means(block.observation.paths, int(here[0]), len(here))
+        pulses, index = block.pulses, block.pulses.index
+        echoes = radar.correct(block.observation.echoes, index, pulses.measured)
+        row = index - offset
+        power[row], range_m[row], incidence[row] = _means(block.observation.paths, int(index[0]), len(index))
         order = np.argsort(echoes.power, kind="stable")
         echo_range_m[echoes.pulse[order] - offset] = echoes.range_m[order]
-        located.append(locate(echoes, here, pulses.measured))
+        located.append(locate(echoes, index, pulses.measured))
     return packed(
         power=power,
         range_m=range_m,
@@ -414,17 +414,17 @@ def _observe(prepared: Prepared, engine: str, seed: int, blocks: Sequence[tuple[
 
 
 def _radar(prepared: Prepared, engine: str, seed: int) -> Radar:
-    """Return a radar with an engine: the last one again, as the segments of a run come one after another."""
-    for known, *its, radar in _last_radar:
-        if known is prepared and its == [engine, seed]:
+    """Return a radar with an engine, cached for the consecutive segments of a run."""
+    for cached, *settings, radar in _last_radar:
+        if cached is prepared and settings == [engine, seed]:
             return radar
-    drawn_anew = {"engine": engine, "speckle": "per_pulse", "decorrelation_time_s": None}
-    table = prepared.local.tracing.model_copy(update=drawn_anew)
+    update = {"engine": engine, "speckle": "per_pulse", "decorrelation_time_s": None}
+    table = prepared.local.tracing.model_copy(update=update)
 
-    def build(given: EngineInputs) -> Engine:
-        return build_engine(table, replace(given, tracing=table, seed=seed))
+    def build(inputs: EngineInputs) -> Engine:
+        return build_engine(table, replace(inputs, tracing=table, seed=seed))
 
-    # Of a pair of sweeps the engines are compared on the first alone.
+    # Of a pair of sweeps only the first is compared.
     receiver = replace(prepared.receiver, sweeps=prepared.receiver.sweeps[:1])
     radar = Radar(replace(prepared.sensor_inputs(), custom_engine=build, receiver=receiver))
     _last_radar[:] = [(prepared, engine, seed, radar)]
@@ -432,15 +432,15 @@ def _radar(prepared: Prepared, engine: str, seed: int) -> Radar:
 
 
 def _means(
-    paths: Paths, first: int, count: int
+    paths: Paths, first_pulse: int, count: int
 ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
     """Return power, mean range and mean incidence of the surfaces' paths of a block."""
-    seen = paths.surface >= 0
-    pulse = paths.pulse[seen] - first
-    weight = np.abs(paths.gain[seen].astype(np.complex128)) ** 2
+    on_surface = paths.surface >= 0
+    pulse = paths.pulse[on_surface] - first_pulse
+    weight = np.abs(paths.gain[on_surface].astype(np.complex128)) ** 2
     total, by_delay, by_incidence = (
         np.bincount(pulse, weight * column, minlength=count)
-        for column in (1.0, paths.delay_s[seen], paths.incidence_rad[seen])
+        for column in (1.0, paths.delay_s[on_surface], paths.incidence_rad[on_surface])
     )
     with np.errstate(invalid="ignore"):
         return total, by_delay / total * (speed_of_light / 2), by_incidence / total
@@ -448,18 +448,18 @@ def _means(
 
 STEP_DEG = 1.0
 TOLERANCE_DB = 1.5
-# Angles called near nadir and near grazing.
+# Limits of angles described as near nadir and near grazing.
 NEAR_NADIR_DEG, NEAR_GRAZING_DEG = 20.0, 70.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class GammaFit:
-    """A constant gamma and how well it serves.
+    """A fitted constant gamma and its residuals.
 
     gamma_db: the mean of sigma0 over cos, both in dB, over the span: least squares in dB.
-    incidence_deg, sigma0_db: the material at whole degrees from 0 to 89; -inf where it scatters nothing.
-    residual_db: material minus gamma cos, there.
-    fitted: the angles of the span.
+    incidence_deg, sigma0_db: the material at whole degrees from 0 to 89; -inf without backscatter.
+    residual_db: material minus gamma cos at these angles.
+    fitted: mask of the angles in the span.
     """
 
     gamma_db: float
@@ -475,25 +475,27 @@ class GammaFit:
 
     @property
     def failures(self) -> list[str]:
-        """Where gamma misses the material by more than the tolerance, in words."""
+        """Intervals of residuals beyond the tolerance, in words."""
         wrong = np.abs(self.residual_db) > TOLERANCE_DB
         starts = np.flatnonzero(wrong & ~np.concatenate([[False], wrong[:-1]]))
         ends = np.flatnonzero(wrong & ~np.concatenate([wrong[1:], [False]]))
         return [self._describe(slice(a, b + 1)) for a, b in zip(starts, ends, strict=True)]
 
     def _describe(self, run: slice) -> str:
-        first, last = self.incidence_deg[run][[0, -1]]
+        low_deg, high_deg = self.incidence_deg[run][[0, -1]]
         residual = self.residual_db[run]
         worst = residual[np.argmax(np.abs(residual))]
-        place = "near nadir" if first < NEAR_NADIR_DEG else "near grazing" if last > NEAR_GRAZING_DEG else "between"
-        way = "too weak" if worst > 0 else "too strong"
-        return f"{first:g} to {last:g} deg ({place}): constant gamma is {way}, by up to {abs(worst):.1f} dB"
+        place = (
+            "near nadir" if low_deg < NEAR_NADIR_DEG else "near grazing" if high_deg > NEAR_GRAZING_DEG else "between"
+        )
+        deviation = "too weak" if worst > 0 else "too strong"
+        return f"{low_deg:g} to {high_deg:g} deg ({place}): constant gamma is {deviation}, by up to {abs(worst):.1f} dB"
 
 
 def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
     """Return the constant gamma that fits a material best between two incidence angles.
 
-    Raises ScenarioError for a span that is none, or a material that scatters nothing there.
+    Raises ScenarioError for an invalid span, or a material without backscatter in it.
     """
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
@@ -519,7 +521,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
 def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
     """Return the constant gamma that fits a material of a scenario best, at its carrier and polarization.
 
-    Raises ScenarioError for a material that the scenario does not have, and as `fit_gamma` does.
+    Raises ScenarioError for a material missing from the scenario, and as `fit_gamma`.
     """
     tables = scenario.all_materials
     if name not in tables:

@@ -1,7 +1,7 @@
-"""The design of a study: values that are all combined, ranges that are sampled, and the rows of a table.
+"""The design of a study: a full factorial of listed values, sampled ranges, and the rows of a table.
 
 Every row is combined with every sample, and these with every combination of the listed values, the last key fastest.
-Samples fill their ranges evenly, in all keys at once: a scrambled Sobol sequence (Owen 1998) or a Latin hypercube
+Samples fill their ranges evenly, in all keys jointly: a scrambled Sobol sequence (Owen 1998) or a Latin hypercube
 (McKay, Beckman & Conover 1979), both of `scipy.stats.qmc` and drawn from the scenario's seed.
 
 A design is written as `KEY=V1,V2,...`, `KEY=LOW:HIGH`, `sobol:64`, and tables of settings.
@@ -30,15 +30,15 @@ from sionna_radar.scenario.overrides import LONGEST_ASSIGNMENT, parse_value, res
 Setting = dict[str, Any]
 SamplerName = Literal["sobol", "lhs"]
 MAX_SETTINGS = 10_000
-# Digits of a sampled value: enough for any study, and short enough to read.
+# Significant digits of a sampled value: enough for any study, and readable.
 DIGITS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """One varied key of the scenario and the values it takes.
+    """One varied key of the scenario and its values.
 
-    crossed: whether each value is flown with every combination of the other keys; otherwise sampled, or from a table.
+    crossed: True if each value is flown with every combination of the other keys; False if sampled, or from a table.
     """
 
     key: str
@@ -48,9 +48,9 @@ class Axis:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """A range of a key that is sampled, evenly or evenly in its logarithm.
+    """A sampled range of a key, uniform or log-uniform.
 
-    Raises ScenarioError for one that is empty, not finite, or logarithmic and not positive.
+    Raises ScenarioError for an empty or infinite range, or a logarithmic one that is not positive.
     """
 
     key: str
@@ -66,9 +66,9 @@ class Span:
             refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0")
 
     def at(self, share: Float[np.ndarray, " sample"], *, whole: bool) -> list[float] | list[int]:
-        """Return the values at some shares, from 0 to below 1, of the way from low to high."""
+        """Return the values at fractions, from 0 to below 1, of the interval from low to high."""
         if whole:
-            # Every whole number, both ends included, has the same share of the way.
+            # Every whole number, both ends included, has the same share of the interval.
             low, high = math.ceil(self.low), math.floor(self.high) + 1
             if low >= high:
                 refuse(f"{self.key} = {self.low:g}:{self.high:g} holds no whole number, which that key must be")
@@ -84,7 +84,7 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True)
 class Sampler:
-    """How ranges are sampled, and how often."""
+    """Sampling method of the ranges, and number of samples."""
 
     name: SamplerName
     count: int
@@ -101,21 +101,20 @@ class Sampler:
         engine = {"sobol": qmc.Sobol, "lhs": qmc.LatinHypercube}[self.name]
         rng = np.random.default_rng([seed, int(Stream.SAMPLES)])
         with warnings.catch_warnings():
-            # Fewer points than the next power of two are a little less even, which is no reason to fly more of them.
+            # Fewer points than the next power of two are slightly less even, which does not justify more flights.
             warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
             return np.asarray(engine(keys, rng=rng).random(self.count))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """What a study varies; see the module.
+    """Varied keys and values of a study; see the module.
 
-    listed: keys whose values are all combined.
-    spans, sampler: keys that are sampled within ranges.
-    rows: settings given one by one; a key that a row leaves out keeps its value.
+    listed: keys of the full factorial.
+    spans, sampler: keys sampled within ranges.
+    rows: explicit settings; a key missing from a row keeps its value.
 
-    Raises ScenarioError for a key that is varied twice, ranges without a sampler or the other way round, and nothing
-    to vary.
+    Raises ScenarioError for a key that is varied twice, ranges without a sampler or vice versa, and nothing to vary.
     """
 
     listed: tuple[Axis, ...] = ()
@@ -139,7 +138,7 @@ class Design:
 
     @staticmethod
     def of(varied: "Design | Sequence[Axis] | Mapping[str, Sequence[Any]]") -> "Design":
-        """Return a design, made from axes or the values by their keys where it is not yet one."""
+        """Return a design, converted from axes or from values by key if necessary."""
         if isinstance(varied, Design):
             return varied
         if isinstance(varied, Mapping):
@@ -152,12 +151,12 @@ class Design:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The varied keys: those of the table, those that are sampled, those that are listed."""
+        """The varied keys: those of the table, sampled ones, listed ones."""
         of_rows = dict.fromkeys(key for row in self.rows for key in row)
         return (*of_rows, *(span.key for span in self.spans), *(axis.key for axis in self.listed))
 
     def settings(self, base: Scenario | None = None) -> list[Setting]:
-        """Return all settings in the order flown; the seed of the scenario, which ranges need, draws the samples."""
+        """Return all settings in the order flown; ranges need the scenario, whose seed draws the samples."""
         listed = [
             dict(zip([axis.key for axis in self.listed], values, strict=True))
             for values in product(*(axis.values for axis in self.listed))
@@ -167,7 +166,7 @@ class Design:
         ]
 
     def axes(self, settings: Sequence[Setting]) -> tuple[Axis, ...]:
-        """Return the varied keys with the values that they take in some settings."""
+        """Return the varied keys with their values in some settings."""
         listed = {axis.key: axis for axis in self.listed}
         return tuple(listed.get(key) or _axis(key, settings) for key in self.keys)
 
@@ -191,23 +190,23 @@ def _axis(key: str, settings: Sequence[Setting]) -> Axis:
 
 
 def _without_repeats(values: Sequence[Any]) -> list[Any]:
-    """Return values once each, in their order; lists among them cannot be hashed."""
+    """Return the unique values in their order; compared by `repr`, as lists cannot be hashed."""
     return list({repr(value): value for value in values}.values())
 
 
 def is_whole(base: Scenario, key: str) -> bool:
-    """Return whether a key of a scenario holds whole numbers alone."""
+    """Return whether a key of a scenario holds whole numbers only."""
     *tables, name = key.split(".")
     table: Any = base
-    for part in tables:
-        table = table.get(part) if isinstance(table, Mapping) else getattr(table, part, None)
+    for attribute in tables:
+        table = table.get(attribute) if isinstance(table, Mapping) else getattr(table, attribute, None)
     field = getattr(type(table), "model_fields", {}).get(name)
     kinds = () if field is None else (get_args(field.annotation) or (field.annotation,))
     return int in kinds and float not in kinds
 
 
 def refuse(message: str, field: str = "--vary") -> NoReturn:
-    """Raise ScenarioError for what a study cannot vary."""
+    """Raise ScenarioError for an invalid design."""
     raise ScenarioError([Problem(field, message)], "command line")
 
 
@@ -250,7 +249,7 @@ def parse_design(assignments: Iterable[str], sample: str | None = None, table: P
 
 
 def parse_sampler(text: str) -> Sampler:
-    """Return the sampler that `sobol:N` or `lhs:N` names; raises ScenarioError for anything else."""
+    """Return the sampler for `sobol:N` or `lhs:N`; raises ScenarioError for anything else."""
     name, _, count = text.strip().partition(":")
     if name not in get_args(SamplerName) or not re.fullmatch("[0-9]{1,9}", count):
         refuse(f"{shown(text)} is no sample; give sobol:N or lhs:N, such as sobol:64", "--sample")
@@ -258,24 +257,24 @@ def parse_sampler(text: str) -> Sampler:
 
 
 def read_settings(path: Path) -> tuple[Setting, ...]:
-    """Return the settings of a CSV file: dotted keys in its first line, and a setting in each other one.
+    """Return the settings of a CSV file: dotted keys in its first line, and one setting per further line.
 
-    Values are those of `--set`; an empty one leaves the key as it is, the word none takes it out. A line of nothing but
-    commas is the scenario itself. Relative paths of input files are relative to the table's folder, or else to the
-    working folder.
+    Values are those of `--set`; an empty one leaves the key unchanged, the word none removes it. A line of commas only
+    is the scenario itself. Relative paths of input files are relative to the table's folder, or else to the working
+    folder.
 
     Raises
     ------
     InputFileError
-        It cannot be read, is not such a table, or holds a setting twice.
+        It cannot be read, is not such a table, or contains a setting twice.
     ScenarioError
-        A value is none that a scenario holds.
+        A value is invalid in a scenario.
 
     """
     text = read_text(path, "--table", REMEDY)
     try:
-        read = csv.reader(io.StringIO(text, newline=""), strict=True)
-        lines = [line for line in read if len(line) > 1 or any(map(str.strip, line))]
+        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+        lines = [line for line in reader if len(line) > 1 or any(map(str.strip, line))]
     except csv.Error as error:
         _refuse(path, f"it is not CSV ({error})")
     if len(lines) < 2:
@@ -286,9 +285,9 @@ def read_settings(path: Path) -> tuple[Setting, ...]:
     if not all(header) or len(set(header)) < len(header):
         _refuse(path, "a column has no key, or that of another one")
     settings = [_setting(path, number, header, line) for number, line in enumerate(lines[1:], 1)]
-    seen: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     for number, setting in enumerate(settings, 1):
-        earlier = seen.setdefault(repr(setting), number)
+        earlier = numbers.setdefault(repr(setting), number)
         if earlier != number:
             _refuse(path, f"settings {earlier} and {number} are the same")
     return tuple(settings)

@@ -1,7 +1,7 @@
 """A side-looking survey and its images: the slant-range image, and the focused one where the survey is coherent.
 
-Only the measured pose and the altitude that was asked for make the images. The scene's point targets serve to measure
-how fine they are, as corner reflectors do.
+Imaging uses the measured pose and the nominal altitude only. The scene's point targets serve to measure the
+resolution, like corner reflectors.
 """
 
 from dataclasses import dataclass
@@ -43,16 +43,16 @@ from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
 
-# Bins of the slant-range image in a range cell, and stretches of track in the width that it resolves at the near edge.
+# Bins of the slant-range image per range cell, and averaging intervals per resolved width at the near edge.
 BINS_PER_CELL = 4
 STRETCHES_PER_WIDTH = 8
-# Pulses in a stretch, at least, so that none is without.
+# Minimum pulses in an interval, so that none is empty.
 MIN_PULSES = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """How wide a point target is in one image, and should be; None where it could not be measured."""
+    """Theoretical and measured widths of a point target in one image; None where not measurable."""
 
     theory: Widths
     measured: Widths | None
@@ -60,7 +60,7 @@ class Response:
 
 @dataclass(frozen=True, kw_only=True)
 class Reflector:
-    """A point target of the scene in the images; `sar` is None where no focused image shows it."""
+    """A point target of the scene in the images; `sar` is None outside a focused image."""
 
     position_m: tuple[float, float, float]
     place: Point
@@ -70,10 +70,10 @@ class Reflector:
 
 @dataclass(frozen=True, kw_only=True)
 class Imagery:
-    """The images of a survey, with the scenario that made them.
+    """The images of a survey, with their scenario.
 
-    slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from
-        pulse to pulse.
+    slar, sar: theoretical half-power widths in the middle of the beam; `sar` and `focused` are None without coherence
+        from pulse to pulse.
     slant, focused: the images; reflectors: the scene's point targets in them.
 
     Examples
@@ -109,7 +109,7 @@ def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Ima
     Parameters
     ----------
     scenario:
-        The survey; `tracing.speckle = "persistent"` lets it be focused.
+        The survey; `tracing.speckle = "persistent"` makes it coherent for focusing.
     execution:
         As for `sionna_radar.run`.
 
@@ -164,7 +164,7 @@ def _check(scenario: Scenario) -> None:
 
 
 class _ImageFormation:
-    """The images of a prepared survey, formed block of pulses by block of pulses."""
+    """The images of a prepared survey, formed block by block of pulses."""
 
     def __init__(self, prepared: Prepared) -> None:
         self._prepared, self._window = prepared, prepared.local.processing.window
@@ -184,8 +184,8 @@ class _ImageFormation:
         check_sampling(prepared.flight.sample(SAMPLED_PULSES).measured, chirp, aperture)
         pixels = focused_pixels(self._strip, chirp, aperture, self._window)
         for number, point in enumerate(self._points):
-            inside = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
-            if inside and pixels.across_m[0] <= point.ground_m <= pixels.across_m[-1]:
+            covered = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
+            if covered and pixels.across_m[0] <= point.ground_m <= pixels.across_m[-1]:
                 patch = patch_around(point, self._strip, self._focused_theory(point, aperture))
                 self._patches[number] = self._focused_on(patch, aperture)
         return self._focused_on(pixels, aperture)
@@ -201,7 +201,7 @@ class _ImageFormation:
                 image.add(beats, measured)
 
     def imagery(self) -> Imagery:
-        """Return the images of all pulses so far, and what they resolve."""
+        """Return the images of all pulses so far, and their resolution."""
         prepared, strip = self._prepared, self._strip
         middle = Point(
             along_m=strip.length_m / 2,
@@ -226,16 +226,16 @@ class _ImageFormation:
 
     def _reflector(self, number: int, slant: SlantImage) -> Reflector:
         point, theory = self._points[number], self._slant_theory(self._points[number])
-        real = measured_in_slant(slant, point, theory) if self._measurable(point, theory) else None
+        slant_widths = measured_in_slant(slant, point, theory) if self._measurable(point, theory) else None
         focused = None
         if self._aperture is not None and number in self._patches:
-            sharp, image = self._focused_theory(point, self._aperture), self._patches[number].image()
-            measured = measured_in_patch(image.power, image.grid) if self._measurable(point, sharp) else None
-            focused = Response(theory=sharp, measured=measured)
+            sar_theory, image = self._focused_theory(point, self._aperture), self._patches[number].image()
+            measured = measured_in_patch(image.power, image.grid) if self._measurable(point, sar_theory) else None
+            focused = Response(theory=sar_theory, measured=measured)
         return Reflector(
             position_m=self._prepared.scene.scene.targets[number].position_m,
             place=point,
-            slar=Response(theory=theory, measured=real),
+            slar=Response(theory=theory, measured=slant_widths),
             sar=focused,
         )
 
@@ -270,7 +270,7 @@ def _strip(prepared: Prepared) -> Strip:
 
 
 def _stretch_m(prepared: Prepared, strip: Strip) -> float:
-    """Return the length of track that the slant-range image averages over."""
+    """Return the averaging interval of the slant-range image along the track."""
     width = real_aperture_resolution_m(prepared.antenna.azimuth, strip.slant_range_m(strip.near_m))
     spacing = prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz
     return max(width / STRETCHES_PER_WIDTH, MIN_PULSES * spacing)

@@ -1,17 +1,16 @@
-"""Flight planning: the scan, speed and lines that cover an area with echoes close enough, and the check of a plan.
+"""Flight planning: the scan, speed and lines that cover an area with the requested sampling, and the check of a plan.
 
 A whisk-broom scan at the tilt a meets level ground, h below, at (h tan a / cos b ahead, h tan b to the side) for
-the scan angle b. From there to the next chirp's place is
+the scan angle b. The distance to the next chirp's point is
 
     h / cos^2 b * sqrt(1 + tan^2 a sin^2 b) * (step of b),
 
-widest at the edge of the swath. Scan lines lie one turn of the antenna apart, flight lines a little less than a
-swath. On slopes turned away from the radar a ray more than 90 deg minus the slope from nadir would be a shadow's.
+greatest at the edge of the swath. Scan lines lie one turn of the antenna apart, flight lines a little less than a
+swath. On slopes facing away from the radar a ray more than 90 deg minus the slope from nadir lies in shadow.
 
-A plan is made for level ground. To check how finely it samples every place of its area, its beam axes are cast on the
-terrain of its scenario; where they meet it within the range that the radar samples, there is an echo. In the middle of
-a square of echoes s apart a place is s / sqrt(2) from the nearest, so sqrt(2) times that distance is taken as the
-sampling at a place.
+A plan is made for level ground. To check its sampling everywhere in the area, its beam axes are cast on the terrain of
+its scenario; an echo is assumed where they meet it within the sampled range. The centre of a square of echoes s apart
+is s / sqrt(2) from the nearest, so the sampling at a place is defined as sqrt(2) times that distance.
 """
 
 import math
@@ -34,12 +33,12 @@ from sionna_radar.survey.checks import MAX_CHIRPS
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import trace_boresights
 
-# The beam must not be wider on the ground than this many ground samples.
+# Largest beam width on the ground, in ground samples.
 BEAM_SAMPLES = 2.0
-# Places of echoes shift with the slopes under them: the plan keeps this share of the sampling in hand.
+# Planned share of the requested sampling; the rest is a reserve for slopes, which shift the echoes.
 RESERVE = 0.9
 SHADOW_MARGIN_RAD = math.radians(5.0)
-# Ground may lie this share of the altitude lower than the plan's level ground.
+# Largest depth of ground below the plan's level, as a share of the altitude.
 RELIEF = 0.15
 MIN_INCIDENCE_RAD = math.radians(5.0)
 # Cruise beyond each end of a line, in ground samples.
@@ -49,14 +48,14 @@ MAX_LINES = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What is to be mapped, and what the platform and the radar can do.
+    """Requested area and sampling, and limits of platform and radar.
 
-    size_m: the area's extent to the right of its heading and along it: east and north while it heads north.
+    size_m: the area's extent to the right of its heading and along it: east and north for heading 0.
     position_m: the area's centre, east and north.
     heading_deg: direction of the area's second side, clockwise from north.
     sampling_m: greatest spacing between neighbouring echoes.
-    overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
-    greatest_slope_deg: steepest slope that must not fall into a shadow.
+    overlap: share of a swath covered again by the next line; half of it lies beyond the area's border.
+    greatest_slope_deg: steepest slope that must not lie in shadow.
     """
 
     size_m: tuple[float, float]
@@ -73,7 +72,7 @@ class Wanted:
     most_chirp_rate_hz: float = 5000.0
 
     def to_world(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Return places counted from the area's centre, to the right of its heading and along it, as east, north."""
+        """Return east and north of places relative to the area's centre, to the right of its heading and along it."""
         heading = math.radians(self.heading_deg)
         right = np.array([math.cos(heading), -math.sin(heading)])
         along = np.array([math.sin(heading), math.cos(heading)])
@@ -97,12 +96,12 @@ class FlightPlan:
 
     @property
     def lines(self) -> int:
-        """How many lines are flown."""
+        """Number of flight lines."""
         return len(self.waypoints_m) // 2
 
     @property
     def swath_m(self) -> float:
-        """Width of ground that a line covers."""
+        """Width of the ground covered by a line."""
         return 2 * self.altitude_m * math.tan(self.half_swath_rad)
 
     @property
@@ -112,7 +111,7 @@ class FlightPlan:
 
     @property
     def reach_m(self) -> float:
-        """How far from the platform the beam meets level ground, on the plan."""
+        """Greatest horizontal distance from the platform to the beam on level ground."""
         ahead = math.tan(self.incidence_rad) / math.cos(self.half_swath_rad)
         return self.altitude_m * math.hypot(ahead, math.tan(self.half_swath_rad))
 
@@ -125,12 +124,12 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     wanted:
         The area and its sampling.
     base:
-        Scenario whose antenna, sweep and sampling the radar has; without one, the defaults.
+        Scenario with the antenna, sweep and sampling of the radar; without one, the defaults.
 
     Raises
     ------
     ScenarioError
-        The area, the sampling or the limits leave no flight.
+        No flight satisfies the area, the sampling and the limits.
 
     """
     base = base or _default_base()
@@ -140,8 +139,8 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     stretch = math.sqrt(1 + (math.tan(incidence) * math.sin(half_swath)) ** 2) / math.cos(half_swath) ** 2
     step_rad = RESERVE * wanted.sampling_m / (altitude * stretch)
     turns_per_m = 1 / (RESERVE * wanted.sampling_m)
-    most_turns_hz = min(wanted.most_rotation_rpm / 60, wanted.most_chirp_rate_hz * step_rad / (2 * math.pi))
-    speed = min(wanted.speed_mps, most_turns_hz / turns_per_m)
+    max_turns_hz = min(wanted.most_rotation_rpm / 60, wanted.most_chirp_rate_hz * step_rad / (2 * math.pi))
+    speed = min(wanted.speed_mps, max_turns_hz / turns_per_m)
     turns_hz = speed * turns_per_m
     _check_lines(wanted, altitude, half_swath)
     spacing, waypoints = _lines(wanted, altitude, incidence, half_swath)
@@ -179,7 +178,7 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
         The base's positions are given on the map, and its terrain cannot be read.
 
     """
-    # The planned waypoints are local, so what stays of the base has to be.
+    # The planned waypoints are local, and so must be the rest of the base.
     base = in_local_frame(base or _default_base())
     data = base.model_dump(mode="json", exclude_none=True)
     size = plan.wanted.size_m
@@ -194,16 +193,16 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
         "waypoints_m": [list(point) for point in plan.waypoints_m],
     }
     data["radar"] |= {"chirp_rate_hz": plan.chirp_rate_hz, "samples_per_chirp": plan.samples_per_chirp}
-    # Keys of another scan mean nothing to the one that is planned.
-    kept = {key: value for key, value in data["radar"]["scan"].items() if key in ScanTable.model_fields}
-    data["radar"]["scan"] = kept | {
+    # Drop the keys of other scans.
+    scan = {key: value for key, value in data["radar"]["scan"].items() if key in ScanTable.model_fields}
+    data["radar"]["scan"] = scan | {
         "mode": "whisk_broom",
         "incidence_deg": math.degrees(plan.incidence_rad),
         "half_swath_deg": math.degrees(plan.half_swath_rad),
         "rotation_rpm": plan.rotation_rpm,
     }
     if isinstance(base.terrain, FlatTerrain):
-        # A plane is a plane whatever its size; hills of another size would be other hills.
+        # Only a plane can be enlarged without changing the terrain.
         reach = 2 * (np.abs(np.array(plan.waypoints_m)).max(axis=0) + 1.2 * plan.reach_m + 10.0)
         data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
     data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
@@ -218,7 +217,7 @@ def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
 
 
 def _check_chirps(plan: FlightPlan) -> None:
-    """Refuse a flight of more chirps than can be flown over the terrain to check it."""
+    """Raise ScenarioError for a flight of more chirps than the check of a plan allows."""
     chirps = plan.flight_s * plan.chirp_rate_hz
     if chirps > MAX_CHIRPS:
         wanted = plan.wanted
@@ -233,8 +232,8 @@ def _check_chirps(plan: FlightPlan) -> None:
 
 def _check(wanted: Wanted) -> None:
     problems = [
-        Problem(name, f"{value:g} must be greater than {least:g} and less than {most:g}; change it")
-        for name, value, least, most in (
+        Problem(name, f"{value:g} must be greater than {lower:g} and less than {upper:g}; change it")
+        for name, value, lower, upper in (
             ("area, east", wanted.size_m[0], 0.0, 1e5),
             ("area, north", wanted.size_m[1], 0.0, 1e5),
             ("sampling", wanted.sampling_m, 0.0, 1e3),
@@ -248,14 +247,14 @@ def _check(wanted: Wanted) -> None:
             ("position, north", wanted.position_m[1], -1e5, 1e5),
             ("heading", wanted.heading_deg, -360.0, 360.0),
         )
-        if not least < value < most
+        if not lower < value < upper
     ]
     if problems:
         raise ScenarioError(problems, "plan")
 
 
 def _angles(wanted: Wanted) -> tuple[float, float]:
-    """Return tilt and half swath: as wanted, or so much less that the slopes lie in no shadow."""
+    """Return tilt and half swath as requested, or reduced to keep the slopes out of shadow."""
     incidence, half_swath = math.radians(wanted.incidence_deg), math.radians(wanted.half_swath_deg)
     steepest = math.pi / 2 - math.radians(wanted.greatest_slope_deg) - SHADOW_MARGIN_RAD
     # The ray at the edge lies arccos(cos a cos b) from nadir.
@@ -266,18 +265,18 @@ def _angles(wanted: Wanted) -> tuple[float, float]:
 
 
 def _altitude(wanted: Wanted, base: Scenario, incidence: float, half_swath: float) -> float:
-    """Return the height at which the beam is as wide on the ground as it may be, or the sampled beat ends."""
+    """Return the greatest altitude within the limits of beam width on the ground and of sampled range."""
     azimuth, elevation = build_antenna(base.radar.antenna).beamwidths_rad
     slant = 1 / math.cos(incidence)  # over the height, in the middle of the swath
     along = elevation * slant / math.cos(incidence)
-    wide = BEAM_SAMPLES * wanted.sampling_m / max(azimuth * slant, along)
+    beam_limit_m = BEAM_SAMPLES * wanted.sampling_m / max(azimuth * slant, along)
     edge = 1 / (math.cos(incidence) * math.cos(half_swath))
-    far = base.radar.max_range_m / (edge * (1 + RELIEF))
-    return min(wide, far)
+    range_limit_m = base.radar.max_range_m / (edge * (1 + RELIEF))
+    return min(beam_limit_m, range_limit_m)
 
 
 def _samples(base: Scenario, altitude: float, incidence: float, half_swath: float) -> int:
-    """Return as many samples as the farthest ground needs, no fewer than the base has."""
+    """Return the number of samples required by the farthest ground, at least that of the base."""
     farthest = altitude * (1 + RELIEF) / (math.cos(incidence) * math.cos(half_swath))
     cells = farthest * 2 * base.radar.bandwidth_hz / speed_of_light
     needed = cells * (2 if base.radar.sampling == "real" else 1)
@@ -287,7 +286,7 @@ def _samples(base: Scenario, altitude: float, incidence: float, half_swath: floa
 def _lines(
     wanted: Wanted, altitude: float, incidence: float, half_swath: float
 ) -> tuple[float, tuple[tuple[float, float], ...]]:
-    """Return the distance of the lines and their ends in the order flown, along the longer side of the area."""
+    """Return the spacing of the lines and their ends in the order flown, along the longer side of the area."""
     right, forward = wanted.size_m
     along, across = max(right, forward), min(right, forward)
     swath = 2 * altitude * math.tan(half_swath)
@@ -300,9 +299,9 @@ def _lines(
     ends = (-along / 2 - far - margin, along / 2 - near + margin)
     waypoints = []
     for number, side in enumerate(offset):
-        way = 1 if number % 2 == 0 else -1
+        direction = 1 if number % 2 == 0 else -1
         for end in ends:
-            waypoints.append((way * end, side) if right >= forward else (side, way * end))
+            waypoints.append((direction * end, side) if right >= forward else (side, direction * end))
     return float(spacing), tuple((float(x), float(y)) for x, y in wanted.to_world(np.array(waypoints)))
 
 
@@ -316,7 +315,7 @@ def _default_base() -> Scenario:
     )
 
 
-# Places that the area is looked at, per sampling and in all.
+# Number of checked places, per sampling interval and in all.
 PLACES_PER_SAMPLE = 4
 MAX_PLACES = 1_000_000
 PULSES_AT_ONCE = 4096
@@ -324,11 +323,11 @@ PULSES_AT_ONCE = 4096
 
 @dataclass(frozen=True, kw_only=True)
 class PlanCheck:
-    """The sampling that a flown plan achieves.
+    """The achieved sampling of a flown plan.
 
-    pulses: how many were flown.
-    place_m: places all over the area, its border included, east and north; rows lie along the area's heading.
-    sampling_m: the sampling there, sqrt(2) times the distance on the map to the nearest echo.
+    pulses: number of pulses flown.
+    place_m: a grid of places over the area, border included, east and north; rows lie along the area's heading.
+    sampling_m: the sampling at each, sqrt(2) times the horizontal distance to the nearest echo.
     """
 
     plan: FlightPlan
@@ -338,7 +337,7 @@ class PlanCheck:
 
     @property
     def coverage(self) -> float:
-        """Share of the area that is sampled as finely as wanted."""
+        """Share of the area with the requested sampling or finer."""
         return float(np.mean(self.sampling_m <= self.plan.wanted.sampling_m * (1 + 1e-9)))
 
     @property
@@ -347,12 +346,12 @@ class PlanCheck:
         return float(self.sampling_m.max())
 
     def sampling_of(self, share: float) -> float:
-        """Return the sampling that a share of the area has, or a finer one."""
+        """Return the quantile of the sampling over the area: a share of it is sampled as finely or finer."""
         return float(np.quantile(self.sampling_m, share))
 
 
 def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
-    """Fly a plan over the terrain of its scenario, and return how finely it samples the area.
+    """Fly a plan over the terrain of its scenario, and return its sampling of the area.
 
     Parameters
     ----------
@@ -364,7 +363,7 @@ def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
     Raises
     ------
     ScenarioError, InputFileError
-        It cannot be flown there; see `prepare`.
+        The plan cannot be flown; see `prepare`.
 
     """
     prepared = prepare(scenario)
@@ -376,12 +375,12 @@ def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
             echoes.append(paths.hit_m[in_range, :2])
             advance(len(pulses))
     place = places(plan)
-    away, _ = KDTree(np.concatenate(echoes)).query(place)
-    return PlanCheck(plan=plan, pulses=len(prepared.flight), place_m=place, sampling_m=math.sqrt(2) * away)
+    distance_m, _ = KDTree(np.concatenate(echoes)).query(place)
+    return PlanCheck(plan=plan, pulses=len(prepared.flight), place_m=place, sampling_m=math.sqrt(2) * distance_m)
 
 
 def places(plan: FlightPlan) -> Float[np.ndarray, "row column 2"]:
-    """Return places all over the area of a plan, east and north."""
+    """Return a grid of places over the area of a plan, east and north."""
     right, along = plan.wanted.size_m
     step = max(plan.wanted.sampling_m / PLACES_PER_SAMPLE, math.sqrt(right * along / MAX_PLACES))
     columns, rows = (max(2, math.ceil(side / step) + 1) for side in (right, along))

@@ -1,4 +1,4 @@
-"""Frames of chirps from the middle of a flight: their range-Doppler maps, and what is detected in the last one."""
+"""Frames of chirps from the middle of a flight: their range-Doppler maps, and the detections in the last one."""
 
 from dataclasses import dataclass
 
@@ -17,19 +17,19 @@ from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
 
-# Cells beside the one under test, and beyond them, of the ring around it, in range rate and in range alike.
+# Guard and training cells on each side of the cell under test, in range rate and in range.
 GUARD, TRAINING = 3, 6
-# Of the latest map in the levels of a clutter map.
+# Weight of the latest map in the levels of a clutter map.
 WEIGHT = 0.25
-# Share of the beam by which the antenna may turn during a frame.
+# Largest turn of the antenna during a frame, as a share of the beam width.
 MAX_TURN = 0.5
-# A mover this many cells away from where a target is, in either direction, is that target.
+# Largest distance of a mover from its target, in cells in either direction.
 NEAR_CELLS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SeenTarget:
-    """A target of the scenario in the last frame: where it is, and where it was found; NaN if it was not.
+    """A target of the scenario in the last frame: true and detected position; NaN if undetected.
 
     number: in the scenario, from 0.
     """
@@ -43,15 +43,15 @@ class SeenTarget:
 
 @dataclass(frozen=True, kw_only=True)
 class Frames:
-    """Range-Doppler maps of frames that follow each other, and detection in the last of them.
+    """Range-Doppler maps of consecutive frames, and detections in the last one.
 
-    analyser: windows and cells; frames: how many. With `radar.stagger` the maps are folded, and the movers are not.
-    last: map of the last frame, and mean: of all of them.
-    detected: cells of the last one over the ring around them; changed: over what they held in earlier frames.
+    analyser: windows and cells; frames: their number. With `radar.stagger` the maps are folded, and the movers are not.
+    last, mean: map of the last frame, and mean of all maps.
+    detected: cells of the last frame above the CFAR of their ring; changed: above that of their own earlier levels.
     movers: peaks among the detected cells.
     targets: those of the scenario, in its order.
-    smear_cells: by how many cells the range rate of still ground in the middle of the beam changes during a frame, as
-        the radar passes it; peaks of frames in which that is more than one are low and wide.
+    smear_cells: change of the range rate of stationary ground in the middle of the beam during a frame, in cells, as
+        the radar passes; above one, peaks are low and wide.
     """
 
     scenario: Scenario
@@ -66,11 +66,11 @@ class Frames:
     smear_cells: float
 
     def __repr__(self) -> str:
-        found = sum(bool(np.isfinite(target.found_range_m)) for target in self.targets)
+        detected = sum(bool(np.isfinite(target.found_range_m)) for target in self.targets)
         cells = f"{self.last.chirp.range_resolution_m:.3g} m and {self.analyser.rate_cell_mps:.3g} m/s"
         return (
             f"Frames: {self.frames} of {self.analyser.chirps} chirps, cells of {cells}\n"
-            f"  {len(self.movers)} peaks, {found} of {len(self.targets)} targets among them"
+            f"  {len(self.movers)} peaks, {detected} of {len(self.targets)} targets among them"
         )
 
 
@@ -80,11 +80,11 @@ def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, executi
     Parameters
     ----------
     scenario:
-        The survey, with `tracing.speckle = "persistent"`: the phase of the ground must go on from chirp to chirp.
-        Windows, padding, the false-alarm rate, and what is done about leakage and bursts are those of its `processing`;
-        with `cfar.kind = "OS"` the ring takes an order statistic, otherwise its mean.
+        The survey, with `tracing.speckle = "persistent"`: the ground must be coherent from chirp to chirp. Windows,
+        padding, the false-alarm rate, and the treatment of leakage and bursts are those of its `processing`; with
+        `cfar.kind = "OS"` the ring takes an order statistic, otherwise its mean.
     chirps, frames:
-        Chirps of a frame, and how many frames.
+        Chirps per frame, and number of frames.
     execution:
         As for `sionna_radar.run`.
 
@@ -109,13 +109,13 @@ def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
     prepared = prepare(scenario)
     analyser = _analyser(prepared, chirps)
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
-    first = _first(prepared, chirps, frames)
+    start = _first(prepared, chirps, frames)
     cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
     radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     with stage("frames", frames):
         for number in range(frames):
-            pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
+            pulses = prepared.flight.pulses(start + number * chirps + np.arange(chirps))
             beat = radar.beat(pulses)
             last = analyser.map(beat)
             changed = clutter.detected(last.power)
@@ -141,7 +141,7 @@ def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
 
 
 def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeDoppler:
-    """Return the windows and transforms of frames; of those of two intervals every second chirp makes a map."""
+    """Return the windows and transforms of frames; with two intervals every second chirp belongs to one map."""
     radar, processing = prepared.local.radar, prepared.local.processing
     staggered = radar.stagger > 0
     if staggered and chirps % 2:
@@ -182,17 +182,17 @@ def _first(prepared: Prepared, chirps: int, frames: int) -> int:
     if frames < 1 or chirps * frames > len(prepared):
         message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
         raise ScenarioError([Problem("frames", message)])
-    first = (len(prepared) - chirps * frames) // 2
+    start = (len(prepared) - chirps * frames) // 2
     if prepared.local.radar.stagger > 0:
-        first -= first % 2
-    for frame in first + np.arange(chirps * frames).reshape(frames, chirps):
+        start -= start % 2
+    for frame in start + np.arange(chirps * frames).reshape(frames, chirps):
         _check_turn(prepared, frame)
         _check_intervals(prepared, frame)
-    return first
+    return start
 
 
 def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
-    """Refuse a frame within which the beam looks elsewhere, if only to come back."""
+    """Raise ScenarioError for a frame within which the beam turns too far, even if it returns."""
     boresight = prepared.flight.pulses(frame).true.boresight
     turned = float(np.arccos(np.clip(boresight @ boresight[0], -1.0, 1.0)).max())
     if turned > MAX_TURN * min(prepared.antenna.beamwidths_rad):
@@ -204,7 +204,7 @@ def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
 
 
 def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
-    """Refuse a frame within which the scan pauses."""
+    """Raise ScenarioError for a frame within which the scan pauses."""
     radar = prepared.local.radar
     waits = np.diff(prepared.flight.time_s[frame]) * radar.chirp_rate_hz
     if np.allclose(waits, np.where(frame[:-1] % 2, 1 + radar.stagger, 1.0), atol=1e-6):
@@ -217,7 +217,7 @@ def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> No
 
 
 def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:
-    """Return the change of range rate in a frame, in cells: the square of the speed across the ray over the range."""
+    """Return the change of range rate in a frame, in cells: squared speed across the ray over the range."""
     range_m = float(prepared.scene.caster.cast(middle.position_m, middle.boresight).distance_m[0])
     across = np.linalg.norm(np.cross(middle.velocity_mps[0], middle.boresight[0]))
     return float(across**2 / range_m * analyser.duration_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
@@ -225,7 +225,7 @@ def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> fl
 
 def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
     table, correlation = scenario.processing.cfar, analyser.noise_correlation(GUARD + TRAINING + 1)
-    if any(np.any(np.abs(one[GUARD + 1 :]) > SHARED_NOISE) for one in correlation):
+    if any(np.any(np.abs(lags[GUARD + 1 :]) > SHARED_NOISE) for lags in correlation):
         message = f"{scenario.processing.window!r} shares noise among more than {GUARD} cells of a map; set 'hann'"
         raise ScenarioError([Problem("processing.window", message)])
     return RingCfar(
@@ -247,35 +247,35 @@ def _clutter(scenario: Scenario) -> ClutterMap:
 def _targets(
     prepared: Prepared, middle: Pulses, movers: Movers, highest_mps: float, analyser: RangeDoppler
 ) -> tuple[SeenTarget, ...]:
-    """Return the scenario's targets, each with the nearest peak that is near enough.
+    """Return the scenario's targets, each with the nearest peak within `NEAR_CELLS`.
 
-    A body may return an echo from anywhere on it.
+    A body may return an echo from any of its points.
     """
-    seen = []
+    targets = []
     for number, target in enumerate(prepared.scene.scene.targets):
         place, velocity = np.array(target.position_m), np.zeros(3)
         if target.way is not None:
             place, velocity = (column[0] for column in target.way.at(middle.time_s))
-        away = place - middle.true.position_m[0]
-        range_m = float(np.linalg.norm(away))
-        rate_mps = float((velocity - middle.true.velocity_mps[0]) @ away) / range_m
+        offset_m = place - middle.true.position_m[0]
+        range_m = float(np.linalg.norm(offset_m))
+        rate_mps = float((velocity - middle.true.velocity_mps[0]) @ offset_m) / range_m
         reach_m = 0.0 if target.body is None else float(np.linalg.norm(target.body.vertices_m, axis=1).max())
-        # Range rates wrap at the ends of the unambiguous ones.
+        # Range rates wrap at the ends of the unambiguous interval.
         span = 2 * highest_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2
-        apart = np.maximum(
+        distance_cells = np.maximum(
             np.maximum(np.abs(movers.range_m - range_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
             np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
         )
-        nearest = int(np.argmin(apart)) if len(apart) else -1
-        found = nearest >= 0 and bool(apart[nearest] <= NEAR_CELLS)
-        seen.append(
+        nearest = int(np.argmin(distance_cells)) if len(distance_cells) else -1
+        is_detected = nearest >= 0 and bool(distance_cells[nearest] <= NEAR_CELLS)
+        targets.append(
             SeenTarget(
                 number=number,
                 range_m=range_m,
                 range_rate_mps=rate_mps,
-                found_range_m=float(movers.range_m[nearest]) if found else float("nan"),
-                found_rate_mps=float(movers.range_rate_mps[nearest]) if found else float("nan"),
+                found_range_m=float(movers.range_m[nearest]) if is_detected else float("nan"),
+                found_rate_mps=float(movers.range_rate_mps[nearest]) if is_detected else float("nan"),
             )
         )
-    return tuple(seen)
+    return tuple(targets)

@@ -2,11 +2,11 @@
 
 Every setting of the varied keys is a case, and every case is flown with the seeds s, s + 1, ... The
 statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
-that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
+that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps finished trials.
 
-A plan holds every setting of what is varied, with its scenario checked before anything is flown; scenes are built where
-they are flown over. The result holds trials, the cases that they are of, and the statistics of these. Shards of a
-study, flown by the jobs of an array, are merged.
+A plan holds every setting of the varied keys, with its scenario checked before the first flight; scenes are built by
+the process that flies over them. The result holds cases with their trials and statistics. Shards of a study, flown by
+the jobs of an array, are merged.
 """
 
 import re
@@ -32,16 +32,16 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 
 MAX_RUNS = 100_000
-# Letters of a value that is told people.
+# Longest shown value, in characters.
 LONGEST_SHOWN = 48
-# A table of the scenario that can be raised until the rest fits, and how often it is doubled for that.
+# A key that is raised until the rest of the scenario fits, and the largest number of doublings.
 SAMPLES = "radar.samples_per_chirp"
 DOUBLINGS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One setting of the varied keys; `scenario` is None, and `refusal` says why, where it cannot be flown."""
+    """One setting of the varied keys; if it cannot be flown, `scenario` is None and `refusal` the reason."""
 
     setting: Setting
     scenario: Scenario | None
@@ -50,9 +50,9 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepPlan:
-    """What is to be flown.
+    """Planned flights of a study.
 
-    axes: the varied keys, with all values that they take.
+    axes: the varied keys, with all their values.
     cells: the settings, in the order of `Design`.
     """
 
@@ -63,23 +63,23 @@ class SweepPlan:
 
     @property
     def trials(self) -> int:
-        """Surveys to be flown."""
+        """Number of surveys to be flown."""
         return sum(1 for _ in self.flights())
 
     def identity(self) -> dict[str, Any]:
-        """Return the inputs that determine its results, as a JSON document."""
+        """Return the inputs that determine the results, as a JSON document."""
         flown = [cell.scenario for cell in self.cells if cell.scenario is not None]
-        every = [scenario.model_dump_json() for scenario in flown]
+        documents = [scenario.model_dump_json() for scenario in flown]
         files = {name: stamp for scenario in flown for name, stamp in input_files(scenario).items()}
         return {
             "study": [self.source, [cell.setting for cell in self.cells], self.repeat],
-            "scenario": sha256("\n".join(every).encode()).hexdigest(),
+            "scenario": sha256("\n".join(documents).encode()).hexdigest(),
             "seed": sorted({scenario.seed for scenario in flown}),
             "input file": files,
         }
 
     def flights(self) -> Iterator[tuple[int, Scenario, int]]:
-        """Yield the surveys in the order flown: number of the cell, its scenario, and how far its seed is raised."""
+        """Yield the surveys in the order flown: number of the cell, its scenario, and offset of its seed."""
         for number, cell in enumerate(self.cells):
             if cell.scenario is not None:
                 yield from ((number, cell.scenario, repeat) for repeat in range(self.repeat))
@@ -94,9 +94,9 @@ class Shard:
 
     @staticmethod
     def parse(text: str) -> "Shard":
-        """Return the shard that `I/N` names; raises ScenarioError for anything else."""
-        found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
-        shard = Shard(*map(int, found.groups())) if found else Shard(0, 0)
+        """Return the shard for `I/N`; raises ScenarioError for anything else."""
+        match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
+        shard = Shard(*map(int, match.groups())) if match else Shard(0, 0)
         if not 1 <= shard.number <= shard.count:
             message = f"{text!r} is no shard; give I/N with I from 1 to N, such as 2/8"
             refuse(message, "--shard")
@@ -118,18 +118,18 @@ def plan_sweep(
 ) -> SweepPlan:
     """Load the scenario of every setting of a study, and prepare one that can be flown.
 
-    A setting that cannot be flown keeps its place with the reason, and what helps where that can be found.
+    A setting that cannot be flown keeps its place with the reason, and the remedy where one is found.
 
     Parameters
     ----------
     source:
         A scenario file, or the name of a shipped scenario.
     varied:
-        What is varied: the values of each dotted key, or a `Design` with ranges that are sampled or rows of a table.
+        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table.
     repeat:
-        Seeds that every setting is flown with.
+        Number of seeds per setting.
     overrides:
-        Dotted keys replaced in all settings alike.
+        Dotted keys replaced in all settings.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def plan_sweep(
             scenario = None
             try:
                 scenario = load_scenario(source, overrides | setting)
-                # One ready to fly shows that the study is no mistake as a whole; the others are built in flight.
+                # One flyable setting shows that the study is not wrong as a whole; the others are built in flight.
                 if not flyable:
                     prepare(scenario)
                     flyable = True
@@ -169,7 +169,7 @@ def plan_sweep(
 
 
 def refusal(error: Exception, scenario: Scenario | None) -> str:
-    """Return the reason why a scenario cannot be flown, and the number of samples with which it can, if any."""
+    """Return the reason why a scenario cannot be flown, and a sufficient number of samples, if any."""
     reason, problems = one_line(error), getattr(error, "problems", ())
     if scenario is None or not problems or any(p.field != SAMPLES for p in problems):
         return reason
@@ -185,15 +185,15 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
     return reason
 
 
-def failure(found: Failure, scenario: Scenario, repeat: int) -> str:
-    """Return the reason why a survey of a study failed; with the seed, unless it fails with every seed."""
-    if found.kind in (ScenarioError.__name__, InputFileError.__name__):
-        return refusal(found.error(), scenario)
-    return f"seed {scenario.seed + repeat}: {found.kind}: {found.text}"
+def failure(outcome: Failure, scenario: Scenario, repeat: int) -> str:
+    """Return the reason why a survey of a study failed; with the seed if that matters."""
+    if outcome.kind in (ScenarioError.__name__, InputFileError.__name__):
+        return refusal(outcome.error(), scenario)
+    return f"seed {scenario.seed + repeat}: {outcome.kind}: {outcome.text}"
 
 
 def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:
-    """Return one error for settings that all cannot be flown."""
+    """Return one error for a study without a flyable setting."""
     problems: dict[Problem, list[dict[str, Any]]] = {}
     for error, setting in refused:
         if not isinstance(error, ScenarioError):
@@ -217,7 +217,7 @@ def _check_request(design: Design, repeat: int, overrides: Mapping[str, Any]) ->
 
 
 def _located(problem: Problem, settings: list[dict[str, Any]], count: int) -> Problem:
-    """Return a problem that says which setting has it, unless all have."""
+    """Return a problem with the setting it occurs in, unless it occurs in all."""
     if len(settings) == count:
         return problem
     return Problem(problem.field, f"{problem.message} (at {label(settings[0])})")
@@ -231,14 +231,14 @@ def label(setting: Mapping[str, Any]) -> str:
 
 
 def short(value: Any) -> str:
-    """Return a value of a setting for people: of a long one, such as a list of tables, the beginning and the end."""
+    """Return a readable value of a setting; long ones, such as lists of tables, are abbreviated."""
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 16]} ... {text[-11:]}"
 
 
-# Cases that `repr` names.
+# Largest number of cases in `repr`.
 MAX_LINES = 8
-# Statistics by their names in the results: whose cells they are of, and what of their `DemError`.
+# Statistics by their names in the results: the trial's error, and the field of this `DemError`.
 STATISTICS = {
     **{name: ("lit_error", name) for name in ("rms_m", "mean_m", "std_m", "nmad_m", "min_m", "max_m", "coverage")},
     "off_wall_rms_m": ("off_wall_error", "rms_m"),
@@ -250,7 +250,7 @@ STATISTICS = {
 class Trial:
     """One survey of a sweep; its errors are those of `Survey`.
 
-    wall_s, peak_memory_mb: what it took; no two flights take the same, so that these make no difference.
+    wall_s, peak_memory_mb: cost of the flight, which varies from run to run and is ignored in comparisons.
     """
 
     seed: int
@@ -264,18 +264,18 @@ class Trial:
     peak_memory_mb: float = field(compare=False)
 
     @staticmethod
-    def of_document(found: Mapping[str, Any]) -> "Trial":
-        """Return the trial that `asdict` made a document of."""
+    def of_document(document: Mapping[str, Any]) -> "Trial":
+        """Return the trial of a document made by `asdict`."""
         errors = {
-            name: None if found[name] is None else DemError(**found[name])
+            name: None if document[name] is None else DemError(**document[name])
             for name in ("dem_error", "lit_error", "off_wall_error")
         }
-        return Trial(**{**found, **errors, "warnings": tuple(found["warnings"])})
+        return Trial(**{**document, **errors, "warnings": tuple(document["warnings"])})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One setting of the varied keys, with its trials; `reason` says why some or all are missing."""
+    """One setting of the varied keys, with its trials; `reason` explains missing ones."""
 
     setting: dict[str, Any]
     scenario: Scenario | None
@@ -283,12 +283,12 @@ class Case:
     reason: str = ""
 
     def of_trials(self, statistic: str) -> Float[np.ndarray, " trial"]:
-        """Return one of STATISTICS in every trial; NaN where the run has none."""
+        """Return one of STATISTICS in every trial; NaN where undefined."""
         cells, name = STATISTICS[statistic]
         return np.array([getattr(getattr(t, cells), name, np.nan) for t in self.trials], dtype=float)
 
     def mean(self, statistic: str) -> float:
-        """Return the mean over the trials; NaN where one has no DEM, or none is flown."""
+        """Return the mean over the trials; NaN if one has no DEM, or none is flown."""
         return float(np.mean(self.of_trials(statistic))) if self.trials else float("nan")
 
     def spread(self, statistic: str) -> float:
@@ -298,12 +298,12 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """A finished study, or as much of it as an interrupt has left.
+    """A finished study, or the part finished before an interrupt.
 
-    source, axes, repeat: what was varied of which scenario, with how many seeds.
+    source, axes, repeat: the scenario, its varied keys, and number of seeds.
     cases: one for each setting.
-    interrupted: whether an interrupt ended it.
-    shard: which part of the study it is, as I/N; "" for the whole.
+    interrupted: True if an interrupt ended it.
+    shard: part of the study, as I/N; "" for the whole.
 
     Examples
     --------
@@ -324,18 +324,18 @@ class Sweep:
 
     @property
     def failed(self) -> bool:
-        """Whether any case lacks a trial."""
+        """True if any case lacks a trial."""
         return any(case.reason for case in self.cases)
 
     def __repr__(self) -> str:
         head = f"Sweep of {self.source}: {len(self.cases)} cases x {self.repeat} seeds, RMS error of lit cells"
         results = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
         rows = [f"  {label(c.setting)}: {result}" for c, result in results]
-        more = len(self.cases) - len(rows)
-        return "\n".join([head, *rows, *([f"  and {more} more"] if more else [])])
+        hidden = len(self.cases) - len(rows)
+        return "\n".join([head, *rows, *([f"  and {hidden} more"] if hidden else [])])
 
 
-# A cell of the plan, and how far the seed is raised.
+# A cell of the plan, and the offset of the seed.
 Place = tuple[int, int]
 
 
@@ -345,17 +345,17 @@ def run_sweep(
     shard: Shard | None = None,
     execution: Execution | None = None,
 ) -> Sweep:
-    """Fly all trials of a study, or those of a shard of it: one after another, or on workers.
+    """Fly all trials of a study, or of one shard: sequentially, or on workers.
 
-    A case of which a trial fails says why. An interrupt ends the study, which keeps the trials done; with checkpoints
-    it goes on from them.
+    A case with a failed trial holds the reason. An interrupt ends the study, which keeps finished trials; with
+    checkpoints it resumes from them.
 
     Parameters
     ----------
     plan:
         The study, from `plan_sweep`.
     shard:
-        Which of them are flown; see `Shard`. Without it all.
+        Subset of the trials to fly; see `Shard`. None for all.
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
@@ -379,26 +379,26 @@ def run_sweep(
     places, tasks = _tasks(flights, execution.block_size)
     flown: dict[Place, Trial | Failure] = {}
     interrupted = False
-    steps = {key: len(its) for key, its in places.items()}
+    steps = {key: len(surveys) for key, surveys in places.items()}
     try:
         with execution.reported(), stage("surveys", len(flights)):
-            for key, found in execution.over(tasks, trial_task, steps=steps):
-                if isinstance(found, Failure) and found.kind == BackendError.__name__:
-                    raise found.error()
-                result = found if isinstance(found, Failure) else Trial.of_document(document_of(found))
+            for key, outcome in execution.over(tasks, trial_task, steps=steps):
+                if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
+                    raise outcome.error()
+                result = outcome if isinstance(outcome, Failure) else Trial.of_document(document_of(outcome))
                 flown |= dict.fromkeys(places[key], result)
     except (KeyboardInterrupt, Interrupted):
         if execution.checkpoints is not None:
             raise
         interrupted = True
-    wanted: dict[int, list[int]] = {}
+    repeats: dict[int, list[int]] = {}
     for number, _, repeat in flights:
-        wanted.setdefault(number, []).append(repeat)
+        repeats.setdefault(number, []).append(repeat)
     return Sweep(
         source=plan.source,
         axes=plan.axes,
         repeat=plan.repeat,
-        cases=tuple(_case(cell, number, wanted.get(number, ()), flown) for number, cell in enumerate(plan.cells)),
+        cases=tuple(_case(cell, number, repeats.get(number, ()), flown) for number, cell in enumerate(plan.cells)),
         interrupted=interrupted,
         shard=str(shard or ""),
     )
@@ -407,7 +407,7 @@ def run_sweep(
 def _tasks(
     flights: Sequence[tuple[int, Scenario, int]], block_size: int
 ) -> tuple[dict[str, list[Place]], dict[str, Task]]:
-    """Return the surveys as tasks by their keys, and the cells and seeds that each belongs to."""
+    """Return the cells and seeds of each distinct survey, and the surveys as tasks, both by key."""
     places: dict[str, list[Place]] = {}
     for number, scenario, repeat in flights:
         key = scenario.model_copy(update={"seed": scenario.seed + repeat}).model_dump_json()
@@ -416,14 +416,14 @@ def _tasks(
 
 
 def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
-    """Return a setting with the trials that were flown of it, and why others were not."""
+    """Return a setting with its flown trials, and the reason for missing ones."""
     trials, reason = [], cell.refusal
     for repeat in repeats:
-        found = flown.get((number, repeat))
-        if isinstance(found, Trial):
-            trials.append(found)
+        outcome = flown.get((number, repeat))
+        if isinstance(outcome, Trial):
+            trials.append(outcome)
         elif not reason and cell.scenario is not None:
-            reason = "interrupted" if found is None else failure(found, cell.scenario, repeat)
+            reason = "interrupted" if outcome is None else failure(outcome, cell.scenario, repeat)
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
 
 
@@ -449,33 +449,37 @@ def _trial(scenario: Scenario, execution: Execution) -> Trial:
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:
-    """Return the whole study of which some sweeps are the shards, the same as if it had been flown at once.
+    """Return the whole study from its shards, identical to one flown at once.
 
     Raises
     ------
     InputFileError
-        They are shards of different studies, one is missing or there twice, or one is not a shard.
+        They are shards of different studies, one is missing or duplicate, or one is not a shard.
 
     """
-    first = shards[0]
-    found = [Shard.parse(one.shard) for one in shards if one.shard]
-    if len(found) < len(shards):
+    reference = shards[0]
+    parsed = [Shard.parse(sweep.shard) for sweep in shards if sweep.shard]
+    if len(parsed) < len(shards):
         _refuse("one of the folders holds a whole study, not a shard; leave it out")
-    for other, shard in zip(shards[1:], found[1:], strict=True):
-        same = (other.source, other.axes, other.repeat) == (first.source, first.axes, first.repeat)
-        if not same or [c.scenario for c in other.cases] != [c.scenario for c in first.cases]:
-            _refuse(f"shards {found[0]} and {shard} are of different studies; merge those of one")
-        if shard.count != found[0].count:
-            _refuse(f"shards {found[0]} and {shard} are of different counts; merge those of one study")
-    numbers = [shard.number for shard in found]
+    for candidate, shard in zip(shards[1:], parsed[1:], strict=True):
+        same = (candidate.source, candidate.axes, candidate.repeat) == (
+            reference.source,
+            reference.axes,
+            reference.repeat,
+        )
+        if not same or [c.scenario for c in candidate.cases] != [c.scenario for c in reference.cases]:
+            _refuse(f"shards {parsed[0]} and {shard} are of different studies; merge those of one")
+        if shard.count != parsed[0].count:
+            _refuse(f"shards {parsed[0]} and {shard} are of different counts; merge those of one study")
+    numbers = [shard.number for shard in parsed]
     twice = sorted({number for number in numbers if numbers.count(number) > 1})
-    missing = sorted(set(range(1, found[0].count + 1)) - set(numbers))
+    missing = sorted(set(range(1, parsed[0].count + 1)) - set(numbers))
     if twice:
-        _refuse(f"shard {twice[0]}/{found[0].count} is there twice; name its folder once")
+        _refuse(f"shard {twice[0]}/{parsed[0].count} is there twice; name its folder once")
     if missing:
-        _refuse(f"shard {', '.join(f'{n}/{found[0].count}' for n in missing)} is missing; name its folder, too")
-    cases = [_merged(same) for same in zip(*(one.cases for one in shards), strict=True)]
-    return replace(first, cases=tuple(cases), shard="")
+        _refuse(f"shard {', '.join(f'{n}/{parsed[0].count}' for n in missing)} is missing; name its folder, too")
+    cases = [_merged(same) for same in zip(*(sweep.cases for sweep in shards), strict=True)]
+    return replace(reference, cases=tuple(cases), shard="")
 
 
 def _merged(cases: Sequence[Case]) -> Case:

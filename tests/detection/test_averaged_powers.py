@@ -66,5 +66,5 @@ def test_powers_of_bursts_are_averaged_before_the_threshold():
 
 
 def test_other_kinds_know_single_looks_alone():
-    with pytest.raises(ValueError, match="'SO' knows single looks alone"):
+    with pytest.raises(ValueError, match="'SO' supports single looks only"):
         Cfar(kind="SO", guard=1, training=4, false_alarm_probability=1e-3, correlation=INDEPENDENT, looks=2)

@@ -1,4 +1,4 @@
-"""The estimator of angles of arrival that a scenario asks for."""
+"""The estimator of angles of arrival of a scenario."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sionna_radar.scenario.radar import RadarTable
 def build_angle_estimator(radar: RadarTable, detector: Detector, antenna: Antenna) -> AngleEstimator | None:
     """Return the estimator of directions inside the beam; None where the scenario requests none.
 
-    Raises ScenarioError for receivers that cannot tell them; see `build_side_receivers`.
+    Raises ScenarioError for receivers that cannot resolve them; see `build_side_receivers`.
     """
     if detector.processing.angle == "off":
         return None

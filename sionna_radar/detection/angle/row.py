@@ -1,20 +1,20 @@
-"""Directions in one range cell by a row of receivers: beam formers, and two surfaces (a roof, the ground before it).
+"""Directions in one range cell by a linear array of receivers: one or two surfaces (a roof, the ground before it).
 
-In each stretch the covariance of the row's signals is summed over its cells, after the phase that level ground would
-add from cell to cell is taken out, and averaged with that of the row turned around. A second surface is looked for
-where the second eigenvalue exceeds what noise and one surface leave: noise of power w in N receivers and L looks at
-most w (1 + sqrt(N / L))^2 (Marchenko and Pastur 1967), and a surface whose phase from receiver to receiver scatters by
-s that of the covariance exp(-s^2 (m - n)^2 / 2). One or two directions are MUSIC's; two that have no minimum of their
-own inside the beam give no point, since the direction of one would be a mean of both.
+In each stretch the covariance of the row's signals is summed over its cells, after removing the phase ramp of level
+ground from cell to cell, and averaged with that of the reversed row. A second surface is sought where the second
+eigenvalue exceeds that of noise and one surface: noise of power w in N receivers and L looks gives at most
+w (1 + sqrt(N / L))^2 (Marchenko and Pastur 1967), and a surface whose phase from receiver to receiver scatters by s
+that of the covariance exp(-s^2 (m - n)^2 / 2). One or two directions are MUSIC's; two without separate minima inside
+the beam give no point, since a single direction would be a mean of both.
 
 The row's signals in a range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u
 the direction cosine along the row, and R = E[x x^H]. MUSIC's spectrum 1 / |E^H a|^2, E the eigenvectors of R without
 those of the strongest sources (Stoica and Nehorai 1989, "MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans.
-ASSP 37), tells nearer sources apart as their powers exceed the noise. Two ways of one wave are coherent, and R has one
-source alone; its mean with that of the row turned around, (R + J R* J) / 2, parts them.
+ASSP 37), resolves closer sources the more their powers exceed the noise. Two paths of one wave are coherent, and R has
+a single source; its forward-backward mean (R + J R* J) / 2 decorrelates them.
 
-MUSIC stands here in a few lines of NumPy: the libraries at hand are written for studies of other signals, hold single
-covariances, and one of them says that it is not designed for real-world applications (doatools).
+MUSIC is implemented here in a few lines of NumPy: available libraries are written for other signals, process single
+covariances, and one states that it is not designed for real-world applications (doatools).
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from sionna_radar.detection.angle.arrival import AngleEstimator, Directions
 from sionna_radar.detection.angle.segments import Stretches, wavefront_bend
 
-# Steps of the direction cosine in a spectrum: so many in the width of the row's own beam.
+# Steps of the direction cosine in a spectrum per beam width of the row.
 STEPS_IN_BEAM = 100
 
 
@@ -39,7 +39,7 @@ def steering(
 
 
 def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[np.ndarray, "*point e e"]:
-    """Return covariances of an even row averaged with those of the row turned around."""
+    """Return forward-backward averages of the covariances of an evenly spaced row."""
     averaged: Complex[np.ndarray, "*point e e"] = (covariance + covariance[..., ::-1, ::-1].conj()) / 2
     return averaged
 
@@ -47,15 +47,15 @@ def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[n
 def noise_share(
     covariance: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"], sources: int
 ) -> Float[np.ndarray, "*point n"]:
-    """Return the share of each direction's wave outside the space of the sources: MUSIC's spectrum is its inverse."""
-    own = np.linalg.eigh(covariance)[1][..., -sources:]
-    inside = np.sum(np.abs(vectors.conj() @ own) ** 2, axis=-1)
-    share: Float[np.ndarray, "*point n"] = 1 - inside / vectors.shape[1]
+    """Return the share of each steering vector outside the signal subspace: MUSIC's spectrum is its inverse."""
+    signal_space = np.linalg.eigh(covariance)[1][..., -sources:]
+    signal_power = np.sum(np.abs(vectors.conj() @ signal_space) ** 2, axis=-1)
+    share: Float[np.ndarray, "*point n"] = 1 - signal_power / vectors.shape[1]
     return share
 
 
 def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> Float[np.ndarray, " n"]:
-    """Return direction cosines to `reach` on either side, in steps that resolve a row's beam."""
+    """Return direction cosines from -reach to reach, in steps that resolve a row's beam."""
     half = int(np.ceil(reach * float(np.ptp(place_wavelengths)) * STEPS_IN_BEAM)) + 1
     return np.linspace(-reach, reach, 2 * half + 1)
 
@@ -67,18 +67,18 @@ def lowest(
     inner = share[:, 1:-1]
     dip = (inner <= share[:, :-2]) & (inner < share[:, 2:])
     ranked = np.argsort(np.where(dip, inner, np.inf), axis=1, kind="stable")[:, :sources]
-    found = np.take_along_axis(dip, ranked, axis=1)
+    is_minimum = np.take_along_axis(dip, ranked, axis=1)
     row = np.arange(len(share))[:, None]
-    before, at, after = (share[row, ranked + step] for step in range(3))
-    bend = before - 2 * at + after
-    shift = np.where(bend > 0, (before - after) / np.where(bend > 0, 2 * bend, 1.0), 0.0)
+    left, centre, right = (share[row, ranked + step] for step in range(3))
+    bend = left - 2 * centre + right
+    shift = np.where(bend > 0, (left - right) / np.where(bend > 0, 2 * bend, 1.0), 0.0)
     place = cosine[1] - cosine[0]
-    return np.where(found, cosine[ranked + 1] + np.clip(shift, -0.5, 0.5) * place, np.nan)
+    return np.where(is_minimum, cosine[ranked + 1] + np.clip(shift, -0.5, 0.5) * place, np.nan)
 
 
 def separators(vectors: Complex[np.ndarray, "point source e"]) -> Complex[np.ndarray, "point source e"]:
-    """Return the weights that pass each of some sources as it is, and none of the others: rows of a pseudo-inverse."""
-    # Of vectors as rows: A = vectors^T, and A^+ = (A^H A)^-1 A^H.
+    """Return the weights that pass each source with unit gain and null the others: rows of a pseudo-inverse."""
+    # Vectors are rows: A = vectors^T, and A^+ = (A^H A)^-1 A^H.
     conjugate = vectors.conj()
     weights: Complex[np.ndarray, "point source e"] = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2)) @ conjugate
     return weights
@@ -108,28 +108,28 @@ def cosine_variance(
     sources (Stoica and Nehorai 1989; see above).
     """
     derivative = 2j * np.pi * place_wavelengths * vectors
-    # The projection onto the sources' space.
+    # The projection onto the signal subspace.
     conjugate = vectors.conj()
     gram = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2))
     along = conjugate @ np.swapaxes(derivative, 1, 2)
-    inside = np.einsum("pis,pij,pjs->ps", along.conj(), gram, along).real
-    outside = np.sum(np.abs(derivative) ** 2, axis=2) - inside
-    return 1 / (2 * looks[:, None] * power_over_noise * np.maximum(outside, 1e-12))
+    projected = np.einsum("pis,pij,pjs->ps", along.conj(), gram, along).real
+    residual = np.sum(np.abs(derivative) ** 2, axis=2) - projected
+    return 1 / (2 * looks[:, None] * power_over_noise * np.maximum(residual, 1e-12))
 
 
-# Scatter of a phase from receiver to receiver up to which one surface is followed, and steps of it.
+# Largest phase scatter from receiver to receiver tabulated for one surface, and number of steps.
 MAX_SCATTER_RAD, SCATTERS = 1.5, 61
-# Half-power widths that are looked through: to where the two-way beam has fallen by more than 20 dB.
+# Scanned directions in half-power widths: there the two-way beam has fallen by more than 20 dB.
 SCANNED = 2.0
-# Standard deviations of an eigenvalue of L looks, 1 / sqrt(L) of it, by which one surface is exceeded.
+# Excess over one surface that counts as a second, in standard deviations 1 / sqrt(L) of an eigenvalue of L looks.
 EXCEEDED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class RowEstimator(AngleEstimator):
-    """Finds up to two directions in each stretch, by receivers evenly spaced along the axis of the last one.
+    """Estimator of up to two directions in each stretch, by receivers evenly spaced along the axis of the last one.
 
-    One on the other axis, if there is one, tells each direction's cosine there.
+    A receiver on the other axis, if any, measures each direction's cosine there.
     """
 
     def _directions(
@@ -138,15 +138,15 @@ class RowEstimator(AngleEstimator):
         sampled = self._products(stretches, signals)
         count = len(self._places)
         covariance = forward_backward(sampled[:, :count, :count])
-        two = self._two_surfaces(stretches, covariance)
-        # Beyond the beam as well: what comes from there is no point, and has no minimum of its own inside.
+        double = self._two_surfaces(stretches, covariance)
+        # Scan beyond the beam: sources there give no point, and must not appear as minima inside.
         cosine = scanned(self._places, min(SCANNED * self.half_power[self._axis - 1], 0.5 / abs(self._places[1])))
         vectors = steering(self._places, cosine)
-        found = []
-        for sources, own in ((1, np.flatnonzero(~two)), (2, np.flatnonzero(two))):
-            toward = lowest(noise_share(covariance[own], vectors, sources), cosine, sources)
-            found.append(self._sources(stretches, sampled, covariance, own, toward))
-        stretch, share, cosines, variance = (np.concatenate(column) for column in zip(*found, strict=True))
+        results = []
+        for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
+            toward = lowest(noise_share(covariance[selected], vectors, sources), cosine, sources)
+            results.append(self._sources(stretches, sampled, covariance, selected, toward))
+        stretch, share, cosines, variance = (np.concatenate(column) for column in zip(*results, strict=True))
         order = np.argsort(stretch, kind="stable")
         points = stretches.rows(stretch[order], share[order])
         diagonal = variance[order][:, :, None] * np.eye(variance.shape[1])
@@ -158,13 +158,13 @@ class RowEstimator(AngleEstimator):
 
     @property
     def _phases(self) -> Float[np.ndarray, "receiver 2"]:
-        """Phases of the row's receivers, and of one beside it, by direction cosines left and up.
+        """Phases of the row's receivers, and of one beside it, per direction cosine left and up.
 
-        On a down-sweep a beat's phase is the negative of that of the way there and back.
+        On a down-sweep a beat's phase is the negative of the two-way phase.
         """
         chirp = self.detector.analyser.chirp
-        row = [each for each in self.receivers if each.axis == self._axis]
-        beside = [each for each in self.receivers if each.axis != self._axis]
+        row = [element for element in self.receivers if element.axis == self._axis]
+        beside = [element for element in self.receivers if element.axis != self._axis]
         phases = np.zeros((1 + len(self.receivers), 2))
         for number, receiver in enumerate(row + beside, start=1):
             assert receiver.baseline_m is not None
@@ -174,7 +174,7 @@ class RowEstimator(AngleEstimator):
 
     @property
     def _places(self) -> Float[np.ndarray, " element"]:
-        """Places of the row's receivers in wavelengths, by the signs of their phases."""
+        """Positions of the row's receivers in wavelengths, signed like their phases."""
         row = 1 + sum(receiver.axis == self._axis for receiver in self.receivers)
         places: Float[np.ndarray, " element"] = self._phases[:row, self._axis - 1] / (2 * np.pi)
         return places
@@ -182,18 +182,21 @@ class RowEstimator(AngleEstimator):
     def _products(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> Complex[np.ndarray, "point receiver receiver"]:
-        """Return the products of the receivers' signals, those of the row first, summed over each stretch's cells."""
+        """Return the cross products of the receivers' signals, row first, summed over each stretch's cells."""
         phases, order = self._phases, [receiver.axis != self._axis for receiver in self.receivers]
         per_cosine = phases.sum(axis=1)  # each receiver lies on one axis
         wavelength_m = self.detector.analyser.chirp.wavelength_m
-        bend = [wavefront_bend(each, abs(each) * wavelength_m / (2 * np.pi)) for each in per_cosine]
+        bend = [
+            wavefront_bend(phase_per_cosine, abs(phase_per_cosine) * wavelength_m / (2 * np.pi))
+            for phase_per_cosine in per_cosine
+        ]
         ordered = [signals[0], *(signals[1:][number] for number in np.argsort(order, kind="stable"))]
         products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
         climb = stretches.strips.climb * stretches.climb_per_m[:, None]
         for m, signal in enumerate(ordered):
-            for n, other in enumerate(ordered[: m + 1]):
+            for n, reference in enumerate(ordered[: m + 1]):
                 ramp = climb @ (phases[m] - phases[n])
-                products[:, m, n], _ = stretches.cross(signal, other, ramp, bend[m] - bend[n])
+                products[:, m, n], _ = stretches.cross(signal, reference, ramp, bend[m] - bend[n])
                 products[:, n, m] = products[:, m, n].conj()
         return products
 
@@ -206,61 +209,61 @@ class RowEstimator(AngleEstimator):
         noise = stretches.noise_power * (1 + np.sqrt(count / looks)) ** 2
         strips = stretches.strips
         along = strips.strip[:, self._axis - 1] * strips.along
-        # Ground may be tilted: as much as the ramp may be missing or doubled.
+        # On tilted ground the ramp may vanish or double.
         ramp = strips.climb[:, self._axis - 1] * stretches.climb_per_m * np.sqrt(stretches.range_variance_m2)
         spacing = 2 * np.pi * abs(self._places[1] - self._places[0])
-        left = _second_eigenvalue(count, spacing * np.hypot(along, ramp))
-        one = left * value[:, -1] * (1 + EXCEEDED_SIGMAS / np.sqrt(looks))
-        return value[:, -2] > one + noise
+        eigenvalue_ratio = _second_eigenvalue(count, spacing * np.hypot(along, ramp))
+        single_surface = eigenvalue_ratio * value[:, -1] * (1 + EXCEEDED_SIGMAS / np.sqrt(looks))
+        return value[:, -2] > single_surface + noise
 
     def _sources(
         self,
         stretches: Stretches,
         sampled: Complex[np.ndarray, "point receiver receiver"],
         covariance: Complex[np.ndarray, "point e e"],
-        own: Int[np.ndarray, " own"],
+        selected: Int[np.ndarray, " own"],
         cosine: Float[np.ndarray, "own source"],
     ) -> tuple[
-        Int[np.ndarray, " found"],
-        Float[np.ndarray, " found"],
-        Float[np.ndarray, "found axis"],
-        Float[np.ndarray, "found axis"],
+        Int[np.ndarray, " direction"],
+        Float[np.ndarray, " direction"],
+        Float[np.ndarray, "direction axis"],
+        Float[np.ndarray, "direction axis"],
     ]:
         """Return stretch, share of the power, direction cosines and their variances of all sources of some stretches.
 
-        One row for each source of a stretch in which all were found; the axes are in the order of the receivers.
+        One row per source of a stretch with all sources resolved; the axes are in the order of the receivers.
         """
-        whole = np.isfinite(cosine).all(axis=1)
-        own, cosine = own[whole], cosine[whole]
+        complete = np.isfinite(cosine).all(axis=1)
+        selected, cosine = selected[complete], cosine[complete]
         count, sources = len(self._places), cosine.shape[1]
-        vectors = steering(self._places, cosine.ravel()).reshape(len(own), sources, count)
-        noise = stretches.noise_power[own]
-        power = source_powers(covariance[own], vectors, noise)
-        ratio, looks = power / noise[:, None], stretches.looks[own]
+        vectors = steering(self._places, cosine.ravel()).reshape(len(selected), sources, count)
+        noise = stretches.noise_power[selected]
+        power = source_powers(covariance[selected], vectors, noise)
+        ratio, looks = power / noise[:, None], stretches.looks[selected]
         variance = cosine_variance(self._places, vectors, ratio, looks)
         share = power / power.sum(axis=1, keepdims=True)
         if sources > 1:
-            # Each surface has a mean range by its own speckle; the point has the mean of both by their powers, which
-            # differs from it by the other's share of the difference of two means of L looks.
-            apart = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[own, None]
-            climb = stretches.strips.climb[own, self._axis - 1] * stretches.climb_per_m[own]
-            variance = variance + apart * climb[:, None] ** 2
+            # The mean range of each surface depends on its own speckle; the point's is the mean of both by their
+            # powers, off by the other's share of the difference of two means of L looks.
+            mean_variance_m2 = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
+            climb = stretches.strips.climb[selected, self._axis - 1] * stretches.climb_per_m[selected]
+            variance = variance + mean_variance_m2 * climb[:, None] ** 2
         cosines, variances = [cosine.ravel()], [variance.ravel()]
         if sampled.shape[1] > count:
-            # What the receiver beside the row hears of each source, by least squares over the stretch's cells.
+            # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
             weight = separators(vectors)
-            heard = weight @ sampled[own, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
-            beside = np.linalg.solve(heard, weight @ sampled[own, :count, count:])[:, :, 0]
+            source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
+            beside = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
             per_cosine = self._phases[-1, 2 - self._axis]
             cosines.insert(0, (-np.angle(beside) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
-        return np.repeat(own, sources), share.ravel(), np.stack(cosines, axis=1), np.stack(variances, axis=1)
+        return np.repeat(selected, sources), share.ravel(), np.stack(cosines, axis=1), np.stack(variances, axis=1)
 
 
 def _second_eigenvalue(count: int, scatter_rad: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the second over the first eigenvalue of one surface whose phase scatters from receiver to receiver."""
+    """Return the ratio of the second to the first eigenvalue of one surface with this phase scatter per receiver."""
     steps = np.linspace(0.0, MAX_SCATTER_RAD, SCATTERS)
-    apart = np.subtract.outer(np.arange(count), np.arange(count))
-    value = np.linalg.eigvalsh(np.exp(-(steps[:, None, None] ** 2) * apart**2 / 2))
-    found: Float[np.ndarray, " point"] = np.interp(scatter_rad, steps, value[:, -2] / value[:, -1])
-    return found
+    separation = np.subtract.outer(np.arange(count), np.arange(count))
+    value = np.linalg.eigvalsh(np.exp(-(steps[:, None, None] ** 2) * separation**2 / 2))
+    ratio: Float[np.ndarray, " point"] = np.interp(scatter_rad, steps, value[:, -2] / value[:, -1])
+    return ratio

@@ -4,7 +4,7 @@ The ground of a range cell lies in the beam as a strip across the direction in w
 the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up across the
 boresight, by r tan(incidence) a radian, and stays along t, at right angles to g. A range cell is a strip along t, and
 the two-way beam's power on it, taken for a Gaussian with the variances S of the direction cosines, has along t the
-variance 1 / (t' S^-1 t). Tilted ground turns the strip by no more than it is tilted.
+variance 1 / (t' S^-1 t). Tilted ground turns the strip by at most its tilt.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from sionna_radar.detection.ranging.estimator import EchoSpans, span_cells
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 
-# A beam within so many radians of the nadir meets no range that grows, one as near to the horizon no ground.
+# Limit of the boresight's angle from nadir and horizon: nearer, range has no gradient, or the beam meets no ground.
 STEEPEST_RAD = 0.02
-# Standard deviation of a point's ranges on the ground, over that of its width across: together 1.12 times the latter.
+# Standard deviation of a point along range on the ground over that across: combined 1.12 times the latter.
 LENGTH_OVER_WIDTH = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class RangeStrips(Columns):
-    """How the range cells of some pulses lie across their beams, from measured poses; left and up in each pair.
+    """Strips of range cells across the beams of some pulses, from measured poses; left and up in each pair.
 
-    climb: unit vector along which the range grows.
-    incidence_rad: of the boresight from nadir, kept off nadir and horizon.
+    climb: unit vector of growing range.
+    incidence_rad: of the boresight from nadir, limited near nadir and horizon.
     along: standard deviation of the two-way power's direction along the strip.
-    mean: where on a strip its mean lies, per unit of its distance from the boresight along `climb`.
+    mean: position of a strip's mean, per unit of its distance from the boresight along `climb`.
     """
 
     climb: Float[np.ndarray, "pulse 2"]
@@ -78,7 +78,7 @@ def range_strips(pose: Pose, spread: tuple[float, float]) -> RangeStrips:
 def stretches_of(
     length: Int[np.ndarray, " echo"], most: Float[np.ndarray, " echo"]
 ) -> tuple[Int[np.ndarray, " point"], Int[np.ndarray, " point"]]:
-    """Divide echoes of some lengths, in bins, into equal stretches; return echo and first bin in it of each."""
+    """Divide echoes of some lengths, in bins, into equal stretches; return the echo and first bin of each."""
     count = np.maximum(1, np.rint(length / np.maximum(most, 1.0)).astype(np.int64))
     count = np.minimum(count, length)
     echo = np.repeat(np.arange(len(length)), count)
@@ -86,7 +86,7 @@ def stretches_of(
     return echo, number * length[echo] // count[echo]
 
 
-# A stretch has at least so many independent looks, or is as long as its echo.
+# Minimum independent looks of a stretch shorter than its echo.
 MIN_LOOKS = 2.0
 
 
@@ -94,10 +94,10 @@ MIN_LOOKS = 2.0
 class Stretches:
     """Stretches of echoes, and sums over their cells.
 
-    row: pulse of the block; strips: how range cells lie across its beam.
-    cell_row, cell_bin, begin: the cells, and where each stretch begins among them; none in chosen rows.
+    row: pulse of the block; strips: strips of its range cells.
+    cell_row, cell_bin, begin: the cells, and the index of each stretch's first one; none in chosen rows.
     length: bins of each.
-    power, peak_power: of the first receiver, summed and at most; noise: mean power of the noise in a cell.
+    power, peak_power: of the first receiver, sum and maximum; noise: mean noise power in a cell.
     range_m, range_variance_m2: mean and variance of the cells' ranges, weighted with their power.
     """
 
@@ -125,14 +125,14 @@ class Stretches:
         """Divide echoes into stretches of about some lengths."""
         cell_row, cell_bin, start = span_cells(spans.row, spans.start, spans.stop)
         bins = np.maximum(length_m / spans.bin_m, MIN_LOOKS / spans.looks_per_bin)
-        echo, first = stretches_of(spans.stop - spans.start, bins)
-        begin = start[echo] + first
+        echo, first_bin = stretches_of(spans.stop - spans.start, bins)
+        begin = start[echo] + first_bin
         value = signal[cell_row, cell_bin]
         power, range_m = value.real**2 + value.imag**2, cell_bin * spans.bin_m
         total = sums(power, begin)
         mean_m = sums(power * range_m, begin) / total
         length = np.diff(begin, append=len(cell_row))
-        apart = range_m - np.repeat(mean_m, length)
+        offset_m = range_m - np.repeat(mean_m, length)
         row = spans.row[echo]
         return Stretches(
             row=row,
@@ -145,13 +145,13 @@ class Stretches:
             peak_power=np.maximum.reduceat(power, begin) if len(begin) else total,
             noise=receiver_noise(spans.noise)[row],
             range_m=mean_m,
-            range_variance_m2=sums(power * apart**2, begin) / total,
+            range_variance_m2=sums(power * offset_m**2, begin) / total,
             bin_m=spans.bin_m,
             looks_per_bin=spans.looks_per_bin,
         )
 
     def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
-        """Return some stretches, one perhaps several times, each with a share of its echo's power; no cells of them."""
+        """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
         nothing = np.zeros(0, dtype=np.int64)
         noise_power = self.noise_power[chosen]
         return Stretches(
@@ -187,7 +187,7 @@ class Stretches:
 
     @property
     def climb_per_m(self) -> Float[np.ndarray, " point"]:
-        """How much the direction climbs from range to range over level ground, rad/m."""
+        """Gradient of the direction with range over level ground, rad/m."""
         return 1 / (self.range_m * np.tan(self.strips.incidence_rad))
 
     @property
@@ -204,31 +204,31 @@ class Stretches:
     ) -> tuple[Complex[np.ndarray, " point"], Float[np.ndarray, " point"]]:
         """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
 
-        ramp_rad_m: growth of the phase with range that is expected, and taken out.
-        bend_rad_m: phase of the wavefronts' curvature times the range, taken out at each cell's range; see
+        ramp_rad_m: expected gradient of the phase with range, removed.
+        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range; see
             `wavefront_bend`.
         """
-        one, other = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
+        side, reference = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
         cell_m = self.cell_bin * self.bin_m
         ramp = np.repeat(ramp_rad_m, self.length) * (cell_m - np.repeat(self.range_m, self.length))
         ramp += bend_rad_m / np.maximum(cell_m, self.bin_m)
-        # In real numbers: a product of complex ones may be rounded differently at the end of a block.
-        turn, aside = np.cos(ramp), np.sin(ramp)
-        real = one.real * other.real + one.imag * other.imag
-        imaginary = one.imag * other.real - one.real * other.imag
-        cross = sums(real * turn + imaginary * aside, self.begin) + 1j * sums(
-            imaginary * turn - real * aside, self.begin
+        # In real arithmetic: complex products may be rounded differently at the end of a block.
+        cosine, sine = np.cos(ramp), np.sin(ramp)
+        real = side.real * reference.real + side.imag * reference.imag
+        imaginary = side.imag * reference.real - side.real * reference.imag
+        cross = sums(real * cosine + imaginary * sine, self.begin) + 1j * sums(
+            imaginary * cosine - real * sine, self.begin
         )
-        power = sums(one.real**2 + one.imag**2, self.begin) * self.power
+        power = sums(side.real**2 + side.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
 
 
 def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
     """Return the phase of a spherical wavefront at a receiver beside the first, less a plane one's, times the range.
 
-    The way back is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation); `per_cosine_rad`
-    is the phase of -b u for each u. With the bend taken out a direction is that seen from the first receiver, from
-    where its range counts; else it is that of the middle of both.
+    The return path is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation);
+    `per_cosine_rad` is the phase of -b u for each u. With the bend removed a direction is referred to the first
+    receiver, the origin of its range; otherwise to the midpoint of both.
     """
     return -per_cosine_rad * baseline_m / 2
 
@@ -236,7 +236,7 @@ def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
 def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:
     """Return the noise of each pulse from its estimates around all bins.
 
-    It is white; next to a wide echo the echo raises the estimate, and where no training cells fit it is infinite.
+    The noise is white; wide echoes raise the estimates beside them, and these are infinite where no training cells fit.
     """
     tested = np.isfinite(noise).all(axis=0)
     if not tested.any():
@@ -247,5 +247,5 @@ def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "
 
 def sums(value: Inexact[np.ndarray, " cell"], begin: Int[np.ndarray, " point"]) -> Inexact[np.ndarray, " point"]:
     """Return the sums over stretches of cells."""
-    found: Inexact[np.ndarray, " point"] = np.add.reduceat(value, begin) if len(begin) else value[:0]
-    return found
+    total: Inexact[np.ndarray, " point"] = np.add.reduceat(value, begin) if len(begin) else value[:0]
+    return total

@@ -1,23 +1,23 @@
 """Detection in range-Doppler maps: CFAR over a ring of cells, and clutter-map CFAR.
 
-The ring is what a rectangle of training cells leaves around one of guard cells; it closes over the ends of the range
-rates, where frequencies wrap, and cells whose ring reaches beyond the ends of the ranges are not tested. Windows in
-both directions correlate the noise of cells by the product of their correlations.
+The ring is a rectangle of training cells less one of guard cells; it wraps at the ends of the range rates, as
+frequencies do, and cells whose ring reaches beyond the ends of the ranges are not tested. Windows in both directions
+correlate the noise of cells by the product of their correlations.
 
 "CA" takes the mean of the ring. A mean of correlated powers is a sum of independent exponentials, weighted with the
 eigenvalues of the cells' covariance over their number, which gives the false-alarm rate exactly (`false_alarm`). "OS"
-takes an order statistic, which few strong cells in the ring leave as it is. Of correlated cells its rate has no closed
-form, so it takes only cells that are so far apart that they share none of their noise.
+takes an order statistic, which is robust to a few strong cells in the ring. For correlated cells its rate has no closed
+form, so it uses only cells far enough apart to have independent noise.
 
-Clutter-map CFAR compares each cell with what it held in earlier maps. The level of a cell is an exponential mean of its
-power in earlier maps, Z_n = (1 - w) Z_(n-1) + w P_(n-1). Still ground, whatever its power, is not detected; what comes
-newly is. In noise or in clutter of exponential power, new in each map, the false-alarm rate after many maps is
+Clutter-map CFAR compares each cell with its own power in earlier maps. The level of a cell is an exponential mean of
+these, Z_n = (1 - w) Z_(n-1) + w P_(n-1). Stationary ground, whatever its power, is not detected; new echoes are. In
+noise or in clutter of exponential power, independent in each map, the false-alarm rate after many maps is
 (Nitzberg 1986, "Clutter map CFAR analysis", IEEE Trans. Aerosp. Electron. Syst. 22)
 
     P = prod_(k >= 0) 1 / (1 + a w (1 - w)^k),
 
-and after n maps, the first of which is the first level, 1 / (1 + a (1 - w)^(n - 1)) takes the place of the rest: so the
-threshold is right from the second map on.
+and after n maps, the first of which is the first level, 1 / (1 + a (1 - w)^(n - 1)) replaces the remaining factors: so
+the threshold is right from the second map on.
 """
 
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.detection.false_alarm import factor_of_mean, factor_of_ordered
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
-# Largest correlation of the noise of a cell with that of the nearest of its ring, and between cells of an ordered one.
+# Largest noise correlation between a cell and the nearest of its ring, and between the cells of an ordered statistic.
 SHARED_NOISE = 0.1
 NO_NOISE_SHARED = 0.02
 MAX_CELLS = 2000
@@ -45,8 +45,8 @@ class RingCfar:
     false_alarm_probability: in one cell.
     rank: of an ordered statistic, as a share of its cells.
     correlation: of the noise at lags of 0, 1, ... cells in range rate and in range; see `RangeDoppler`.
-    stride: bins of a map in a cell.
-    looks: powers that are averaged in each; cell averaging alone knows several.
+    stride: map bins per cell.
+    looks: powers averaged in each cell; only cell averaging supports several.
 
     Examples
     --------
@@ -87,13 +87,15 @@ class RingCfar:
 
     @cached_property
     def _offsets(self) -> Int[np.ndarray, "cell 2"]:
-        """Where the cells of the ring lie from the cell under test, in cells of range rate and of range."""
-        apart = [1, 1] if self.kind == "CA" else [_independent(c) for c in self.correlation]
+        """Offsets of the ring from the cell under test, in cells of range rate and of range."""
+        spacing = [1, 1] if self.kind == "CA" else [_independent(c) for c in self.correlation]
         reach = np.add(self.guard, self.training)
-        axes = [step * np.arange(-(most // step), most // step + 1) for most, step in zip(reach, apart, strict=True)]
+        axes = [
+            step * np.arange(-(extent // step), extent // step + 1) for extent, step in zip(reach, spacing, strict=True)
+        ]
         rate, range_ = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
-        beyond = (np.abs(rate) > self.guard[0]) | (np.abs(range_) > self.guard[1])
-        return np.column_stack([rate, range_])[beyond]
+        outside_guard = (np.abs(rate) > self.guard[0]) | (np.abs(range_) > self.guard[1])
+        return np.column_stack([rate, range_])[outside_guard]
 
     @cached_property
     def factor(self) -> float:
@@ -146,23 +148,23 @@ class RingCfar:
 
 
 def _at(correlation: Float[np.ndarray, " lag"], lag: Int[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Return the correlation at lags, zero beyond those given."""
+    """Return the correlation at lags, zero beyond the tabulated ones."""
     padded = np.append(correlation, 0.0)
     return padded[np.minimum(lag, len(correlation))]
 
 
 def _independent(correlation: Float[np.ndarray, " lag"]) -> int:
-    """Return the lag from which on cells share no noise."""
+    """Return the smallest lag of cells with independent noise."""
     return int(np.flatnonzero(np.abs(correlation) > NO_NOISE_SHARED)[-1]) + 1
 
 
-# Weights of earlier maps below this are left out of the factor.
+# Smaller weights of earlier maps are left out of the factor.
 MIN_SHARE = 1e-9
 
 
 @dataclass(kw_only=True)
 class ClutterMap:
-    """Keeps the level of every cell of maps that follow each other.
+    """Level of every cell over consecutive maps.
 
     weight: of the latest map in the level, between 0 and 1.
     false_alarm_probability: in one cell.
@@ -199,19 +201,19 @@ class ClutterMap:
     def _shares(self) -> Float[np.ndarray, " map"]:
         """Return the shares of earlier maps in the level, the latest first."""
         enough = int(np.ceil(np.log(MIN_SHARE) / np.log(1 - self.weight)))
-        kept = (1 - self.weight) ** np.arange(min(self._maps, enough))
-        shares = self.weight * kept
+        decay = (1 - self.weight) ** np.arange(min(self._maps, enough))
+        shares = self.weight * decay
         if self._maps <= enough:
-            shares[-1] = kept[-1]  # of the first map, which was the first level
+            shares[-1] = decay[-1]  # of the first map, which was the first level
         return shares
 
     def detected(self, power: Float[np.ndarray, "rate bin"]) -> Bool[np.ndarray, "rate bin"]:
-        """Mark the cells of a map that exceed their threshold, and add it to the levels of those that follow."""
+        """Mark the cells of a map that exceed their threshold, and update the levels with it."""
         if self._level is None:
             self._level = power.copy()
-            found = np.zeros(power.shape, dtype=bool)
+            exceeds = np.zeros(power.shape, dtype=bool)
         else:
-            found = power > self.factor * self._level
+            exceeds = power > self.factor * self._level
             self._level += self.weight * (power - self._level)
         self._maps += 1
-        return found
+        return exceeds

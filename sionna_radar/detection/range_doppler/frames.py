@@ -1,11 +1,11 @@
 """From the beat signals of a frame of chirps to a map of power over range rate and range.
 
 With the range r0 + v t_m in the middle of chirp m, and t from there, the beat's phase is 2 pi (f0 + S t) 2 (r0 + v
-t_m) / c and what does not change: from chirp to chirp it turns by the Doppler frequency, but faster at the end of an
-up-sweep than at its beginning. That is the range migration of a frame. The keystone transform takes it out: at each
-time in the sweep the chirps are transformed at Doppler frequencies scaled by (f0 + S t) / f0, so that a mover stays in
-one range cell (Perry, DiPietro and Fante 1999, "SAR imaging of moving targets", IEEE Trans. Aerosp. Electron. Syst.
-35), as far as its range rate is unambiguous. The scaled transform is Bluestein's, by k m = (k^2 + m^2 - (k - m)^2) / 2.
+t_m) / c and a constant: from chirp to chirp it turns by the Doppler frequency, but faster at the end of an up-sweep
+than at its beginning. This is the range migration of a frame. The keystone transform removes it: at each time in the
+sweep the chirps are transformed at Doppler frequencies scaled by (f0 + S t) / f0, so that a mover stays in one range
+cell (Perry, DiPietro and Fante 1999, "SAR imaging of moving targets", IEEE Trans. Aerosp. Electron. Syst. 35), as far
+as its range rate is unambiguous. The scaled transform is Bluestein's, by k m = (k^2 + m^2 - (k - m)^2) / 2.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class RangeDopplerMap:
     def range_at(
         self, range_m: Float[np.ndarray, "..."], range_rate_mps: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """Return true ranges of readings on the axis: a sweep shifts the range of what moves."""
+        """Return true ranges of readings on the axis, corrected for the range-Doppler shift."""
         return range_m - self.chirp.doppler_range_m(range_rate_mps)
 
 
@@ -49,9 +49,9 @@ class RangeDopplerMap:
 class RangeDoppler:
     """Windows and transforms of frames of chirps.
 
-    chirps: of a frame.
-    interval_s: from one to the next; without it they follow at the chirp's own rate.
-    range_window, rate_window: of `scipy.signal.get_window`.
+    chirps: number in a frame.
+    interval_s: chirp interval; without it chirps follow at their own rate.
+    range_window, rate_window: names for `scipy.signal.get_window`.
     zero_padding: bins of a range cell, and rows of a cell of range rate.
     high_pass: of the receiver; the calibration divides by its response in each bin.
 
@@ -92,12 +92,12 @@ class RangeDoppler:
 
     @property
     def _sent_hz(self) -> float:
-        """Chirps of the frame a second."""
+        """Chirps per second within a frame."""
         return self.chirp.rate_hz if self.interval_s is None else 1 / self.interval_s
 
     @property
     def highest_rate_mps(self) -> float:
-        """Greatest range rate, either way, that is unambiguous: a quarter of a wavelength from chirp to chirp."""
+        """Greatest unambiguous range rate of either sign: a quarter of a wavelength from chirp to chirp."""
         return self.chirp.wavelength_m * self._sent_hz / 4
 
     @cached_property
@@ -114,7 +114,7 @@ class RangeDoppler:
 
     @property
     def noise_loss_db(self) -> float:
-        """By how much both windows lower the signal-to-noise ratio of a peak, against rectangular ones.
+        """Loss of a peak's signal-to-noise ratio by both windows, against rectangular ones.
 
         N sum w^2 / (sum w)^2 each (Harris 1978, "On the use of windows for harmonic analysis with the DFT").
         """
@@ -122,7 +122,7 @@ class RangeDoppler:
 
     @property
     def straddling_loss_db(self) -> float:
-        """By how much a peak is lowered at worst, midway between bins and between rows."""
+        """Worst-case loss of a peak, midway between bins and between rows."""
         return float(sum(-20 * np.log10(self._midway(w)) for w in (self.range_weights, self.rate_weights)))
 
     def _midway(self, weights: Float[np.ndarray, " n"]) -> float:
@@ -142,7 +142,7 @@ class RangeDoppler:
 
     @cached_property
     def _turns(self) -> Float[np.ndarray, " rate"]:
-        """Doppler frequencies of the rows, in turns from chirp to chirp, as they are computed."""
+        """Doppler frequencies of the rows in turns per chirp, in the order of computation."""
         rows = self.chirps * self.zero_padding
         return (np.arange(rows) - rows // 2) / rows
 
@@ -173,7 +173,7 @@ class RangeDoppler:
         )
 
     def amplitude(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Complex[np.ndarray, "rate bin"]:
-        """Return the complex map of one frame, its phase that in its middle."""
+        """Return the complex map of one frame, with the phase at its middle."""
         if beat.shape != (self.chirps, self.chirp.samples):
             message = f"a frame has {self.chirps} chirps of {self.chirp.samples} samples, not {beat.shape}"
             raise ValueError(message)
@@ -202,8 +202,8 @@ class RangeDoppler:
         response = np.exp(1j * np.outer(lag.astype(float) ** 2, half))
         size = scipy.fft.next_fast_len(len(lag) + count - 1)
         product = scipy.fft.fft(chirped, size, axis=0) * scipy.fft.fft(response, size, axis=0)
-        found = scipy.fft.ifft(product, axis=0)[count - 1 : count - 1 + rows]
-        result: Complex[np.ndarray, "rate sample"] = found * np.exp(-1j * np.outer(k.astype(float) ** 2, half))
+        transform = scipy.fft.ifft(product, axis=0)[count - 1 : count - 1 + rows]
+        result: Complex[np.ndarray, "rate sample"] = transform * np.exp(-1j * np.outer(k.astype(float) ** 2, half))
         return result
 
 

@@ -1,13 +1,13 @@
 """Targets in a range-Doppler map: CFAR peaks to a fraction of a cell, and range rates beyond one interval's ambiguity.
 
-Range rates beyond those of one interval come from frames whose chirps follow each other after two intervals in turn.
-Every second chirp makes a frame of even intervals P, whose maps are ambiguous by span = wavelength / 2 P. The chirps
-between them come T later: from the one frame to the other a scatterer of range rate v turns by 4 pi v T / wavelength,
-which depends on how often its rate is folded: by 2 pi T / P for each span. So the phase between both frames at a peak
-tells which of its rates is the true one, as do co-prime pulse repetition intervals (the Chinese remainder theorem), but
-from cell to cell. With T / P = 1 / 2 that is the ambiguity of even intervals T; others tell more rates apart, by
-smaller turns. The phase of two peaks of signal-to-noise ratio R each has a standard deviation of 1 / sqrt(R), and a
-wrong rate is taken where it errs by more than half of the least turn.
+Range rates beyond those of one interval follow from frames with two alternating chirp intervals (staggered PRI). Every
+second chirp belongs to a frame of even intervals P, whose maps are ambiguous by span = wavelength / 2 P. The chirps
+between them are T later: from one frame to the other the phase of a scatterer of range rate v turns by
+4 pi v T / wavelength, which grows by 2 pi T / P with each folding by a span. So the phase between both frames at a peak
+resolves the ambiguity, as do co-prime pulse repetition intervals (the Chinese remainder theorem), but cell by cell.
+With T / P = 1 / 2 the ambiguity is that of even intervals T; other ratios separate more rates, by smaller turns. The
+phase of two peaks of signal-to-noise ratio R each has a standard deviation of 1 / sqrt(R), and a wrong rate is chosen
+where its error exceeds half of the smallest turn.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ from sionna_radar.radar.chirp import Chirp
 
 @dataclass(frozen=True, kw_only=True)
 class Movers(Columns):
-    """Targets found in a map, the strongest first.
+    """Targets detected in a map, the strongest first.
 
-    range_m: corrected for the shift that a moving target's range has in a sweep.
-    range_rate_mps: positive when receding, within the unambiguous ones.
+    range_m: corrected for the range-Doppler shift of a moving target.
+    range_rate_mps: positive when receding, within the unambiguous interval.
     power: of the peak, interpolated.
     """
 
@@ -38,7 +38,7 @@ class Movers(Columns):
 def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) -> Movers:
     """Return the targets of a map: detected cells stronger than their eight neighbours.
 
-    The place and height of a peak are those of parabolas through the logarithms of three bins in each direction. With
+    Position and height of a peak are those of parabolas through the logarithms of three bins in each direction. With
     "hann" they are within 0.02 cells and 0.6 dB without zero padding, and within 0.002 cells and 0.03 dB with two bins
     in a cell. Range rates wrap.
 
@@ -53,8 +53,8 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
     power = found.power
     highest = power == maximum_filter(power, size=3, mode=("wrap", "nearest"))
     rate, bin_ = np.nonzero(highest & detected)
-    inside = (bin_ > 0) & (bin_ < power.shape[1] - 1)
-    rate, bin_ = rate[inside], bin_[inside]
+    interior = (bin_ > 0) & (bin_ < power.shape[1] - 1)
+    rate, bin_ = rate[interior], bin_[interior]
     log = np.log(np.maximum(power, np.finfo(float).tiny))
     rows = power.shape[0]
     along_rate = _vertex(log[(rate - 1) % rows, bin_], log[rate, bin_], log[(rate + 1) % rows, bin_])
@@ -68,28 +68,28 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
 
 
 def _vertex(
-    before: Float[np.ndarray, " n"], at: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
+    left: Float[np.ndarray, " n"], centre: Float[np.ndarray, " n"], right: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return the offset of each three-point parabola's peak from the middle sample, and its height above it."""
-    bend = before - 2 * at + after
-    slope = (after - before) / 2
+    bend = left - 2 * centre + right
+    slope = (right - left) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         place = np.where(bend < 0, -slope / bend, 0.0)
     place = np.clip(place, -0.5, 0.5)
     return place, slope * place + bend * place**2 / 2
 
 
-# Of a turn, between any two of the rates that are told apart: 4 standard deviations at 17 dB.
+# Minimum phase between any two separable rates, in turns: 4 standard deviations at 17 dB.
 MIN_TURN = 0.1
 MAX_FOLDINGS = 64
 
 
 @dataclass(frozen=True, kw_only=True)
 class StaggeredRangeDoppler:
-    """Windows and transforms of frames of chirps with two intervals in turn.
+    """Windows and transforms of frames with two alternating chirp intervals.
 
     half: those of every second chirp, at the interval of a pair.
-    first_s: from the first to the second chirp of a pair, by their middles.
+    first_s: time from the first to the second chirp of a pair, between their middles.
 
     Examples
     --------
@@ -112,12 +112,12 @@ class StaggeredRangeDoppler:
 
     @property
     def span_mps(self) -> float:
-        """By how much range rates differ that a map does not tell apart."""
+        """Ambiguity interval of the range rate in a map."""
         return 2 * self.half.highest_rate_mps
 
     @property
     def foldings(self) -> int:
-        """Range rates that the phase tells apart where a map does not: as many as lie `MIN_TURN` from each other."""
+        """Number of ambiguity intervals that the phase resolves: range rates at least `MIN_TURN` apart."""
         assert self.half.interval_s is not None
         turn = self.first_s / self.half.interval_s * np.arange(1, MAX_FOLDINGS)
         close = np.flatnonzero(np.abs(turn - np.round(turn)) < MIN_TURN - 1e-9)
@@ -125,7 +125,7 @@ class StaggeredRangeDoppler:
 
     @property
     def highest_rate_mps(self) -> float:
-        """Greatest range rate, either way, that is told apart from all others."""
+        """Greatest unambiguous range rate of either sign."""
         return self.foldings * self.half.highest_rate_mps
 
     @property
@@ -149,30 +149,30 @@ class StaggeredRangeDoppler:
         return self.half.straddling_loss_db
 
     def map(self, beat: Inexact[np.ndarray, "chirp sample"]) -> RangeDopplerMap:
-        """Return the map of one frame, folded: the mean power of those of every second chirp, two looks."""
-        first, second = (self.half.map(beat[start::2]) for start in (0, 1))
+        """Return the folded map of one frame: the mean power of the maps of even and odd chirps, two looks."""
+        even, odd = (self.half.map(beat[start::2]) for start in (0, 1))
         return RangeDopplerMap(
-            power=(first.power + second.power) / 2,
-            range_rate_mps=first.range_rate_mps,
-            range_m=first.range_m,
-            chirp=first.chirp,
+            power=(even.power + odd.power) / 2,
+            range_rate_mps=even.range_rate_mps,
+            range_m=even.range_m,
+            chirp=even.chirp,
         )
 
     def unfolded(self, beat: Inexact[np.ndarray, "chirp sample"], movers: Movers) -> Movers:
-        """Return the movers of a frame's map at the range rates, and with them the ranges, that its phases tell.
+        """Return the movers of a frame's map with range rates, and so ranges, unfolded by the phase.
 
-        A cell that holds several scatterers is unfolded as the strongest.
+        A cell of several scatterers is unfolded as the strongest.
         """
         chirp = self.half.chirp
         read_m = movers.range_m + chirp.doppler_range_m(movers.range_rate_mps)
         row = self._nearest(self.half.range_rate_mps, movers.range_rate_mps)
         bin_ = self._nearest(self.half.range_m, read_m)
-        first, second = (self.half.amplitude(beat[start::2])[row, bin_] for start in (0, 1))
-        # All rates that a mover's may be, and how far the phase between the frames is from what each would leave.
+        even, odd = (self.half.amplitude(beat[start::2])[row, bin_] for start in (0, 1))
+        # All candidate rates of a mover, and the likeness of the measured phase between the frames to that of each.
         fold = np.arange(-MAX_FOLDINGS, MAX_FOLDINGS + 1)
         rate_mps = movers.range_rate_mps[:, None] + fold * self.span_mps
         turned = 4 * np.pi * chirp.direction * self.first_s / chirp.wavelength_m * rate_mps
-        likeness = np.cos(np.angle(second * np.conj(first))[:, None] - turned)
+        likeness = np.cos(np.angle(odd * np.conj(even))[:, None] - turned)
         likeness[(rate_mps < -self.highest_rate_mps) | (rate_mps >= self.highest_rate_mps)] = -np.inf
         chosen_mps = rate_mps[np.arange(len(movers)), np.argmax(likeness, axis=1)]
         return Movers(range_m=read_m - chirp.doppler_range_m(chosen_mps), range_rate_mps=chosen_mps, power=movers.power)

@@ -1,7 +1,7 @@
-"""Range estimators: the range of an echo within the span of cells it was detected in, and its uncertainty.
+"""Range estimators: the range of an echo within its detected span of cells, and its uncertainty.
 
 Speckle: the power of a cell is exponential about the echo's mean shape, and a window correlates neighbouring cells, so
-that a bin counts as `looks_per_bin` independent looks. Every estimator returns a standard deviation with the range.
+that a bin counts as `looks_per_bin` independent looks. Every estimator returns the standard deviation of the range.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ class EchoSpans:
     beam: BeamProfile | None = None
 
     def cells(self) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " echo"]]:
-        """Return row and bin of all cells of all spans, and where each span begins among them."""
+        """Return row and bin of all cells of all spans, and the index of each span's first cell."""
         return span_cells(self.row, self.start, self.stop)
 
     def rows(self, keep: Bool[np.ndarray, " echo"]) -> "EchoSpans":
@@ -61,7 +61,7 @@ class Ranges:
 def span_cells(
     row: Int[np.ndarray, " span"], start: Int[np.ndarray, " span"], stop: Int[np.ndarray, " span"]
 ) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " span"]]:
-    """Return row and bin of all cells of some spans, and where each span begins among them."""
+    """Return row and bin of all cells of the spans, and the index of each span's first cell."""
     length = stop - start
     begin = (np.cumsum(length) - length).astype(np.int64)
     bins = np.arange(length.sum()) - np.repeat(begin - start, length)
@@ -81,7 +81,7 @@ class RangeEstimator(Protocol):
 def register_range_estimator(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a range estimator, for `processing.ranging` in a scenario.
 
-    It decorates a class or function that builds a `RangeEstimator`; it is called with the parameters, if any.
+    Decorates a class or function that builds a `RangeEstimator`, called with the parameters, if any.
 
     Examples
     --------

@@ -30,9 +30,9 @@ def moments(spans: EchoSpans) -> Moments:
     away = (bins - np.repeat(centre, spans.stop - spans.start)) ** 2
     width = np.sqrt(np.add.reduceat(weight * away, begin) / safe)
     speckle = np.sqrt(np.add.reduceat(weight**2 * away, begin) / 2 / spans.looks_per_bin) / safe
-    # A single bin has no measurable width: the range lies anywhere in it.
-    least = np.sqrt(1 / 12)
-    return Moments(centre, np.maximum(width, least), np.maximum(speckle, least * 0.1))
+    # A single bin has no measurable width: the range is uniformly distributed in it.
+    min_width = np.sqrt(1 / 12)
+    return Moments(centre, np.maximum(width, min_width), np.maximum(speckle, min_width * 0.1))
 
 
 @register_range_estimator("centroid")
@@ -49,7 +49,7 @@ class CentroidRange:
         return Ranges(range_m=shape.centre * spans.bin_m, sigma_m=shape.speckle * spans.bin_m)
 
 
-# The leading edge is where the echo first reaches this share of its level.
+# Share of the echo's level that defines its leading edge.
 EDGE_SHARE = 0.5
 # Edge to middle of a Gaussian echo, over the length of its box: the box of exp(-x^2 / 2 s^2) is 2 sqrt(pi) s
 # long and 1 / sqrt(2) high, and half of that is reached sqrt(3 log 2) s before the middle.
@@ -78,14 +78,14 @@ class LeadingEdgeRange:
         level, length = square / np.maximum(total, np.finfo(float).tiny) / 2, 2 * total**2 / square
         number = np.repeat(np.arange(len(begin)), spans.stop - spans.start)
         above = np.flatnonzero(power >= EDGE_SHARE * level[number])
-        _, first = np.unique(number[above], return_index=True)
-        cell = bins[above[first]]
-        here = spans.power[spans.row, cell]
-        before = spans.power[spans.row, np.maximum(cell - 1, 0)]
-        missing = (EDGE_SHARE * level - before) / np.maximum(here - before, np.finfo(float).tiny)
+        _, first_above = np.unique(number[above], return_index=True)
+        cell = bins[above[first_above]]
+        edge_power = spans.power[spans.row, cell]
+        previous_power = spans.power[spans.row, np.maximum(cell - 1, 0)]
+        fraction = (EDGE_SHARE * level - previous_power) / np.maximum(edge_power - previous_power, np.finfo(float).tiny)
         looks = np.maximum(length * spans.looks_per_bin, 1.0)
         return Ranges(
-            range_m=(cell - 1 + np.clip(missing, 0.0, 1.0) + EDGE_TO_MIDDLE * length) * spans.bin_m,
+            range_m=(cell - 1 + np.clip(fraction, 0.0, 1.0) + EDGE_TO_MIDDLE * length) * spans.bin_m,
             sigma_m=np.hypot(1 / spans.looks_per_bin, EDGE_TO_MIDDLE * length / np.sqrt(looks)) * spans.bin_m,
         )
 
@@ -99,8 +99,8 @@ class PeakRange:
 
     def __call__(self, spans: EchoSpans) -> Ranges:
         """Return the ranges of some echoes."""
-        last = spans.power.shape[1] - 1
-        inner = np.clip(spans.peak, 1, last - 1)
+        last_bin = spans.power.shape[1] - 1
+        inner = np.clip(spans.peak, 1, last_bin - 1)
         tiny = np.finfo(float).tiny
         left, middle, right = (np.log(spans.power[spans.row, inner + k] + tiny) for k in (-1, 0, 1))
         curvature = left - 2 * middle + right
@@ -115,7 +115,7 @@ class ModelFitRange:
     """The boresight range of the sloping plane whose echo through this beam fits best.
 
     Range, slope and power are fitted by maximum likelihood of exponential powers; see `plane_fit`. Without a
-    known antenna there is no model to fit, and the centroid is returned.
+    known antenna the centroid is returned.
     """
 
     def __call__(self, spans: EchoSpans) -> Ranges:

@@ -50,7 +50,7 @@ class EchoFit:
     sigma: Float[np.ndarray, " echo"]
 
 
-# Surveys in a row look through the same antenna.
+# Consecutive surveys share an antenna.
 _LAST = KeptValues(2)
 
 
@@ -65,8 +65,8 @@ def _profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfi
     low, high = lobe[0], lobe[-1]
     sine = low + (np.arange(SAMPLES) + 0.5) * (high - low) / SAMPLES
     share = cut.at(sine) ** 4
-    other = antenna.azimuth
-    across = float(other.voltage**4 @ other.cosine**2 / np.sum(other.voltage**4))
+    azimuth = antenna.azimuth
+    across = float(azimuth.voltage**4 @ azimuth.cosine**2 / np.sum(azimuth.voltage**4))
     return BeamProfile(sine, share / share.sum(), across, response / response.sum())
 
 
@@ -98,14 +98,14 @@ MIN_VARIANCE = 1e-4
 
 @compiled
 @no_type_check
-def _shape(sine, share, across, response, first, boresight, log_slope, place, edge, below, spread, result):
-    """Write the echo of unit power on the bins from `first`; return the mean range of the beam's power."""
+def _shape(sine, share, across, response, first_bin, boresight, log_slope, place, edge, below, spread, result):
+    """Write the unit-power echo on the bins from `first_bin`; return the mean range of the beam's power."""
     samples, slope, mean = len(sine), np.exp(log_slope), 0.0
     for k in range(samples):
         closing = np.sqrt(max(1 - sine[k] ** 2 - across, 0.0)) - sine[k] * slope
         range_of = boresight / max(closing, MIN_CLOSING)
         mean += share[k] * range_of
-        place[k] = range_of - first
+        place[k] = range_of - first_bin
     # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
     edge[0] = 1.5 * place[0] - 0.5 * place[1]
     edge[samples] = 1.5 * place[samples - 1] - 0.5 * place[samples - 2]
@@ -114,9 +114,9 @@ def _shape(sine, share, across, response, first, boresight, log_slope, place, ed
     for k in range(samples):
         if k:
             edge[k] = (place[k] + place[k - 1]) / 2
-        total += share[k] * (boresight / (place[k] + first)) ** 2
+        total += share[k] * (boresight / (place[k] + first_bin)) ** 2
         below[k + 1] = total
-    bins, half, before, k = len(result), len(response) // 2, 0.0, 0
+    bins, half, previous, k = len(result), len(response) // 2, 0.0, 0
     for b in range(bins + 1):
         at = b - 0.5
         while k <= samples and edge[k] <= at:
@@ -126,11 +126,11 @@ def _shape(sine, share, across, response, first, boresight, log_slope, place, ed
         elif k > samples:
             reached = 1.0
         else:
-            part = (at - edge[k - 1]) / (edge[k] - edge[k - 1])
-            reached = (below[k - 1] + part * (below[k] - below[k - 1])) / total
+            fraction = (at - edge[k - 1]) / (edge[k] - edge[k - 1])
+            reached = (below[k - 1] + fraction * (below[k] - below[k - 1])) / total
         if b:
-            spread[b - 1] = reached - before
-        before = reached
+            spread[b - 1] = reached - previous
+        previous = reached
     for b in range(bins):
         result[b] = 0.0
         for tap in range(len(response)):
@@ -142,7 +142,7 @@ def _shape(sine, share, across, response, first, boresight, log_slope, place, ed
 @compiled
 @no_type_check
 def _loss(shape, power, background, mean):
-    """Return the negative log-likelihood at the best level, and that level; write the mean powers."""
+    """Return the negative log-likelihood at the optimal level, and this level; write the mean powers."""
     bins, level, unit = len(power), 0.0, 0.0
     for b in range(bins):
         level += power[b]
@@ -152,9 +152,9 @@ def _loss(shape, power, background, mean):
         total, pull = 0.0, 0.0
         for b in range(bins):
             expected = level * shape[b] + background
-            part = level * shape[b] / expected
-            total += part
-            pull += part * (power[b] / expected - 1)
+            signal_share = level * shape[b] / expected
+            total += signal_share
+            pull += signal_share * (power[b] / expected - 1)
         if total <= 0:
             break
         level *= np.exp(min(max(pull / total, -1.0), 1.0))
@@ -188,8 +188,8 @@ def fit_planes(
     samples = len(sine)
     place, edge, below = np.empty(samples), np.empty(samples + 1), np.empty(samples + 1)
     for i in range(len(rows)):
-        first, last = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
-        power, bins = powers[rows[i], first:last], last - first
+        first_bin, last_bin = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
+        power, bins = powers[rows[i], first_bin:last_bin], last_bin - first_bin
         total, noise = 0.0, np.inf
         for b in range(bins):
             total += power[b]
@@ -200,43 +200,45 @@ def fit_planes(
         trial_shape, trial_mean, by = np.empty(bins), np.empty(bins), np.empty((2, bins))
         boresight, log_slope, loss, level = 0.0, 0.0, np.inf, 0.0
         for slope in slopes:
-            one = _shape(
-                sine, share, across, response, first, 1.0, np.log(slope), place, edge, below, spread, trial_shape
+            unit_range = _shape(
+                sine, share, across, response, first_bin, 1.0, np.log(slope), place, edge, below, spread, trial_shape
             )
-            at = centroids[i] / one
-            _shape(sine, share, across, response, first, at, np.log(slope), place, edge, below, spread, trial_shape)
-            found, its_level = _loss(trial_shape, power, background, trial_mean)
-            if found < loss:
-                boresight, log_slope, loss, level = at, np.log(slope), found, its_level
+            at = centroids[i] / unit_range
+            _shape(sine, share, across, response, first_bin, at, np.log(slope), place, edge, below, spread, trial_shape)
+            trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
+            if trial_loss < loss:
+                boresight, log_slope, loss, level = at, np.log(slope), trial_loss, trial_level
                 for b in range(bins):
                     shape[b], mean[b] = trial_shape[b], trial_mean[b]
         damping, a, c, d, empty = 1e-3, 0.0, 0.0, 0.0, False
         for _ in range(iterations):
-            for which in range(2):
-                dr, ds = (RANGE_STEP, 0.0) if which == 0 else (0.0, SLOPE_STEP)
+            for column in range(2):
+                dr, ds = (RANGE_STEP, 0.0) if column == 0 else (0.0, SLOPE_STEP)
                 for sign in (1, -1):
                     _shape(
-                        sine, share, across, response, first, boresight + sign * dr, log_slope + sign * ds, place, edge,
-                        below, spread, trial_shape,
+                        sine, share, across, response, first_bin, boresight + sign * dr, log_slope + sign * ds, place,
+                        edge, below, spread, trial_shape,
                     )  # fmt: skip
                     for b in range(bins):
-                        by[which, b] = trial_shape[b] if sign > 0 else (by[which, b] - trial_shape[b]) / (2 * (dr + ds))
-            # The level is refitted at each step, so the other columns are projected orthogonally to it.
+                        by[column, b] = (
+                            trial_shape[b] if sign > 0 else (by[column, b] - trial_shape[b]) / (2 * (dr + ds))
+                        )
+            # The level is refitted at each step: project the other columns orthogonally to it.
             norm, along_r, along_s = 0.0, 0.0, 0.0
             for b in range(bins):
-                own = (mean[b] - background) / mean[b]
+                level_share = (mean[b] - background) / mean[b]
                 by[0, b] *= level / mean[b]
                 by[1, b] *= level / mean[b]
-                norm += own * own
-                along_r += own * by[0, b]
-                along_s += own * by[1, b]
+                norm += level_share * level_share
+                along_r += level_share * by[0, b]
+                along_s += level_share * by[1, b]
             if norm == 0.0:  # even the best slope puts no power in these bins
                 empty = True
                 break
             a, c, d, pull_r, pull_s = 0.0, 0.0, 0.0, 0.0, 0.0
             for b in range(bins):
-                own, excess = (mean[b] - background) / mean[b], power[b] / mean[b] - 1
-                r, s = by[0, b] - own * along_r / norm, by[1, b] - own * along_s / norm
+                level_share, excess = (mean[b] - background) / mean[b], power[b] / mean[b] - 1
+                r, s = by[0, b] - level_share * along_r / norm, by[1, b] - level_share * along_s / norm
                 a, c, d = a + r * r, c + r * s, d + s * s
                 pull_r, pull_s = pull_r + r * excess, pull_s + s * excess
             m, n = a + damping * (a + 1e-12), d + damping * (d + 1e-12)
@@ -245,11 +247,11 @@ def fit_planes(
             to_r = boresight + min(max(step_r, -MAX_RANGE), MAX_RANGE)
             to_s = log_slope + min(max(step_s, -MAX_SLOPE), MAX_SLOPE)
             to_s = min(max(to_s, np.log(slopes[0])), np.log(slopes[-1]))
-            _shape(sine, share, across, response, first, to_r, to_s, place, edge, below, spread, trial_shape)
-            found, its_level = _loss(trial_shape, power, background, trial_mean)
-            if found < loss:
-                done = loss - found < DONE
-                boresight, log_slope, loss, level, damping = to_r, to_s, found, its_level, damping / 4
+            _shape(sine, share, across, response, first_bin, to_r, to_s, place, edge, below, spread, trial_shape)
+            trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
+            if trial_loss < loss:
+                done = loss - trial_loss < DONE
+                boresight, log_slope, loss, level, damping = to_r, to_s, trial_loss, trial_level, damping / 4
                 for b in range(bins):
                     shape[b], mean[b] = trial_shape[b], trial_mean[b]
                 if done:

@@ -1,18 +1,18 @@
 """The mean echo and the motion of a volume (rain, snowfall, dust), estimated from the survey that it contaminates.
 
-Rain has the same mean profile in every pulse; ground does not. Some pulses spread over the survey give the
+Rain has the same mean profile in every pulse; ground does not. A subsample of the survey's pulses gives the
 profile: near the radar a volume that fills the beam falls as r^-2, and exceeds the receiver noise in the
-median of the pulses. That first guess shows where each pulse's volume ends (`end`); the cells well before
-that hold volume only, and all pulses together give its mean in every cell, regularized by the law where few reach.
-The rain rate and the ground need not be known beforehand. Where a volume varies over the survey (a shower at
+median of the pulses. This first guess locates the end of the volume in each pulse (`end`); the cells well before
+it hold volume only, and their average over all pulses is the mean in every cell, regularized by the law where few
+reach. The rain rate and the ground need not be known beforehand. Where a volume varies over the survey (a shower at
 its edge), its strength around each pulse follows from the cells next to the radar.
 
 The motion is estimated from the survey as well: drops fall, and the wind carries them. Motion shifts the range measured
 by an FMCW sweep, so that the end of the volume appears beside the echo of the ground that ends it. The shift in each
-pulse depends on the mean velocity of the particles along its boresight; a scan sees it from many directions. The prior
+pulse depends on the mean velocity of the particles along its boresight; a scan samples many directions. The prior
 is rain falling through still air, drops weighted by their echo. Snow, fog or a wind are accepted if they raise the
-likelihood of all pulses together by more than an error of the model does: over simulated ground the maximum likelihood
-is up to 1 m/s off the true speed.
+total likelihood by more than a model error does: over simulated ground the maximum-likelihood speed is up to 1 m/s off
+the true one.
 """
 
 from collections.abc import Callable
@@ -26,19 +26,19 @@ from scipy.optimize import minimize
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.rain import echo_speeds
 
-# Cells next to the radar in which a volume is searched, and its least power there over the noise.
+# Cells next to the radar in which a volume is searched, and its minimum power there over the noise.
 NEAR_CELLS = 24
 MIN_OVER_NOISE = 2.0
 # In a volume, power times r^2 is the same in the nearer and the farther half of these cells, up to this factor.
 MAX_UNEVEN = 3.0
-# Share of cells that certainly hold noise only.
+# Share of cells assumed to hold noise only.
 QUIET_SHARE = 0.05
 # Cells over which the estimate is smoothed, each way, and the weight of the law in looks.
 SMOOTHED_CELLS = 8
 LOOKS_OF_LAW = 200.0
-# How far the law may differ from the first guess, in nepers, and its two-way loss in nepers per metre (110 dB/km).
+# Limits of the law: deviation from the first guess in nepers, and two-way loss in nepers per metre (110 dB/km).
 MAX_NEPERS, MAX_LOSS = 6.0, 0.05
-# Estimates of a volume far below the noise are random: the mean is at least this share of the law.
+# Estimates far below the noise are random: lower limit of the mean, as a share of the law.
 MIN_OF_LAW = 0.05
 # One in 3000 exponential powers exceeds 8 means: anything stronger is not the volume.
 MAX_OVER_MEAN = 8.0
@@ -51,10 +51,10 @@ MIN_UNEVEN = 1.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeClutter:
-    """Mean powers of a volume in the range cells, as if no ground ended it.
+    """Mean powers of a volume in the range cells, as if without ground.
 
     mean: power of the volume; noise: power of the receiver noise, one for all cells.
-    near: first and one past the last of the cells that hold only the volume in nearly every pulse.
+    near: first, and one past the last, of the cells that hold volume only in nearly every pulse.
     uneven: variance of the volume's strength between pulses; 0 if it is uniform.
     """
 
@@ -77,7 +77,7 @@ class VolumeClutter:
     ) -> Float[np.ndarray, " pulse"]:
         """Return the volume's mean around each pulse over that of the survey, from the cells next to the radar.
 
-        looks: independent looks per cell; neighbours: pulses on each side that see nearly the same volume.
+        looks: independent looks per cell; neighbours: pulses on each side through nearly the same volume.
         """
         if self.uneven == 0:
             return np.ones(len(power))
@@ -86,7 +86,7 @@ class VolumeClutter:
         count = np.convolve(np.ones(len(power)), kernel)[about]
         mean = np.convolve(self._near_mean(power), kernel)[about] / count
         chance = 1 / (count * looks * max(self.near[1] - self.near[0], 1))
-        # Shrunk towards the survey's mean as far as speckle explains the difference.
+        # Shrink towards the survey's mean as far as speckle explains the difference.
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
         return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
 
@@ -101,31 +101,31 @@ class VolumeClutter:
         return variance - chance if variance > MIN_UNEVEN * chance else 0.0
 
     def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
-        near = slice(*self.near)
-        ratio = power[:, near] / self.background[near]
+        cells = slice(*self.near)
+        ratio = power[:, cells] / self.background[cells]
         return np.minimum(ratio, MAX_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
 def first_guess(
     power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
 ) -> VolumeClutter | None:
-    """Return a volume that falls as r^-2 from the radar; None in clear air.
+    """Return a volume whose echo falls as r^-2 from the radar; None in clear air.
 
     Parameters
     ----------
     power:
-        Powers of pulses spread over the survey.
+        Powers of pulses sampled over the survey.
     range_m:
         Ranges of the cells.
     first, last:
-        Cells that are tested.
+        Limits of the tested cells.
 
     """
     # A volume over part of the survey shows in the strongest pulses only.
     for share in (0.5, 0.8):
-        found = _volume_at(share, power, range_m, first, last)
-        if found is not None:
-            return found
+        volume = _volume_at(share, power, range_m, first, last)
+        if volume is not None:
+            return volume
     return None
 
 
@@ -156,14 +156,14 @@ def measured_mean(
     volume_only: Bool[np.ndarray, "pulse cell"],
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """Return the volume's mean from the cells that hold only volume; the law fitted to them where these are few."""
+    """Return the volume's mean from the volume-only cells; where these are few, the law fitted to them."""
     clipped = np.minimum(power, MAX_OVER_MEAN * guess.background) - guess.noise
     count = volume_only.sum(axis=0).astype(float)
     total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)
     kernel = np.ones(2 * SMOOTHED_CELLS + 1)
-    seen = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
-    return law * np.maximum(seen / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), MIN_OF_LAW)
+    smoothed = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
+    return law * np.maximum(smoothed / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), MIN_OF_LAW)
 
 
 def _law(
@@ -173,15 +173,15 @@ def _law(
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
     """Return k r^-2 exp(-a r) with the most likely k and a, by Fisher scoring of exponential powers."""
-    used = count > 0
+    observed = count > 0
     k, loss = 0.0, 0.0
-    reach = range_m - range_m[used].mean() if used.any() else range_m
+    reach = range_m - range_m[observed].mean() if observed.any() else range_m
     for _ in range(12):
         mean = guess.mean * np.exp(k - loss * reach)
         # Weight of a cell: sensitivity of its mean to the volume's, given the receiver noise.
         share = mean / (mean + guess.noise)
-        weight = np.where(used, count * share**2, 0.0)
-        excess = np.where(used, total / np.maximum(count, 1.0) / mean - 1, 0.0)
+        weight = np.where(observed, count * share**2, 0.0)
+        excess = np.where(observed, total / np.maximum(count, 1.0) / mean - 1, 0.0)
         design = np.column_stack([np.ones(len(reach)), -reach])
         normal = design.T @ (weight[:, None] * design) + np.diag([1e-9, 1e-9])
         step = np.clip(np.linalg.solve(normal, design.T @ (weight * excess)), [-1.0, -0.05], [1.0, 0.05])
@@ -194,7 +194,7 @@ TYPICAL_RAIN_MM_PER_H = 5.0
 TYPICAL_TEMPERATURE_K = 283.0
 # Snowflakes fall at 0.8 to 1.5 m/s whatever their size (Locatelli and Hobbs 1974, J. Geophys. Res. 79, 2185).
 SNOW_FALL_MPS = 1.1
-# Another motion must be likelier than rain in still air by more than this error in radial speed costs,
+# Another motion must exceed the likelihood of rain in still air by more than this error in radial speed costs,
 # and by more nepers per pulse than weak ground causes at random.
 MODEL_ERROR_MPS = 1.4
 MIN_GAIN = 0.1
@@ -241,7 +241,7 @@ def estimated_motion(
     carrier_hz:
         Carrier, which determines the echo weight of each drop size.
     boresight:
-        Boresights of pulses spread over the survey, from their measured poses.
+        Boresights of pulses sampled over the survey, from their measured poses.
     likelihood:
         Log-likelihood of each pulse for a volume that recedes from all of them at one speed (m/s).
 
@@ -254,9 +254,9 @@ def estimated_motion(
     def cost(velocity_mps: Float[np.ndarray, " 3"], fall_mps: float) -> float:
         """Return the negative log-posterior; each pulse has its own radial speed and spline."""
         speed = np.clip(boresight @ velocity_mps, *reach)
-        piece = np.clip(np.searchsorted(RADIAL_SPEEDS_MPS, speed) - 1, 0, len(RADIAL_SPEEDS_MPS) - 2)
-        step = speed - RADIAL_SPEEDS_MPS[piece]
-        value = sum(c[piece, row] * step ** (3 - power) for power, c in enumerate(spline.c))
+        interval = np.clip(np.searchsorted(RADIAL_SPEEDS_MPS, speed) - 1, 0, len(RADIAL_SPEEDS_MPS) - 2)
+        step = speed - RADIAL_SPEEDS_MPS[interval]
+        value = sum(c[interval, row] * step ** (3 - power) for power, c in enumerate(spline.c))
         wind = velocity_mps[:2] @ velocity_mps[:2] / WIND_SIGMA_MPS**2
         return float(-np.sum(value) + (wind + ((velocity_mps[2] + fall_mps) / FALL_SIGMA_MPS) ** 2) / 2)
 
@@ -271,16 +271,18 @@ def estimated_motion(
 
     falls = (_rain_fall_mps(carrier_hz), SNOW_FALL_MPS, 0.0)
     chosen = falling(falls[0])
-    most = cost(chosen.velocity_mps, falls[0]) - max(_loss_by_error(by_speed.sum(axis=1)), MIN_GAIN * len(boresight))
+    lowest_cost = cost(chosen.velocity_mps, falls[0]) - max(
+        _loss_by_error(by_speed.sum(axis=1)), MIN_GAIN * len(boresight)
+    )
     still_air = [(cost(falling(fall).velocity_mps, fall), falling(fall)) for fall in falls[1:]]
     for value, motion in still_air + [fitted(fall) for fall in falls]:
-        if value < most:
-            most, chosen = value, motion
+        if value < lowest_cost:
+            lowest_cost, chosen = value, motion
     return chosen
 
 
 def _loss_by_error(total: Float[np.ndarray, " speed"]) -> float:
-    """Return the loss of log-likelihood by an error of the model, from the curvature at the best radial speed."""
+    """Return the loss of log-likelihood by a model error, from the curvature at the best radial speed."""
     best = int(np.clip(np.argmax(total), 1, len(total) - 2))
     step_mps = RADIAL_SPEEDS_MPS[1] - RADIAL_SPEEDS_MPS[0]
     return float((total[best] - total[[best - 1, best + 1]].mean()) * (MODEL_ERROR_MPS / step_mps) ** 2)

@@ -31,15 +31,15 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
 
-# Least probability that the echo lies on the chosen surface, and that there is any ground at all.
+# Minimum probability that the echo lies on the chosen surface, and that there is any ground.
 MIN_PROBABILITY = 0.99
 WIDTHS_OF_SPAN = 3.0
 # Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
 ESTIMATION_ROUNDS = 2
-# Margin between cells of volume only and the ground's range: widths of the echo of level ground, and cells.
+# Margin between volume-only cells and the ground's range: widths of the echo of level ground, and cells.
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
-# Share of pulses whose ground may lie within the cells taken as volume only for all pulses.
+# Share of pulses whose ground may lie within the cells assumed volume-only in all pulses.
 RARELY_GROUND = 0.02
 # Peak of the ground over the volume (20 dB) above which the scenario's estimator has the greater weight: side lobes of
 # stronger echoes exceed the volume, and the posterior is narrower than the range cells it is computed on.
@@ -56,7 +56,7 @@ MOTION_PULSES = 128
 
 @dataclass(frozen=True, kw_only=True)
 class ThroughVolume:
-    """A detector of ground behind a volume whose mean echo is known."""
+    """Detector of ground behind a volume of known mean echo."""
 
     detector: Detector
     end: VolumeEnd
@@ -83,7 +83,7 @@ class ThroughVolume:
         pulses:
             Whole scan lines; only the measured pose is used.
         sweep:
-            The sweep of these spectra, which determines how motion shifts ranges.
+            The sweep of these spectra, for the range shift by motion.
         window_m:
             Nearest and farthest range searched in each pulse; None for all ranges.
 
@@ -114,23 +114,23 @@ class ThroughVolume:
         expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
-        # the ground is not where it is expected, and no echo is reported.
+        # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_OVER_MEAN))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
-        kept = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
+        detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
         volume = views.strength[:, None] * np.interp(place, np.arange(end.cells), self.volume.mean)
-        spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
+        spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, detected)
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
-        ranges, reach = self._ranges(spans, tracked, peak_level, kept)
+        ranges, reach = self._ranges(spans, tracked, peak_level, detected)
         echoes = Echoes(
-            pulse=pulses.index[kept],
-            number=np.zeros(len(kept), dtype=np.int64),
+            pulse=pulses.index[detected],
+            number=np.zeros(len(detected), dtype=np.int64),
             range_m=ranges.range_m,
             range_sigma_m=ranges.sigma_m,
             power=peak,
@@ -140,12 +140,12 @@ class ThroughVolume:
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
         profiles = cut_profiles(quiet, pulses.index, stride)
         in_front = VolumeInFront(
-            power=profiles.of_cells(volume[:, ::stride], kept),
-            in_air=profiles.of_cells(in_air[:, ::stride], kept),
+            power=profiles.of_cells(volume[:, ::stride], detected),
+            in_air=profiles.of_cells(in_air[:, ::stride], detected),
             echo_m=ranges.range_m,
             echo_sigma_m=ranges.sigma_m,
             echo_reach=reach,
-            drift_m=views.drift_m[kept],
+            drift_m=views.drift_m[detected],
             spread_m=end.spread_m,
         )
         return Detections(echoes=echoes, profiles=replace(profiles, volume=in_front))
@@ -155,18 +155,20 @@ class ThroughVolume:
         spans: EchoSpans,
         tracked: Tracked,
         peak_level: Float[np.ndarray, " pulse"],
-        kept: Int[np.ndarray, " echo"],
+        detected: Int[np.ndarray, " echo"],
     ) -> tuple[Ranges, Float[np.ndarray, " echo"]]:
         """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume.
 
-        With them comes over how many pulses their errors repeat, those of the estimates being independent.
+        Also return the correlation length of their errors, in pulses; errors of the estimates are independent.
         """
         estimated = self.detector.estimator(spans)
-        cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
-        of_track, of_echo = share * tracked.sigma[kept] * cell_m, (1 - share) * estimated.sigma_m
+        cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[detected] / EVEN_LEVEL) ** 4)
+        of_track, of_echo = share * tracked.sigma[detected] * cell_m, (1 - share) * estimated.sigma_m
         sigma = np.hypot(of_track, of_echo)
-        ranges = Ranges(range_m=share * tracked.cell[kept] * cell_m + (1 - share) * estimated.range_m, sigma_m=sigma)
-        return ranges, tracked.reach[kept] * (of_track / np.maximum(sigma, 1e-9)) ** 2
+        ranges = Ranges(
+            range_m=share * tracked.cell[detected] * cell_m + (1 - share) * estimated.range_m, sigma_m=sigma
+        )
+        return ranges, tracked.reach[detected] * (of_track / np.maximum(sigma, 1e-9)) ** 2
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
@@ -189,7 +191,7 @@ class ThroughVolume:
         noise: Float[np.ndarray, "pulse bin"],
         cell: Float[np.ndarray, " pulse"],
         width: Float[np.ndarray, " pulse"],
-        kept: Int[np.ndarray, " echo"],
+        detected: Int[np.ndarray, " echo"],
     ) -> EchoSpans:
         """Return the echoes' spans, with volume and receiver noise as their noise."""
         analyser = self.detector.analyser
@@ -200,10 +202,10 @@ class ThroughVolume:
         return EchoSpans(
             power=power,
             noise=noise,
-            row=kept,
-            start=start[kept],
-            stop=stop[kept],
-            peak=strongest_bins(power, kept, start[kept], stop[kept]),
+            row=detected,
+            start=start[detected],
+            stop=stop[detected],
+            peak=strongest_bins(power, detected, start[detected], stop[detected]),
             bin_m=analyser.bin_m,
             looks_per_bin=analyser.looks_per_cell / stride,
             beam=self.detector.beam,
@@ -211,7 +213,7 @@ class ThroughVolume:
 
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
-    """Whether the spectra of pulses spread over a survey show a volume in front of the ground."""
+    """Return whether spectra of pulses sampled over a survey show a volume in front of the ground."""
     return detector.beam is not None and _first_guess(detector, power) is not None
 
 
@@ -222,8 +224,8 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     guess = first_guess(power[:, ::stride], range_m, first, last)
     if guess is None:
         return None
-    # If the strongest cell of nearly every pulse exceeds the nearest volume cells by so much that these cannot pass
-    # for an echo, thin fog or drizzle does no harm.
+    # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
+    # so much that these cannot be taken for an echo.
     processing = detector.processing
     margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
@@ -263,7 +265,7 @@ def volume_in_front(
     moving = _with_motion(through, cells, pulses, sweep)
     if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
         return through
-    # Discard what was learned about the ground with the wrong motion.
+    # Discard the ground prior learned with the wrong motion.
     anew = _through(detector, moving.volume, unknown_ground(), moving.motion, pulses, sweep)
     return _with_mean_and_ground(anew, cells, pulses, sweep)
 
@@ -310,7 +312,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
 def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
-    """Estimate the volume's mean from the cells before the ground, and how strong and steep the ground is."""
+    """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
     end, volume = through.end, through.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
@@ -318,14 +320,14 @@ def _with_mean_and_ground(
     learned = learned_ground(end.ground.level, likelihood)
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
-    before = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
-    volume_only = (np.arange(end.cells) < before[:, None]) & (np.arange(end.cells) >= end.first)
+    volume_end = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
+    volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
     mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m)
-    near = (end.first, max(int(np.quantile(before, RARELY_GROUND)), end.first))
-    even = replace(volume, mean=mean, near=near, uneven=0.0)
-    known = replace(even, uneven=even.unevenness(cells, end.looks))
-    return _through(through.detector, known, learned, through.motion, pulses, sweep)
+    near = (end.first, max(int(np.quantile(volume_end, RARELY_GROUND)), end.first))
+    uniform = replace(volume, mean=mean, near=near, uneven=0.0)
+    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks))
+    return _through(through.detector, updated, learned, through.motion, pulses, sweep)
 
 
 def _with_motion(
@@ -349,7 +351,7 @@ def _with_motion(
 def _within(
     range_m: Float[np.ndarray, "#pulse place"] | Float[np.ndarray, " place"], window_m: Float[np.ndarray, "pulse 2"]
 ) -> Bool[np.ndarray, "pulse place"]:
-    """Whether each range lies inside the window of each pulse."""
+    """Return the mask of ranges inside the window of each pulse."""
     return np.asarray((range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:]))
 
 

@@ -1,8 +1,8 @@
 """Ground behind a volume of rain: likelihood of each range at which a surface may end it, and a prior of the ground.
 
-The likelihood is that of one pulse. Rain fills the beam up to the ground, and behind the ground there is silence. So
-ground shows twice in a profile: by its own echo, and by the end of the rain's, which is there however weak the first
-is. In range cells, with powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose
+The likelihood is that of one pulse. Rain fills the beam up to the ground, with receiver noise alone behind it. So
+ground shows twice in a profile: by its own echo, and by the end of the rain's, present however weak the first is. In
+range cells, with powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose
 axis range is c is
 
     mu(x) = (1 - F(x - d)) (1 - k) + k + G f(x),       x = r - c,   k = n / (V + n)
@@ -14,15 +14,15 @@ targets appear too far, so that rain falling under a downward beam seems to reac
 exponential about mu, so the log-likelihood against a volume without end is the sum of -log mu - P (1 / mu - 1). That
 sum is largest at the true mean whatever the distribution of P, as long as the mean itself is right: where the floor k
 is kept above the receiver noise because of side lobes, powers are raised by as much. Behind the window of shapes the
-silence continues to count, each cell down to a bounded loss: a single echo from behind (a side lobe, a double bounce)
-must not outweigh it.
+silent cells continue to count, each down to a bounded loss, so that a single echo from behind (a side lobe, a double
+bounce) does not outweigh them.
 
 Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains
-W (g - log(1 + g)) on average; N competing positions cost log N. The silence behind adds log(1 / k) - 1 + k per cell,
-for as many cells as are sampled behind the ground, which is why the end of the volume reveals the ground when g < 1.
+W (g - log(1 + g)) on average; N competing positions cost log N. Each cell sampled behind the ground adds
+log(1 / k) - 1 + k, which is why the end of the volume reveals the ground when g < 1.
 
-The prior of the ground behind the volume, how strong and how steep it is, is learned from the survey. Both shape the
-echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole echo over the
+The prior of the ground behind the volume, its level and slope, is learned from the survey. Both shape the echo. On
+ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole echo over the
 volume's in one cell is the same at any range and incidence: both fall as r^-2, and the longer the footprint the weaker
 each cell. A survey over a few kinds of ground has few such levels. Slopes make an echo wider or narrower than that of
 level ground, and bound how far neighbours' heights may differ.
@@ -43,10 +43,10 @@ from sionna_radar.detection.volume.clutter import VolumeClutter
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
-# Rarer levels are dropped.
+# Levels of a smaller share are dropped.
 RAREST_LEVEL = 2e-3
 LEVEL_ROUNDS = 200
-# Root-mean-square slopes that are compared.
+# Candidate root-mean-square slopes.
 SLOPES = np.geomspace(0.04, 0.8, 9)
 FIRST_SLOPE = 0.15
 
@@ -77,24 +77,24 @@ def unknown_ground() -> GroundBehind:
 def learned_ground(
     level: Float[np.ndarray, " level"], likelihood: Float32[np.ndarray, "slope pulse level"]
 ) -> GroundBehind:
-    """Return the ground under which all pulses together are most likely.
+    """Return the maximum-likelihood ground over all pulses.
 
     Parameters
     ----------
     level:
-        Levels that were compared.
+        Candidate levels.
     likelihood:
         Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
 
     """
-    shares, totals = zip(*(_level_share(one) for one in likelihood), strict=True)
+    shares, totals = zip(*(_level_share(per_slope) for per_slope in likelihood), strict=True)
     best = int(np.argmax(totals))
     share = shares[best]
-    # A level next to a frequent one may be real: the true level lies between two steps.
-    kept = share > RAREST_LEVEL
-    kept[1:-1] |= kept[2:] | kept[:-2]
-    share = np.where(kept, np.maximum(share, RAREST_LEVEL), 0.0)[kept]
-    return GroundBehind(level=level[kept], level_share=share / share.sum(), slope=float(SLOPES[best]))
+    # Keep neighbours of frequent levels: the true level lies between two steps.
+    significant = share > RAREST_LEVEL
+    significant[1:-1] |= significant[2:] | significant[:-2]
+    share = np.where(significant, np.maximum(share, RAREST_LEVEL), 0.0)[significant]
+    return GroundBehind(level=level[significant], level_share=share / share.sum(), slope=float(SLOPES[best]))
 
 
 def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
@@ -108,25 +108,25 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
     return share, float(logsumexp(log + np.log(share), axis=1).sum())
 
 
-# Cells on each side of the axis range in which shapes are compared.
+# Half-length of the window in which shapes are compared, in cells.
 HALF = 40
 WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
 # Lowest level behind the ground relative to the volume: side lobes, double-bounce echoes.
 SILENCE = 0.01
 LARGEST_LOSS = 3.0
-# Cells that must be sampled behind the ground: rain that continues to the last range cell shows no end.
+# Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
 # Largest shift of the end of a volume from its ground, in half cells.
 LARGEST_STEP = 40
 ROWS_AT_ONCE = 32
 FINE = 4
-# Uncertainty of an echo's width for a known slope, in nepers, and the least effective slope: the beam is as
+# Uncertainty of an echo's width for a known slope, in nepers, and the minimum effective slope: the beam is as
 # wide across the plane of incidence, and ground is curved.
 WIDTH_SPREAD = 0.25
 MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
 DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
-# Ranges at which width probabilities are computed; they are interpolated in between.
+# Number of ranges at which width probabilities are computed, with interpolation in between.
 WIDTH_NODES = 24
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
@@ -137,10 +137,10 @@ STRENGTH_STEP = 10.0**0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Views:
-    """How the beams of some pulses meet volume and ground.
+    """Viewing geometry of volume and ground in each pulse.
 
     down: cosine of the boresight's angle from nadir.
-    drift_m: by how much motion lengthens the volume's ranges relative to those of the ground.
+    drift_m: increase of the volume's ranges by motion, relative to those of the ground.
     strength: mean of the volume around each pulse over that of the survey.
     """
 
@@ -195,28 +195,28 @@ class VolumeEnd:
         cell = np.empty(len(ratio), dtype=np.int64)
         for rows, terms in self._terms(ratio, views):
             widths = [self._log_width(views.down[rows], slope)[..., 0] for slope in SLOPES]
-            most = terms.max(axis=(2, 3))
-            cell[rows] = self._columns[most.argmax(axis=1)]
+            peak = terms.max(axis=(2, 3))
+            cell[rows] = self._columns[peak.argmax(axis=1)]
             for i, row in enumerate(rows):
-                # Beyond 2^24 float32 does not tell a value from a few less.
-                kept = np.flatnonzero((most[i] > most[i].max() - NEGLIGIBLE) | (most[i] == most[i].max()))
+                # Beyond 2^24 the spacing of float32 exceeds one.
+                relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
                 for number, width in enumerate(widths):
-                    weighed = terms[i, kept] + width[i, kept][..., None]
+                    weighed = terms[i, relevant] + width[i, relevant][..., None]
                     out[number, row] = _log_sum(weighed.reshape(-1, weighed.shape[-1]).T)
         return out, cell
 
     def shape_at(
         self, ratio: Float[np.ndarray, "pulse cell"], cell: Int[np.ndarray, " pulse"], views: Views
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
-        """Return the mean width in cells of the ground's echo at given cells, and its peak over the volume."""
+        """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
         window, expected = self._windows(ratio), self._log_width(views.down, self.ground.slope)
         for row, at in enumerate(clipped):
-            here = np.array([at])
+            column = np.array([at])
             strength = _strength_step(views.strength[row])
             silence = float(self._silence(strength)[at])
-            terms = self._compare(window[None, row, here], self._step(views.drift_m[row]), strength, silence, here)
+            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
             share = np.exp(terms - logsumexp(terms))
             width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
@@ -230,13 +230,13 @@ class VolumeEnd:
         drift_m: Float[np.ndarray, " pulse"],
         place: Float[np.ndarray, " place"],
     ) -> Float[np.ndarray, "pulse place"]:
-        """Return the share of the volume's mean left at positions (in cells) before and across the ground."""
+        """Return the residual share of the volume's mean at positions (in cells) before and across the ground."""
         out = np.empty((len(centre), len(place)))
         at = np.arange(-HALF, HALF + 1)
         nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(WIDTHS_CELLS)), axis=1)
-        for row, (one, number) in enumerate(zip(centre, nearest, strict=True)):
+        for row, (centre_cell, number) in enumerate(zip(centre, nearest, strict=True)):
             air, _ = self._shapes(self._step(drift_m[row]))
-            out[row] = np.interp(place - one, at, air[number], left=1.0, right=0.0)
+            out[row] = np.interp(place - centre_cell, at, air[number], left=1.0, right=0.0)
         return out
 
     def _terms(
@@ -253,15 +253,15 @@ class VolumeEnd:
                 rows = group[start : start + ROWS_AT_ONCE]
                 shape = (len(rows), len(self._columns), len(WIDTHS_CELLS), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
-                for part, silent in _spans(silence, self._columns):
-                    compared = self._compare(window[np.ix_(rows, part)], step, strength, silent, part)
-                    here = behind[start : start + ROWS_AT_ONCE][:, part]
-                    terms[:, part - self._columns[0]] = compared + here[..., None, None]
+                for columns, silent in _spans(silence, self._columns):
+                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, silent, columns)
+                    tail = behind[start : start + ROWS_AT_ONCE][:, columns]
+                    terms[:, columns - self._columns[0]] = compared + tail[..., None, None]
                 yield rows, terms
 
     @cached_property
     def _columns(self) -> Int[np.ndarray, " column"]:
-        """Cells that the ground may lie in."""
+        """Cells that may contain the ground."""
         return np.arange(self.first, self.cells - MIN_BEHIND)
 
     @property
@@ -288,8 +288,8 @@ class VolumeEnd:
         mean = mean.reshape(-1, mean.shape[-1])
         slope = -(1 / mean - 1).T.astype(np.float32)
         # Taps beyond the last cell do not count.
-        inside = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
-        constant = -np.cumsum(np.log(mean), axis=1)[:, inside - 1].T.astype(np.float32)
+        taps = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
+        constant = -np.cumsum(np.log(mean), axis=1)[:, taps - 1].T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
         terms = ((flat @ slope).reshape(*window.shape[:2], -1) + constant) * np.float32(self.looks)
         return terms.reshape(*window.shape[:2], len(WIDTHS_CELLS), len(self.ground.level))
@@ -304,9 +304,9 @@ class VolumeEnd:
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
     ) -> Float32[np.ndarray, "pulse cell"]:
         """Return the log-likelihood from all cells behind the window of each cell."""
-        one = np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS) * self.looks
+        per_cell = np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS) * self.looks
         behind = np.zeros((len(ratio), self.cells + HALF + 1))
-        behind[:, : self.cells] = np.cumsum(one[:, ::-1], axis=1)[:, ::-1]
+        behind[:, : self.cells] = np.cumsum(per_cell[:, ::-1], axis=1)[:, ::-1]
         return behind[:, HALF + 1 :].astype(np.float32)
 
     def _log_width(
@@ -342,19 +342,19 @@ def _strength_step(strength: float) -> int:
 
 def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "..."]:
     """Return log sum exp over the last axis, in the precision of the terms; -inf if all terms are -inf."""
-    most = terms.max(axis=-1)
+    peak = terms.max(axis=-1)
     with np.errstate(divide="ignore"):
-        total = np.exp(terms - np.where(np.isfinite(most), most, 0.0)[..., None]).sum(axis=-1)
-        return np.asarray(np.log(total) + np.where(np.isfinite(most), most, 0.0))
+        total = np.exp(terms - np.where(np.isfinite(peak), peak, 0.0)[..., None]).sum(axis=-1)
+        return np.asarray(np.log(total) + np.where(np.isfinite(peak), peak, 0.0))
 
 
 def _spans(
     silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
 ) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
     """Yield the spans of columns with equal silence."""
-    for part in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
-        if len(part):
-            yield part, float(silence[part[0]])
+    for span in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
+        if len(span):
+            yield span, float(silence[span[0]])
 
 
 @lru_cache(maxsize=256)
@@ -365,7 +365,7 @@ def _shapes(
 
     step: drift in half cells; spread: its standard deviation in cells.
     """
-    angle, power, window = (np.frombuffer(part) for part in (sine, share, response))
+    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, share, response))
     angle = angle / np.sqrt(power @ angle**2)
     density = power / power.max()
     place = np.arange(-HALF * FINE, HALF * FINE + 1) / FINE

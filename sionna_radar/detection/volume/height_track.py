@@ -1,9 +1,9 @@
-"""Ground is continuous: the height that a pulse meets, given its neighbours in the scan line.
+"""Continuity of the ground: the height below each pulse, given its neighbours in the scan line.
 
 Each pulse has a log-likelihood of ground for every range cell. Its measured pose turns a range into a height on the
 beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about zero, or jump
 anywhere (a wall, an edge) with a small probability. Forward and backward messages along the line give the evidence
-of all neighbours for each pulse's height; the product with its own likelihood is its posterior.
+of all neighbours for each pulse's height; their product with the pulse's own likelihood is the posterior.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 # Probability that the height jumps from pulse to pulse.
 JUMP_PROBABILITY = 0.03
-# Least downward cosine of a beam whose range determines a height.
+# Minimum downward cosine of a beam whose range determines a height.
 MIN_DOWN = 0.1
 HEIGHT_STEPS_PER_CELL = 1.0
 # Posterior cells farther than this from the strongest belong to another surface.
@@ -25,7 +25,7 @@ SAME_SURFACE_CELLS = 20
 class AxisHeights:
     """The beam's axis from the measured pose: a height is `position_m[2] - down * (range - shift_m)`.
 
-    shift_m: by how much the platform's motion lengthens the ranges measured by the sweep.
+    shift_m: increase of the measured range by the platform's motion (Doppler shift).
     """
 
     position_m: Float[np.ndarray, "pulse 3"]
@@ -48,8 +48,8 @@ class Tracked:
     """Range of each pulse in cells, its standard deviation, and the probability of the surface it lies on.
 
     evidence: log-likelihood of ground on that surface against no ground, neighbours included.
-    reach: over how many pulses errors of the range repeat, as neighbours decide it together: those of two pulses that
-        are n apart have about the correlation exp(-n^2 / reach^2).
+    reach: correlation length of range errors in pulses, as neighbours share their evidence: errors of pulses n apart
+        have about the correlation exp(-n^2 / reach^2).
     """
 
     cell: Float[np.ndarray, " pulse"]
@@ -90,10 +90,10 @@ def track(
     share = np.exp(posterior - total[:, None])
     cell = np.arange(evidence.shape[1])
     same = np.abs(cell - share.argmax(axis=1)[:, None]) <= SAME_SURFACE_CELLS
-    kept = np.where(same, share, 0.0)
-    probability = kept.sum(axis=1)
-    mean = kept @ cell / probability
-    sigma = np.sqrt(np.sum(kept * (cell - mean[:, None]) ** 2, axis=1) / probability)
+    surface_share = np.where(same, share, 0.0)
+    probability = surface_share.sum(axis=1)
+    mean = surface_share @ cell / probability
+    sigma = np.sqrt(np.sum(surface_share * (cell - mean[:, None]) ** 2, axis=1) / probability)
     sigma = np.maximum(sigma, 0.05)
     reach = _reach(sigma, _alone(evidence, same, mean))
     return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, reach=reach)
@@ -102,18 +102,20 @@ def track(
 def _alone(
     evidence: Float[np.ndarray, "pulse cell"], same: Bool[np.ndarray, "pulse cell"], mean: Float[np.ndarray, " pulse"]
 ) -> Float[np.ndarray, " pulse"]:
-    """Return the standard deviation of each range by the pulse's own evidence, near the surface that was found."""
-    own = np.where(same, np.exp(evidence - np.max(evidence, axis=1, where=same, initial=-np.inf, keepdims=True)), 0.0)
+    """Return the standard deviation of each range from the pulse's own evidence near the chosen surface."""
+    likelihood = np.where(
+        same, np.exp(evidence - np.max(evidence, axis=1, where=same, initial=-np.inf, keepdims=True)), 0.0
+    )
     square = (np.arange(evidence.shape[1]) - mean[:, None]) ** 2
-    return np.sqrt(np.sum(own * square, axis=1) / own.sum(axis=1))
+    return np.sqrt(np.sum(likelihood * square, axis=1) / likelihood.sum(axis=1))
 
 
 def _reach(sigma: Float[np.ndarray, " pulse"], alone: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-    """Return over how many pulses errors repeat.
+    """Return the correlation length of range errors, in pulses.
 
-    Heights that wander from pulse to pulse, each measured with the variance s^2, have after smoothing the variance P
-    and errors of the correlation l^n with P / s^2 = (1 - l) / (1 + l) (the inverse of the tridiagonal matrix of their
-    information). All correlations add up to s^2 / P; the Gaussian of the same sum stands for them.
+    Heights in a random walk from pulse to pulse, each measured with the variance s^2, have after smoothing the variance
+    P and errors of the correlation l^n with P / s^2 = (1 - l) / (1 + l) (the inverse of their tridiagonal information
+    matrix). The correlations add up to s^2 / P; they are approximated by the Gaussian of the same sum.
     """
     total = np.maximum((alone / sigma) ** 2, 1.0)
     reach: Float[np.ndarray, " pulse"] = np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
@@ -127,7 +129,7 @@ def _neighbours(
     rows: Int[np.ndarray, " pulse"],
     slope: float,
 ) -> Float[np.ndarray, "pulse cell"]:
-    """Return the log-probability of each cell given the other pulses of the line; uniform where they give none."""
+    """Return the log-probability of each cell given the other pulses of the line; uniform without such evidence."""
     count, cells = evidence.shape
     top, down = heights.top_m[rows], heights.down[rows]
     looks_down = down >= MIN_DOWN
@@ -139,9 +141,9 @@ def _neighbours(
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
     for row in np.flatnonzero(looks_down):
-        most = evidence[row].max()
+        peak = evidence[row].max()
         at = (top[row] - height) / (down[row] * cell_m)
-        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - most), left=0.0, right=0.0)
+        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - peak), left=0.0, right=0.0)
     distance = _distances(evidence, heights, cell_m, rows)
     decay = np.exp(-step_m / np.maximum(slope * distance, step_m))
     flat = np.full(len(height), 1 / len(height))
@@ -150,10 +152,10 @@ def _neighbours(
         forward[step + 1] = _moved(forward[step], likelihood[step], decay[step])
     for step in reversed(range(count - 1)):
         backward[step] = _moved(backward[step + 1], likelihood[step + 1], decay[step])
-    both = forward * backward
+    messages = forward * backward
     out = np.full(evidence.shape, -np.log(cells))
     for row in np.flatnonzero(looks_down):
-        prior = np.interp(top[row] - down[row] * range_m, height, both[row])
+        prior = np.interp(top[row] - down[row] * range_m, height, messages[row])
         out[row] = np.log(np.maximum(prior / max(prior.sum(), 1e-300), 1e-30))
     return out
 
@@ -161,7 +163,7 @@ def _neighbours(
 def _distances(
     evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
 ) -> Float[np.ndarray, " step"]:
-    """Return the distances between where consecutive beams meet level ground at the line's median height."""
+    """Return the distances between consecutive beam centres on level ground at the line's median height."""
     down = np.maximum(heights.down[rows], MIN_DOWN)
     clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
     place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
@@ -172,17 +174,17 @@ def _distances(
 def _moved(
     message: Float[np.ndarray, " height"], likelihood: Float[np.ndarray, " height"], decay: float
 ) -> Float[np.ndarray, " height"]:
-    """Return the message of a pulse, and of those beyond it, about its neighbour's height."""
-    here = message * likelihood
-    total = here.sum()
-    flat = np.full(len(here), 1 / len(here))
+    """Return the message of a pulse and those beyond it for its neighbour's height."""
+    belief = message * likelihood
+    total = belief.sum()
+    flat = np.full(len(belief), 1 / len(belief))
     if total <= 0:
         return flat
-    here /= total
+    belief /= total
     # SciPy's signal package is slow to import.
     from scipy.signal import lfilter
 
-    up = lfilter([1.0], [1.0, -decay], here)
-    back = lfilter([1.0], [1.0, -decay], here[::-1])[::-1]
-    spread = (up + back - here) * (1 - decay) / (1 + decay)
+    up = lfilter([1.0], [1.0, -decay], belief)
+    back = lfilter([1.0], [1.0, -decay], belief[::-1])[::-1]
+    spread = (up + back - belief) * (1 - decay) / (1 + decay)
     return (1 - JUMP_PROBABILITY) * spread + JUMP_PROBABILITY * flat

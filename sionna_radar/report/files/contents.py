@@ -1,13 +1,13 @@
-"""What a folder of results may hold: kinds of files, and how each is chosen."""
+"""Optional contents of a folder of results: kinds of files, and their selection."""
 
 from enum import Enum, StrEnum
 
-# The file by which such a folder is known.
+# The file that identifies such a folder.
 MARKER = "summary.json"
 
 
 class Report(Enum):
-    """Whether a folder of results has a page to look at, `report.html`."""
+    """Selection of the page `report.html` in a folder of results."""
 
     PAGE = "page"
     NONE = "none"
@@ -31,12 +31,12 @@ class PointsFile(StrEnum):
     PARQUET = "parquet"
 
 
-# CSV too: whoever has no program for LAZ opens that, and it takes 4 s for a million points.
+# CSV too, for users without a LAZ reader; it takes 4 s per million points.
 POINTS_FILES = (PointsFile.LAZ, PointsFile.CSV)
 
 
 class RunsFile(StrEnum):
-    """Formats of the table with a row for each survey."""
+    """Formats of the table with one row per survey."""
 
     CSV = "csv"
     PARQUET = "parquet"

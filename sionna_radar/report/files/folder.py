@@ -6,8 +6,7 @@ earlier result, listed in its manifest and unchanged since, move out one by one,
 new result move in, the manifest last: a folder without a manifest, with a staging folder inside, is one whose
 replacement was interrupted, and the next run restores the earlier result.
 
-Only a listed and unchanged file may ever be replaced. A file that the user has added, edited or put
-in place of ours belongs to the user.
+Only listed and unchanged files are ever replaced. Files that the user added, edited or replaced belong to the user.
 """
 
 import hashlib
@@ -26,7 +25,7 @@ from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, sta
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 
 MANIFEST = "manifest.json"
-# What a run took differs from run to run: these files, and the last columns of this table, are not hashed.
+# Costs differ from run to run: these files, and the last columns of this table, are not hashed.
 COSTS = "costs.json"
 UNHASHED = (COSTS, "runs.parquet")
 TABLE, COSTS_COLUMNS = "runs.csv", 2
@@ -38,9 +37,9 @@ class Manifest:
     """The files of one result, by their paths inside the folder, with forward slashes.
 
     kind: file that every result of this kind contains, such as `summary.json`.
-    sha256, size_bytes: of each file; "" and 0 for one that no two runs write alike, see `UNHASHED` and `TABLE`.
-    run: digests of what the result depends on, see `digests`; empty where that was not noted.
-    exit_code: with which the run ended.
+    sha256, size_bytes: of each file; "" and 0 for files that differ from run to run, see `UNHASHED` and `TABLE`.
+    run: digests of the inputs of the result, see `digests`; empty if not recorded.
+    exit_code: of the run.
     """
 
     kind: str
@@ -66,7 +65,7 @@ class Manifest:
         return list(self.sha256)
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Return whether a file of a folder is the one listed: present, a regular file at its path, and unchanged."""
+        """Return whether a file of a folder is the listed one: a regular file at its path, and unchanged."""
         path = folder / name
         return (
             path.is_file()
@@ -77,8 +76,8 @@ class Manifest:
 
     def changed(self, folder: Path) -> list[str]:
         """Return the listed paths whose files have changed; missing files do not count."""
-        there = (name for name in self.names if (folder / name).exists() or (folder / name).is_symlink())
-        return [name for name in there if not self.holds(folder, name)]
+        present = (name for name in self.names if (folder / name).exists() or (folder / name).is_symlink())
+        return [name for name in present if not self.holds(folder, name)]
 
     def text(self) -> str:
         """Return the manifest as JSON."""
@@ -88,7 +87,7 @@ class Manifest:
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """Return the manifest in a file; None if there is none of ours.
+    """Return the manifest in a file; None for any other file, or none.
 
     Raises OutputError if it cannot be read.
     """
@@ -117,7 +116,7 @@ def read_manifest(path: Path) -> Manifest | None:
 
 
 def digests(run: Mapping[str, Any]) -> dict[str, str]:
-    """Return a digest of each entry of what a run depends on."""
+    """Return a digest of each input of a run."""
     texts = {key: json.dumps(value, sort_keys=True) for key, value in run.items()}
     return {key: hashlib.sha256(text.encode()).hexdigest()[:32] for key, text in texts.items()}
 
@@ -148,7 +147,7 @@ MAX_NAMED = 5
 
 
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
-    """Have a function fill a folder, put it in place with its manifest, and return the files written.
+    """Fill a folder by a function, put it in place with its manifest, and return the files written.
 
     Parameters
     ----------
@@ -157,12 +156,12 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
     marker:
         File that every result of this kind contains, and that identifies the kind.
     fill:
-        Writes the results into the folder it is given.
+        Writes the results into the given folder.
 
     Raises
     ------
     KeptElsewhereError
-        The directory holds something else, or a file in it cannot be replaced; the result is saved beside it.
+        The directory holds other files, or a file in it cannot be replaced; the result is saved beside it.
     OutputError
         The results cannot be written at all.
 
@@ -171,7 +170,7 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
     try:
         _clear_abandoned(directory)
         with _missing_parents(directory), staged(_staging_place(directory)) as staging:
-            # The staging folder itself is private to the user; a folder made inside it has the usual permissions.
+            # The staging folder is private to the user; a folder inside it has the usual permissions.
             fresh = staging / FRESH
             fresh.mkdir()
             fill(fresh)
@@ -200,11 +199,11 @@ def write_study(
     directory:
         Output folder; only the files of an earlier result in it are replaced.
     marker:
-        File of the numbers, as strict JSON; a number that does not exist becomes null.
+        File of the numbers, as strict JSON; undefined numbers become null.
     document:
         The numbers.
     draw:
-        Draws the figures into the folder it is given, `figures`.
+        Draws the figures into the given folder, `figures`.
     tables:
         Texts of additional files, by name.
 
@@ -224,7 +223,7 @@ def write_study(
 
 
 def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
-    """Note in the manifest of a finished result of which run it is, and with which exit code that ended."""
+    """Record in the manifest of a finished result its run and exit code."""
     directory = directory.expanduser().resolve()
     manifest = read_manifest(directory / MANIFEST)
     if manifest is None:
@@ -235,16 +234,16 @@ def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
 
 
 def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int | None:
-    """Return the exit code of the run whose result stands in a folder; None if there is none, or of other products.
+    """Return the exit code of the run whose result is in a folder; None without one, or for other products.
 
     Parameters
     ----------
     directory:
         Output folder.
     run:
-        What the result depends on, as it was given to `note_run`.
+        Inputs of the result, as for `note_run`.
     products:
-        The key in it under which it says which files are wanted.
+        The key in it of the requested files.
 
     Raises
     ------
@@ -255,8 +254,8 @@ def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int |
     manifest = read_manifest(directory.expanduser().resolve() / MANIFEST)
     if manifest is None or not manifest.run:
         return None
-    wanted = digests(run)
-    different = [key for key in wanted if manifest.run.get(key) != wanted[key]]
+    current = digests(run)
+    different = [key for key in current if manifest.run.get(key) != current[key]]
     if different == [products] or any(not (directory / name).exists() for name in manifest.names):
         return None
     if different:
@@ -296,15 +295,15 @@ def without_nan(value: Any) -> Any:
 
 
 def check_output(directory: Path, marker: str) -> Path:
-    """Return the resolved directory, or refuse it before any work is done.
+    """Return the resolved directory, or raise an error before any work is done.
 
     Leftovers of killed runs in it or beside it are removed first, and an earlier result restored.
 
     Raises
     ------
     OutputError
-        It is a file, holds anything but an unchanged earlier result of this kind, or the folder in which it
-        would be created is not a folder or cannot be written.
+        It is a file, holds anything but an unchanged earlier result of this kind, or its parent is not a folder or
+        cannot be written.
 
     """
     try:
@@ -326,7 +325,7 @@ def _obstacle(directory: Path, marker: str) -> str:
         return "is a file; name a folder" if place == directory else f"cannot be made: {place} is a file; name another"
     _clear_abandoned(directory)
     try:
-        # Permission bits do not show read-only mounts and quotas; creating a folder does.
+        # Permission bits do not cover read-only mounts and quotas; creating a folder does.
         tempfile.TemporaryDirectory(dir=place).cleanup()
     except OSError as error:
         return f"cannot be made: {place} is not writable ({error.strerror}); name a folder elsewhere"
@@ -341,9 +340,12 @@ def _clear_abandoned(directory: Path) -> None:
                 _put_back(folder, staging)
 
 
-def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
-    """Return the reason why an existing folder cannot take a result; this run's staging folder is ignored."""
-    entries = [path for path in directory.iterdir() if path != own and path.name != PARTS]
+def _unwanted(directory: Path, marker: str, ignored: Path | None = None) -> str:
+    """Return the reason why an existing folder cannot take a result; "" if it can.
+
+    ignored: this run's staging folder.
+    """
+    entries = [path for path in directory.iterdir() if path != ignored and path.name != PARTS]
     if not entries:
         return ""
     if any(map(in_use, entries)):
@@ -358,9 +360,9 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
         return f"holds the result of another command ({earlier.kind}, not {marker}); name another folder"
     changed = earlier.changed(directory)
     if changed:
-        more = f" and {len(changed) - MAX_NAMED} more" if len(changed) > MAX_NAMED else ""
+        remainder = f" and {len(changed) - MAX_NAMED} more" if len(changed) > MAX_NAMED else ""
         return (
-            f"holds files of an earlier result that were changed since ({', '.join(changed[:MAX_NAMED])}{more}); "
+            f"holds files of an earlier result that were changed since ({', '.join(changed[:MAX_NAMED])}{remainder}); "
             "move them away or name another folder"
         )
     return ""
@@ -375,22 +377,22 @@ def _staging_place(directory: Path) -> Path:
 
 
 def _put_in_place(directory: Path, staging: Path, manifest: Manifest) -> None:
-    """Move a new result to its folder, or if that fails to another one beside it."""
+    """Move a new result to its folder, or on failure to another one beside it."""
     try:
         if staging.parent == directory:
             _replace(directory, staging, manifest)
         else:
             (staging / FRESH).rename(directory)
     except OSError as error:
-        kept = _keep_elsewhere(staging / FRESH, directory)
+        saved = _keep_elsewhere(staging / FRESH, directory)
         reason = error.strerror or str(error)
-        message = f"output = {directory} could not be replaced ({reason}); the new result is in {kept}"
+        message = f"output = {directory} could not be replaced ({reason}); the new result is in {saved}"
         raise KeptElsewhereError(message) from error
 
 
 def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
     """Move the files of the earlier result out and those of the new one in; on failure undo all moves."""
-    problem = _unwanted(directory, manifest.kind, own=staging)
+    problem = _unwanted(directory, manifest.kind, ignored=staging)
     if problem:
         message = f"it {problem}"
         raise FileExistsError(message)
@@ -413,7 +415,7 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
 
 
 def _put_back(directory: Path, staging: Path) -> None:
-    """Undo an interrupted replacement; one not begun or already finished stays as it is."""
+    """Undo an interrupted replacement; do nothing for one not begun or already finished."""
     coming = read_manifest(staging / COMING)
     if coming is None or (directory / MANIFEST).exists():
         return
@@ -443,9 +445,9 @@ def _drop_empty_folders(directory: Path, names: list[str]) -> None:
 def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
     """Move a result to a free name beside its folder, or inside it if that is impossible."""
     for parent in (directory.parent, directory):
-        kept = next(path for n in count(2) if not (path := parent / f"{directory.name}-{n}").exists())
+        free = next(path for n in count(2) if not (path := parent / f"{directory.name}-{n}").exists())
         try:
-            return fresh.rename(kept)
+            return fresh.rename(free)
         except OSError:
             continue
     message = f"output = {directory} cannot be written, nor any folder beside it; the result is lost"
@@ -470,9 +472,9 @@ def _missing_parents(directory: Path) -> Iterator[None]:
 class SignedFile:
     """The files of one command, each with a line that signs the rest.
 
-    command: which writes them.
-    before, after: what makes a comment of the line.
-    at_end: whether the line is the last, not the first.
+    command: name of the command.
+    before, after: comment delimiters of the line.
+    at_end: True if the line is the last, not the first.
     """
 
     command: str
@@ -481,13 +483,12 @@ class SignedFile:
     at_end: bool = False
 
     def check(self, path: Path) -> Path:
-        """Return the resolved path, or refuse it before any work is done.
+        """Return the resolved path, or raise an error before any work is done.
 
         Raises
         ------
         OutputError
-            It is a folder, a file that the command did not write or that was edited since, or its folder cannot be
-            written.
+            It is a folder, a file of another origin or edited since, or its folder cannot be written.
 
         """
         try:

@@ -1,4 +1,4 @@
-"""Rasters of a survey as cloud-optimised GeoTIFFs, in map coordinates where the scenario has a place on the map."""
+"""Rasters of a survey as cloud-optimised GeoTIFFs, in map coordinates where the scenario is georeferenced."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,19 +19,19 @@ def write_geotiff(
 ) -> None:
     """Write a raster as a cloud-optimised GeoTIFF of float32, rows from north to south and empty cells NaN.
 
-    The band has its description, its unit, and the statistics of its pixels as GDAL names them (STATISTICS_MINIMUM,
-    _MAXIMUM, _MEAN, _STDDEV, _VALID_PERCENT): programs show them without reading a pixel.
+    The band has its description, its unit, and GDAL's pixel statistics (STATISTICS_MINIMUM, _MAXIMUM, _MEAN, _STDDEV,
+    _VALID_PERCENT), which programs show without reading a pixel.
 
     Parameters
     ----------
     path:
-        Where to write.
+        Output file.
     raster:
         Heights in the local frame.
     georeference:
-        Place of the local frame; without one the file has local coordinates and no CRS.
+        Georeference of the local frame; without one the file has local coordinates and no CRS.
     description:
-        What the band holds.
+        Quantity of the band.
     height_offset_m:
         Offset added to the heights.
     metadata:

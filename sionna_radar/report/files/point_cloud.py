@@ -37,8 +37,8 @@ def write_laz(
 ) -> None:
     """Write points as LAZ (LAS 1.4, point format 6).
 
-    Beside the coordinates a point has `gps_time` (s since the start of the flight; the header says GPS week time, so
-    the flight of a scenario, which has no date, starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
+    Beside the coordinates a point has `gps_time` (s since the start of the flight; declared as GPS week time, so the
+    undated flight of a scenario starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
     the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
     the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo`, of points at
     measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
@@ -47,13 +47,13 @@ def write_laz(
     Parameters
     ----------
     path:
-        Where to write.
+        Output file.
     points:
         Points in the local frame.
     time_s:
         Times of all pulses, by their index.
     measured:
-        Returns the measured poses of pulses by their indices.
+        Function from pulse indices to measured poses.
     georeference:
         Georeference of the local frame; without one the file has local coordinates and no CRS.
 
@@ -88,13 +88,13 @@ def _scan_angle_deg(
 ) -> Float[np.ndarray, " point"]:
     """Return the angle of the beam from the vertical about the direction of flight, positive to the right."""
     angle = np.zeros(len(points))
-    for first in range(0, len(points), POINTS_AT_ONCE):
-        part = slice(first, first + POINTS_AT_ONCE)
-        pulse, row = np.unique(points.pulse[part], return_inverse=True)
+    for start in range(0, len(points), POINTS_AT_ONCE):
+        rows = slice(start, start + POINTS_AT_ONCE)
+        pulse, row = np.unique(points.pulse[rows], return_inverse=True)
         forward = measured(pulse).velocity_mps[row, :2]
-        east, north, up = (points.position_m[part] - points.origin_m[part]).T
+        east, north, up = (points.position_m[rows] - points.origin_m[rows]).T
         to_the_right = (forward[:, 1] * east - forward[:, 0] * north) / np.linalg.norm(forward, axis=1)
-        angle[part] = np.rad2deg(np.arctan2(to_the_right, -up))
+        angle[rows] = np.rad2deg(np.arctan2(to_the_right, -up))
     return angle
 
 
@@ -104,7 +104,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
     header.offsets = offset_m
     header.generating_software = "sionna-radar"
     header.system_identifier = "simulated FMCW radar"
-    # A fixed day: files of the same survey are identical, wherever and whenever they are written.
+    # A fixed date, so that files of the same survey are identical.
     header.creation_date = date(2000, 1, 1)
     # The standard requires this bit with point format 6, with or without a CRS.
     header.global_encoding.wkt = True
@@ -125,7 +125,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
 
 
 def _las_wkt(crs: CRS) -> str:
-    """Return WKT 1, as LAS 1.4 specifies, or the CRS's own form if WKT 1 cannot express it."""
+    """Return WKT 1, as specified by LAS 1.4, or the CRS's own form if WKT 1 cannot express it."""
     try:
         return crs.to_wkt(WktVersion.WKT1_GDAL) or crs.to_wkt()
     except CRSError:

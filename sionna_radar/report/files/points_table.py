@@ -1,7 +1,7 @@
 """The points of a survey as a plain table: CSV, or Parquet where pyarrow is installed.
 
-Columns have their units in their names; a few thousand rows at a time are in memory. On a map the positions are in its
-coordinates (`easting_m`, `northing_m`, `height_m`), otherwise in local metres (`east_m`, `north_m`, `up_m`).
+Column names carry units; a few thousand rows at a time are in memory. Positions are in map coordinates (`easting_m`,
+`northing_m`, `height_m`) if georeferenced, otherwise in local metres (`east_m`, `north_m`, `up_m`).
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ ROWS_AT_ONCE = 20_000
 ROWS_OF_A_GROUP = 100_000
 ON_MAP = ("easting_m", "northing_m", "height_m")
 LOCAL = ("east_m", "north_m", "up_m")
-# Tenths of a millimetre, microseconds, thousandths of a decibel: finer than what they describe.
+# Tenths of a millimetre, microseconds, thousandths of a decibel: finer than the accuracy of the values.
 FORMATS = {"pulse": "%d", "echo": "%d", "time_s": "%.6f", "snr_db": "%.3f", "power_w": "%.6e", "power": "%.6e"}
 LENGTH_FORMAT = "%.4f"
 MEANING = {
@@ -43,13 +43,13 @@ def columns_of(
     Parameters
     ----------
     points:
-        In the local frame.
+        Points in the local frame.
     time_s:
         Times of all pulses, by their index.
     georeference:
-        Place of the local frame; None keeps local coordinates.
+        Georeference of the local frame; None keeps local coordinates.
     rows:
-        Which points.
+        Selected points.
 
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
@@ -78,7 +78,7 @@ def write_points_csv(
 
 
 def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.ndarray]]) -> None:
-    """Write columns as CSV, those of some rows at a time."""
+    """Write columns as CSV, in blocks of rows."""
     names = list(columns(slice(0, 0)))
     line = ",".join(FORMATS.get(name, LENGTH_FORMAT) for name in names) + "\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -90,7 +90,7 @@ def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.nd
 def write_points_parquet(
     path: Path, points: Points, time_s: Float[np.ndarray, " pulse"], georeference: Georeference | None
 ) -> None:
-    """Write points as Parquet, bit for bit; the file's metadata has the CRS, each column's what it means.
+    """Write points as Parquet, losslessly, with the CRS in the file's metadata and meanings in the columns'.
 
     See `columns_of` for the arguments. Raises OutputError without pyarrow.
     """
@@ -98,8 +98,8 @@ def write_points_parquet(
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
-    first = columns_of(points, time_s, georeference, slice(0, 0))
-    fields = [_field(pa, name, column) for name, column in first.items()]
+    empty = columns_of(points, time_s, georeference, slice(0, 0))
+    fields = [_field(pa, name, column) for name, column in empty.items()]
     schema = pa.schema(fields, metadata={"crs": georeference.crs_wkt if georeference else "local"})
     with ParquetWriter(path, schema, compression="zstd") as file:
         for rows in _parts(len(points), ROWS_OF_A_GROUP):
@@ -108,7 +108,7 @@ def write_points_parquet(
 
 
 def check_parquet(name: str = "points.parquet") -> None:
-    """Raise OutputError, before anything is flown, where a file of Parquet cannot be written."""
+    """Raise OutputError, before the flight, if Parquet cannot be written."""
     if find_spec("pyarrow") is None:
         message = f"{name} needs pyarrow; install sionna-radar[parquet], or write CSV with --{Path(name).stem} csv"
         raise OutputError(message)

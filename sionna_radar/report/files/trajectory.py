@@ -1,4 +1,4 @@
-"""The flight of a survey as CSV, which `platform.log` reads again, and on a map as GPX."""
+"""The flight of a survey as CSV, readable as `platform.log`, and as GPX if georeferenced."""
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -14,7 +14,7 @@ from sionna_radar.flight.flown_track import NO_PULSE, FlownTrack
 from sionna_radar.foundation.raster import Georeference
 
 ROWS_AT_ONCE = 10_000
-# A scenario has no date: its flights start at the beginning of a GPS week, the Sunday on which points.laz counts too.
+# A scenario has no date: its flights start at the beginning of a GPS week, a Sunday, as in points.laz.
 START = datetime(2000, 1, 2, tzinfo=UTC)
 AXES = ("east", "north", "up")
 ANGLES = ("roll_deg", "pitch_deg", "heading_deg")
@@ -30,31 +30,31 @@ def write_trajectory_csv(path: Path, track: FlownTrack, georeference: Georeferen
 
     The first columns are those of a log (`sionna_radar.flight.logs.csv_log`): time, true position in local metres,
     velocity and attitude at the navigation system, headings from grid north. Others follow: the pulse, the position on
-    the map and in WGS 84 if there is one, and the antenna's true and measured pose.
+    the map and in WGS 84 if georeferenced, and the antenna's true and measured pose.
 
     Parameters
     ----------
     path:
-        Where to write.
+        Output file.
     track:
         The flight; NaN becomes an empty cell.
     georeference:
-        Place of the local frame, if it has one.
+        Georeference of the local frame, if it has one.
 
     """
     columns = _columns(track, georeference)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(columns) + "\n")
         for start in range(0, len(track), ROWS_AT_ONCE):
-            part = [_cells(name, values[start : start + ROWS_AT_ONCE]) for name, values in columns.items()]
-            file.write("".join([",".join(row) + "\n" for row in zip(*part, strict=True)]))
+            cells = [_cells(name, values[start : start + ROWS_AT_ONCE]) for name, values in columns.items()]
+            file.write("".join([",".join(row) + "\n" for row in zip(*cells, strict=True)]))
 
 
 def write_gpx(path: Path, track: FlownTrack, georeference: Georeference, description: str = "") -> None:
     """Write the true positions of a flight as a GPX track in WGS 84.
 
-    Elevations are heights in the vertical datum of the georeference, which the description of the file names. Times
-    count from 2000-01-02T00:00:00Z, a Sunday, as a scenario has no date.
+    Elevations are heights in the vertical datum of the georeference, named in the description of the file. Times count
+    from 2000-01-02T00:00:00Z, a Sunday, as a scenario has no date.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _degrees(euler_rad: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row 3"
 
 
 def _cells(name: str, values: np.ndarray) -> list[str]:
-    """Return a column as text: times so that they are read as they were, lengths to a micrometre."""
+    """Return a column as text: times losslessly, lengths to a micrometre."""
     if name == "time_s":
         return [repr(value) for value in values.tolist()]
     if name == "pulse":

@@ -1,1 +1,1 @@
-"""Parts of self-contained web pages: their document, the numbers packed inside, the world in three dimensions."""
+"""Parts of self-contained web pages: the document, the packed numbers, the three-dimensional view."""

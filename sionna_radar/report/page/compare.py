@@ -38,22 +38,22 @@ ERRORS = {
 def error_rows(result: ResultsComparison) -> dict[str, list[str]]:
     """Return the errors of lit cells by name of the folder."""
     return {
-        one.name: [figure(one.summary["lit_error"][key], form) for key, form in ERRORS.values()]
-        for one in result.results
+        flown.name: [figure(flown.summary["lit_error"][key], form) for key, form in ERRORS.values()]
+        for flown in result.results
     }
 
 
 def setting_rows(result: ResultsComparison) -> dict[str, list[str]]:
-    """Return the settings that differ by dotted key, one value for each folder; the first `MAX_KEYS` of many."""
+    """Return the differing settings by dotted key, one value per folder; at most `MAX_KEYS`."""
     rows = {
         _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MAX_KEYS)
     }
-    more = len(result.differing) - len(rows)
-    return {**rows, **({f"and {more:,} more": [""] * len(result.results)} if more else {})}
+    hidden = len(result.differing) - len(rows)
+    return {**rows, **({f"and {hidden:,} more": [""] * len(result.results)} if hidden else {})}
 
 
 def figure(value: float | int | None, form: str) -> str:
-    """Return a number in a format; a dash for one that does not exist."""
+    """Return a formatted number; a dash for None."""
     return "-" if value is None else f"{value:{form}}"
 
 
@@ -62,7 +62,7 @@ def _value(value: Any) -> str:
 
 
 def print_comparison(result: ResultsComparison) -> None:
-    """Print the errors of lit cells, and the settings that differ."""
+    """Print the errors of lit cells, and the differing settings."""
     errors = Table(title="DEM minus truth of lit cells, m", title_justify="left")
     errors.add_column("folder", overflow="fold")
     for name in ERRORS:
@@ -75,15 +75,15 @@ def print_comparison(result: ResultsComparison) -> None:
         return
     settings = Table(title="Settings that differ", title_justify="left")
     settings.add_column("key", overflow="fold")
-    for one in result.results:
-        settings.add_column(one.name, overflow="fold")
+    for flown in result.results:
+        settings.add_column(flown.name, overflow="fold")
     for key, row in setting_rows(result).items():
         settings.add_row(key, *row)
     console().print(settings)
 
 
 MARKER = "compare.html"
-# All maps of a page together.
+# Largest number of cells of all maps of a page.
 MAX_CELLS = 1_600_000
 LINES, LINE_POINTS = 41, 400
 BINS = 81
@@ -110,7 +110,7 @@ def _fill(result: ResultsComparison, directory: Path) -> None:
 def comparison_page(result: ResultsComparison) -> str:
     """Return the page of a comparison as HTML."""
     pack = Pack()
-    one_map = len({one.crs for one in result.results}) == 1
+    one_map = len({flown.crs for flown in result.results}) == 1
     axes = MAP if one_map and result.results[0].crs else LOCAL
     maps, notes = _maps(result, pack, axes["height"])
     numbers = {
@@ -121,8 +121,8 @@ def comparison_page(result: ResultsComparison) -> str:
         "profiles": _profiles(result, pack),
         "histogram": _histogram(result),
         "results": [
-            {"name": one.name, "lit_error": one.summary["lit_error"], "dem_error": one.summary["dem_error"]}
-            for one in result.results
+            {"name": flown.name, "lit_error": flown.summary["lit_error"], "dem_error": flown.summary["dem_error"]}
+            for flown in result.results
         ],
     }
     return document(
@@ -130,7 +130,7 @@ def comparison_page(result: ResultsComparison) -> str:
         pack.text(numbers),
         ("maps.js", "chirps.js", "compare.js"),
         title=f"{len(result.results)} results side by side",
-        names=[one.name for one in result.results],
+        names=[flown.name for flown in result.results],
         errors=list(ERRORS),
         rows=_error_cells(result),
         settings=[[key, *values] for key, values in setting_rows(result).items()],
@@ -141,36 +141,39 @@ def comparison_page(result: ResultsComparison) -> str:
 
 
 def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
-    """Return the lowest and the highest of some heights, with a least difference."""
-    known = np.concatenate([dem[np.isfinite(dem)] for dem in dems])
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    """Return the lowest and the highest of some heights, with a minimum difference."""
+    finite = np.concatenate([dem[np.isfinite(dem)] for dem in dems])
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
 
 
 def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return DEM and error of each result on one scale, heights of different ground on scales of their own.
+    """Return DEM and error maps of each result on common scales; heights without a common area on separate ones.
 
-    Also returns what was left out.
+    Also return notes on omissions.
     """
-    dems = [one.dem.height_m for one in result.results]
-    errors = np.concatenate([np.abs(one.error.height_m[one.error.filled]) for one in result.results])
+    dems = [flown.dem.height_m for flown in result.results]
+    errors = np.concatenate([np.abs(flown.error.height_m[flown.error.filled]) for flown in result.results])
     limit = max(float(np.percentile(errors, 99)), 1e-3) if errors.size else 1.0
-    wrong = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
+    error_look = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
     maps, notes = [], []
-    for one in result.results:
-        low, high = _limits(dems if result.common else [one.dem.height_m])
-        heights = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
-        thin = thinned(one.dem.grid, MAX_CELLS // (2 * len(result.results)))
-        for name, values, look in (("DEM", one.dem.height_m, heights), ("error", one.error.height_m, wrong)):
-            placed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
-            maps.append({"name": f"{one.name}: {name}", **look, **placed})
+    for flown in result.results:
+        low, high = _limits(dems if result.common else [flown.dem.height_m])
+        height_look = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
+        thin = thinned(flown.dem.grid, MAX_CELLS // (2 * len(result.results)))
+        for name, values, look in (
+            ("DEM", flown.dem.height_m, height_look),
+            ("error", flown.error.height_m, error_look),
+        ):
+            packed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
+            maps.append({"name": f"{flown.name}: {name}", **look, **packed})
         if thin.note:
-            notes.append(f"{one.name}: {thin.note}.")
+            notes.append(f"{flown.name}: {thin.note}.")
     return maps, notes
 
 
 def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
-    """Return heights and errors along lines from west to east over the ground that all maps cover."""
+    """Return heights and errors along lines from west to east over the area common to all maps."""
     if result.common is None:
         return None
     west, east, south, north = result.common
@@ -179,37 +182,39 @@ def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
     across, along = np.meshgrid(x, y)
     places = np.column_stack([across.ravel(), along.ravel()])
 
-    def lines(one: FlownResult) -> tuple[dict[str, Any], dict[str, Any]]:
-        height, error = (raster.at(places).reshape(across.shape) for raster in (one.dem, one.error))
+    def lines(flown: FlownResult) -> tuple[dict[str, Any], dict[str, Any]]:
+        height, error = (raster.at(places).reshape(across.shape) for raster in (flown.dem, flown.error))
         return pack.rounded(height, HEIGHT_STEP_M), pack.rounded(error, HEIGHT_STEP_M)
 
-    found = [lines(one) for one in result.results]
+    profiles = [lines(flown) for flown in result.results]
     return {
         "x": (x).tolist(),
         "y": y.tolist(),
-        "names": [one.name for one in result.results],
-        "height": [height for height, _ in found],
-        "error": [error for _, error in found],
+        "names": [flown.name for flown in result.results],
+        "height": [height for height, _ in profiles],
+        "error": [error for _, error in profiles],
     }
 
 
 def _histogram(result: ResultsComparison) -> dict[str, Any]:
-    """Return the shares of all filled cells by their error."""
-    values = [one.error.height_m[one.error.filled] for one in result.results]
-    together = np.abs(np.concatenate(values))
-    limit = 1.3 * max(float(np.percentile(together, 99)), 1e-3) if together.size else 1.0
+    """Return the histogram of the error over all filled cells, in shares."""
+    values = [flown.error.height_m[flown.error.filled] for flown in result.results]
+    magnitudes = np.abs(np.concatenate(values))
+    limit = 1.3 * max(float(np.percentile(magnitudes, 99)), 1e-3) if magnitudes.size else 1.0
     edges, percent = np.linspace(-limit, limit, BINS + 1), np.arange(100)
     return {
         "edges": edges.tolist(),
         "percent": percent.tolist(),
         "series": [
             {
-                "name": one.name,
-                "share": (100 * np.histogram(own, edges)[0] / max(len(own), 1)).tolist(),
-                "below": np.percentile(np.abs(own), percent).tolist() if len(own) else [],
-                "marks": [(m, float(np.percentile(np.abs(own), m))) for m in (68.27, 90.0, 95.0)] if len(own) else [],
+                "name": flown.name,
+                "share": (100 * np.histogram(errors, edges)[0] / max(len(errors), 1)).tolist(),
+                "below": np.percentile(np.abs(errors), percent).tolist() if len(errors) else [],
+                "marks": [(m, float(np.percentile(np.abs(errors), m))) for m in (68.27, 90.0, 95.0)]
+                if len(errors)
+                else [],
             }
-            for one, own in zip(result.results, values, strict=True)
+            for flown, errors in zip(result.results, values, strict=True)
         ],
     }
 
@@ -218,29 +223,29 @@ def _error_cells(result: ResultsComparison) -> list[list[TableCell | str]]:
     keys = [key for key, _ in ERRORS.values()]
     return [
         [
-            one.name,
+            flown.name,
             *(
-                TableCell(text, f"{number}.lit_error.{key}", one.summary["lit_error"][key])
+                TableCell(text, f"{number}.lit_error.{key}", flown.summary["lit_error"][key])
                 for key, text in zip(keys, texts, strict=True)
             ),
         ]
-        for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
+        for number, (flown, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
     ]
 
 
 REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"
 # The numbers and the settings in a folder of each command.
 FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
-# Cells of the largest DEM that a survey makes.
+# Cells of the largest DEM of a survey.
 RESULT_MAX_CELLS = 25_000_000
 RESULT_ERRORS = ("lit_error", "dem_error")
 NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
 
 
 def read_results(folders: Sequence[Path]) -> list[FlownResult]:
-    """Return the results of some folders, each named by as much of its path as tells it from the others.
+    """Return the results of some folders, each named by the shortest unique end of its path.
 
-    Raises InputFileError for a folder that holds none, or whose files are damaged.
+    Raises InputFileError for a folder without a result, or with damaged files.
     """
     names = _names(folders)
     return [read_result(folder, name) for folder, name in zip(folders, names, strict=True)]
@@ -262,7 +267,7 @@ def read_result(folder: Path, name: str) -> FlownResult:
 def _names(folders: Sequence[Path]) -> list[str]:
     parts = [folder.absolute().parts for folder in folders]
     for length in range(1, max(map(len, parts), default=1) + 1):
-        names = ["/".join(part[-length:]) for part in parts]
+        names = ["/".join(path[-length:]) for path in parts]
         if len(set(names)) == len(names):
             return names
     return [f"{names[0]} ({number})" for number in range(1, len(folders) + 1)] if folders else []
@@ -284,7 +289,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def _number(value: Any) -> bool:
-    """Whether a value is a number or null."""
+    """Return whether a value is a finite number or null."""
     if value is None:
         return True
     return (

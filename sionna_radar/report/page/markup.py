@@ -1,10 +1,10 @@
-"""HTML of a page: its templates, and the self-contained document that they make.
+"""HTML of a page: its templates, and the self-contained document.
 
-Templates are Jinja's, beside this file, and escape all text. The document holds style, scripts, numbers and plotly.js,
-and loads nothing from anywhere.
+Jinja templates, beside this file, escape all text. The document contains style, scripts, numbers and plotly.js, and
+loads no other file.
 
-Plotly rather than pyvista's export: it draws maps and spectra too, and installs 40 MB where VTK installs 564; to write
-one surface of 160 x 200 cells takes pyvista 4.0 s and 2.4 MB, the whole page of `hills` 0.5 s and 3.9 MB. Of the plotly
+Plotly is used instead of pyvista's export: it draws maps and spectra too, and installs 40 MB instead of VTK's 564; one
+surface of 160 x 200 cells takes pyvista 4.0 s and 2.4 MB, the whole page of `hills` 0.5 s and 3.9 MB. Of the plotly
 package only plotly.js is used: its Python half takes half a second for a first figure.
 """
 
@@ -21,14 +21,14 @@ from sionna_radar.report.page.scene_data import compressed
 
 
 class TableCell(NamedTuple):
-    """A cell of a table that is a number of a document: its text, its key and its exact value."""
+    """A table cell with a number of a document: its text, its key and its exact value."""
 
     text: str
     key: str
     value: float | int | None
 
 
-# Nothing but what is inside the page may be used; plotly.js compiles its WebGL programs by `new Function`.
+# The page may use only its own contents; plotly.js compiles its WebGL programs by `new Function`.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
@@ -44,11 +44,11 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any
     template:
         Name of a template of this folder.
     numbers:
-        What the scripts draw; see `scene_data`.
+        Data for the scripts; see `scene_data`.
     scripts:
-        Names of scripts of this folder besides `core.js`, which starts what they register.
+        Names of scripts of this folder besides `core.js`, which starts them.
     shown:
-        What the template shows; text is escaped there.
+        Variables of the template, which escapes text.
 
     Raises
     ------
@@ -93,9 +93,9 @@ def _asset(name: str) -> str:
 
 @cache
 def _plotly() -> str:
-    """Return plotly.js, compressed; found without importing the package, whose other half is large."""
-    found = find_spec("plotly")
-    places = list(found.submodule_search_locations or ()) if found else []
+    """Return plotly.js, compressed; located without importing the large package."""
+    spec = find_spec("plotly")
+    places = list(spec.submodule_search_locations or ()) if spec else []
     path = Path(places[0]) / "package_data" / "plotly.min.js" if places else Path()
     if not path.is_file():
         message = "the package plotly, which draws pages, is not installed whole; install it, or give --no-report"

@@ -2,8 +2,8 @@
 
     length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
 
-An array stands in the JSON as {"at": offset, "type": "u2", "shape": [...], "step": 0.001, "zero": 12.5}; its values are
-`zero + step * number`, and the largest number stands for NaN. Nothing in base64 can end a script element, so that no
+An array is represented in the JSON as {"at": offset, "type": "u2", "shape": [...], "step": 0.001, "zero": 12.5}; its
+values are `zero + step * number`, and the largest number represents NaN. Base64 cannot end a script element, so that no
 text inside needs escaping; `core.js` is the reader.
 """
 
@@ -29,7 +29,7 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import Prepared
 
 EMPTY = 65_535
-# The first level: higher ones shorten a page by a tenth and take three times as long.
+# Compression level: higher ones shorten a page by a tenth and take three times as long.
 LEVEL = 1
 
 
@@ -41,13 +41,13 @@ class Pack:
         self._size = 0
 
     def rounded(self, values: Inexact[np.ndarray, "..."], step: float) -> dict[str, Any]:
-        """Return the place of values rounded to a step, in 16 bits; where they span too much the step is coarser."""
+        """Return the place of values rounded to a step, in 16 bits; the step is coarser for a large span."""
         values = np.asarray(values, dtype=np.float64)
-        known = np.isfinite(values)
-        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+        finite = np.isfinite(values)
+        low, high = (float(values[finite].min()), float(values[finite].max())) if finite.any() else (0.0, 0.0)
         step = max(step, (high - low) / (EMPTY - 1))
         numbers = np.full(values.shape, EMPTY, dtype="<u2")
-        numbers[known] = np.round((values[known] - low) / step)
+        numbers[finite] = np.round((values[finite] - low) / step)
         return {**self._keep(numbers, "u2"), "step": step, "zero": low}
 
     def exact(self, values: Float[np.ndarray, "..."]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ class Pack:
         return place
 
     def text(self, document: dict[str, Any]) -> str:
-        """Return a document, in which the places of arrays stand, with these arrays."""
+        """Return a document with the places of arrays, followed by these arrays, as text."""
         head = json.dumps(without_nan(document), allow_nan=False, separators=(",", ":")).encode("utf-8")
         head += b" " * (-(len(head) + 4) % 8)
         return compressed(len(head).to_bytes(4, "little") + head + b"".join(self._parts))
@@ -81,7 +81,7 @@ def compressed(content: bytes) -> str:
 # Cells of one map, and of one surface in three dimensions.
 MAX_MAP_CELLS, MAX_RELIEF_CELLS = 400_000, 60_000
 HEIGHT_STEP_M = 0.001
-# How much lower surroundings are under the edge of a map: of itself, and of their cells.
+# Depth of the surroundings under the edge of a map: constant part, and share of their cells.
 UNDER_M, UNDER_SHARE = 0.05, 0.1
 
 
@@ -94,7 +94,7 @@ class Thinned:
 
     @property
     def cells(self) -> Grid:
-        """The cells that are left."""
+        """The grid of the remaining cells."""
         grid, n = self.grid, self.every
         return Grid(
             west_m=grid.west_m,
@@ -105,19 +105,19 @@ class Thinned:
         )
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Return the values of the cells that are left."""
+        """Return the values of the remaining cells."""
         return values[:: self.every, :: self.every]
 
     @property
     def note(self) -> str:
-        """What was left out, in words; empty for nothing."""
+        """Description of omitted cells; empty for none."""
         if self.every == 1:
             return ""
         return f"every {_ordinal(self.every)} cell each way is shown ({self.grid.spacing_m * self.every:g} m)"
 
 
 def thinned(grid: Grid, most: int) -> Thinned:
-    """Return a grid thinned to at most so many cells."""
+    """Return a grid thinned to at most `most` cells."""
     every = max(1, int(np.sqrt(grid.columns * grid.rows / most)))
     while -(-grid.columns // every) * -(-grid.rows // every) > most:
         every += 1
@@ -129,7 +129,7 @@ def _ordinal(number: int) -> str:
 
 
 def axes_of(grid: Grid, origin_m: tuple[float, ...] = (0.0, 0.0)) -> dict[str, float]:
-    """Return the first cell's centre and the spacing for a map, in the coordinates that it shows."""
+    """Return the first cell's centre and the spacing for a map, in its displayed coordinates."""
     return {"x0": grid.west_m + origin_m[0], "y0": grid.south_m + origin_m[1], "step": grid.spacing_m}
 
 
@@ -142,9 +142,10 @@ def packed_map(
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """The highest surface around a map, on lines of which some are the map's first and last.
+    """The highest surface around a map, on grid lines that include the map's first and last.
 
-    Plotly drops cells next to empty ones: it goes on for one cell under the map, a little lower, and is empty inside.
+    Plotly drops cells next to empty ones: the surface extends by one cell under the map, slightly lower, and is empty
+    inside.
     """
 
     x_m: Float[np.ndarray, " column"]
@@ -159,9 +160,9 @@ class Surroundings:
 def surroundings(
     caster: RayCaster, scene: Scene, box: tuple[float, float, float, float], most: int, inner: Grid | None = None
 ) -> Surroundings:
-    """Return the highest surface in a box (west, east, south, north) of a scene, in about so many cells.
+    """Return the highest surface in a box (west, east, south, north) of a scene, in about `most` cells.
 
-    caster: of the surfaces that count. inner: a map that is left out.
+    caster: of the included surfaces. inner: an excluded map.
     """
     west, east, south, north = box
     step_m = max(float(np.sqrt((east - west) * (north - south) / most)), 1e-3)
@@ -182,14 +183,14 @@ def surroundings(
 def _lines(
     low: float, high: float, inner: Float[np.ndarray, " cell"] | None, step_m: float
 ) -> Float[np.ndarray, " line"]:
-    """Return places from low to high about a step apart, among them the ends of an inner map and a step within."""
-    first, last = (low, high) if inner is None else (float(inner[0]), float(inner[-1]))
-    stops = np.unique(np.clip([low, first, first + step_m, last - step_m, last, high], low, high))
-    parts = [np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in pairwise(stops)]
-    return np.concatenate([*parts, stops[-1:]])
+    """Return grid lines from low to high about a step apart, including the ends of an inner map and a step within."""
+    inner_low, inner_high = (low, high) if inner is None else (float(inner[0]), float(inner[-1]))
+    stops = np.unique(np.clip([low, inner_low, inner_low + step_m, inner_high - step_m, inner_high, high], low, high))
+    segments = [np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in pairwise(stops)]
+    return np.concatenate([*segments, stops[-1:]])
 
 
-# A surface of which this share is steep stands on the ground rather than being it.
+# Share of steep area, and its cosine limit, from which a surface counts as standing on the ground.
 STEEP_SHARE, STEEP_COSINE = 0.1, 0.2
 MAX_FACES = 60_000
 CITY = "sionna:"
@@ -197,7 +198,7 @@ CITY = "sionna:"
 
 @dataclass(frozen=True, kw_only=True)
 class Solids:
-    """Triangles, and how many there were within the box."""
+    """Triangles, and their total number within the box."""
 
     vertices_m: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
@@ -205,7 +206,7 @@ class Solids:
 
     @property
     def note(self) -> str:
-        """What was left out, in words; empty for nothing."""
+        """Description of omitted triangles; empty for none."""
         if self.total == len(self.faces):
             return ""
         return f"the {len(self.faces):,} largest of {self.total:,} triangles of buildings are shown"
@@ -216,9 +217,9 @@ class Solids:
 
 
 def standing(surface: Surface, terrain: str) -> bool:
-    """Whether a surface stands on the ground: it is named so by what builds it, or is steep by area.
+    """Return whether a surface stands on the ground: by its builder's name, or by its steep area.
 
-    terrain: the kind of terrain; the roofs of Sionna's cities are surfaces of their own.
+    terrain: the kind of terrain; the roofs of Sionna's cities are separate surfaces.
     """
     names = ("building-", "footprints-", *([f"{terrain.removeprefix(CITY)}-"] if terrain.startswith(CITY) else []))
     if surface.name.startswith(names):
@@ -231,14 +232,14 @@ def standing(surface: Surface, terrain: str) -> bool:
 
 def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, float]) -> Solids | None:
     """Return the meshes of standing objects within a box (west, east, south, north); None if there are none."""
-    vertices, faces, first = [], [], 0
+    vertices, faces, offset = [], [], 0
     for surface in (surface for surface in scene.surfaces if standing(surface, terrain)):
-        inside = surface.faces[_within(surface, box)]
-        if len(inside):
-            used, index = np.unique(inside, return_inverse=True)
-            vertices.append(surface.vertices_m[used])
-            faces.append(index.reshape(-1, 3) + first)
-            first += len(used)
+        selected = surface.faces[_within(surface, box)]
+        if len(selected):
+            vertex, index = np.unique(selected, return_inverse=True)
+            vertices.append(surface.vertices_m[vertex])
+            faces.append(index.reshape(-1, 3) + offset)
+            offset += len(vertex)
     if not faces:
         return None
     vertices_m, triangles = np.concatenate(vertices), np.concatenate(faces)
@@ -252,8 +253,8 @@ def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, fl
 def _within(surface: Surface, box: tuple[float, float, float, float]) -> Bool[np.ndarray, " face"]:
     west, east, south, north = box
     x, y = surface.vertices_m[:, 0], surface.vertices_m[:, 1]
-    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
-    return inside[surface.faces].any(axis=1)
+    in_box = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    return in_box[surface.faces].any(axis=1)
 
 
 def _normals(
@@ -264,16 +265,16 @@ def _normals(
 
 
 RAYS, OUTLINE_RAYS = 72, 24
-# The rays reach so much farther than half power: the outermost are about 11 dB down, there and back.
+# Angle of the outermost rays over the half-power angle; there the two-way gain is about 11 dB down.
 REACH = 1.35
-# An outline is searched so far from the boresight, in so many steps.
+# Limit of the search for an outline off the boresight, and its number of steps.
 WIDEST_RAD, OUTLINE_STEPS = float(np.deg2rad(80.0)), 60
 GOLDEN_RAD = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fan:
-    """Directions of a beam in its frame: first the boresight, then for an antenna the outline, then the rays.
+    """Directions of a beam in its frame: the boresight, then for an antenna the outline and the rays.
 
     gain_db: two-way, over the peak.
     """
@@ -287,7 +288,7 @@ AXIS = Fan(direction=np.array([[1.0, 0.0, 0.0]]), gain_db=np.zeros(1))
 
 @dataclass(frozen=True, kw_only=True)
 class Beams:
-    """Beams of pulses, and how far their rays go; NaN for one that meets nothing."""
+    """Beams of pulses, and the lengths of their rays; NaN without a hit."""
 
     pulses: Pulses
     fans: tuple[Fan, ...]
@@ -296,7 +297,7 @@ class Beams:
 
     @property
     def hit_m(self) -> Float[np.ndarray, "pulse ray 3"]:
-        """Where the rays meet the scene."""
+        """Intersections of the rays with the scene."""
         directions = np.stack([fan.direction for fan in self.fans])[self.fan]
         return _ends(self.pulses, directions, self.distance_m)
 
@@ -306,7 +307,7 @@ class Beams:
         return self.hit_m[:, 1 : 1 + OUTLINE_RAYS]
 
     def packed(self, pack: Pack) -> dict[str, Any]:
-        """Return the beams for a page, which computes the ends of the rays itself."""
+        """Return the beams for a page, which computes the ends of the rays."""
         pose = self.pulses.true
         return {
             "pulse": pack.whole(self.pulses.index),
@@ -323,19 +324,19 @@ class Beams:
 
 
 def cast_beams(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> Beams:
-    """Return the beams of some pulses of a survey, cast against its scene; of a lidar the axes alone."""
+    """Return the beams of some pulses of a survey, cast against its scene; for a lidar the axes only."""
     pulses = prepared.flight.pulses(index)
     steered = bool(prepared.beams) and pulses.beam is not None
     antennas = prepared.beams if steered else (prepared.antenna,)
     fans = (AXIS,) * len(antennas) if prepared.scenario.sensor == "lidar" else tuple(map(fan_of, antennas))
     fan = np.asarray(pulses.beam if steered else np.zeros(len(pulses)), dtype=np.int64)
-    local = np.stack([each.direction for each in fans])[fan]
+    local = np.stack([entry.direction for entry in fans])[fan]
     direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
     origin = np.broadcast_to(pulses.true.position_m[:, None], direction.shape)
-    found = prepared.scene.caster.cast(origin.reshape(-1, 3), direction.reshape(-1, 3)).distance_m
-    # Beyond the sampled ranges a ray hears nothing.
-    heard = found <= prepared.receiver.chirp.max_range_m
-    distance_m = np.where(heard, found, np.nan).reshape(fan.size, -1)
+    range_m = prepared.scene.caster.cast(origin.reshape(-1, 3), direction.reshape(-1, 3)).distance_m
+    # Hits beyond the sampled ranges give no echo.
+    in_range = range_m <= prepared.receiver.chirp.max_range_m
+    distance_m = np.where(in_range, range_m, np.nan).reshape(fan.size, -1)
     return Beams(pulses=pulses, fans=fans, fan=fan, distance_m=distance_m)
 
 
@@ -352,17 +353,17 @@ def fan_of(antenna: Antenna) -> Fan:
 
 
 def _half_power_rad(antenna: Antenna, around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, " ray"]:
-    """Return the angle off the boresight, toward some sides, where the gain first falls to half its peak, rad."""
-    # Steps grow with the angle: beams are one degree wide or fifty.
+    """Return the half-power angles off the boresight in some directions around it, rad."""
+    # Steps grow with the angle: beam widths range from one to fifty degrees.
     off = WIDEST_RAD * np.linspace(0.0, 1.0, OUTLINE_STEPS + 1)[1:] ** 3
     gain = antenna.gain(_directions(*(grid.ravel() for grid in np.meshgrid(off, around))))
     level = 20 * np.log10(np.maximum(gain / antenna.peak_gain, 1e-9)) - 10 * np.log10(LIT)
     level = level.reshape(len(around), len(off))
-    rows, first = np.arange(len(around)), np.maximum((level < 0).argmax(axis=1), 1)
-    first[~(level < 0).any(axis=1)] = len(off) - 1
-    before, after = level[rows, first - 1], level[rows, first]
-    share = np.clip(before / np.maximum(before - after, 1e-9), 0.0, 1.0)
-    return off[first - 1] + share * (off[first] - off[first - 1])
+    rows, crossing = np.arange(len(around)), np.maximum((level < 0).argmax(axis=1), 1)
+    crossing[~(level < 0).any(axis=1)] = len(off) - 1
+    above, below = level[rows, crossing - 1], level[rows, crossing]
+    share = np.clip(above / np.maximum(above - below, 1e-9), 0.0, 1.0)
+    return off[crossing - 1] + share * (off[crossing] - off[crossing - 1])
 
 
 def _directions(off: Float[np.ndarray, " ray"], around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, "ray 3"]:
@@ -378,13 +379,13 @@ def _ends(
 
 
 def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
-    """Return pulses spread over a survey by the golden ratio's steps, which no rotation of an antenna repeats."""
+    """Return pulses sampled over a survey in golden-ratio steps, which do not alias with an antenna's rotation."""
     if count <= most:
         return np.arange(count)
     step = count / most
-    # A regular step would alias with the scan; each pulse is drawn from its own part of the survey.
-    within = (np.arange(most) * (np.sqrt(5) - 1) / 2) % 1.0
-    return np.unique(np.floor((np.arange(most) + within) * step).astype(np.int64))
+    # A regular step would alias with the scan: draw each pulse from its own part of the survey.
+    fraction = (np.arange(most) * (np.sqrt(5) - 1) / 2) % 1.0
+    return np.unique(np.floor((np.arange(most) + fraction) * step).astype(np.int64))
 
 
 LOOKS = 20_000
@@ -392,28 +393,28 @@ ABOVE_M = 0.01
 
 
 def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row column"]:
-    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; `survey.html` says what it is."""
+    """Return sigma0 in dB of the cells of a surface, NaN where undefined; `survey.html` explains it."""
     scene, caster = prepared.scene.scene, prepared.scene.caster
     pose = prepared.flight.sample(LOOKS).true
     range_m = caster.cast(pose.position_m, pose.boresight).distance_m
     met = np.isfinite(range_m)
     cells = np.column_stack([surface.grid.centres_m, surface.height_m.ravel()])
-    known = np.isfinite(cells[:, 2])
+    filled = np.isfinite(cells[:, 2])
     value = np.full(len(cells), np.nan)
-    if not (met.any() and known.any()):
+    if not (met.any() and filled.any()):
         return value.reshape(surface.grid.shape)
     origin = pose.position_m[met]
     hit = origin + range_m[met, None] * pose.boresight[met]
-    _, nearest = cKDTree(hit[:, :2]).query(cells[known, :2])
-    away = cells[known] + [0.0, 0.0, ABOVE_M] - origin[nearest]
-    distance = np.linalg.norm(away, axis=1)
-    seen = caster.cast(origin[nearest], away / distance[:, None])
-    visible = seen.hit & (np.abs(seen.distance_m - distance) < 0.05 + 0.002 * distance)
-    linear = np.full(len(away), np.nan)
-    for number, own in enumerate(scene.surfaces):
-        rows = visible & (seen.surface == number)
-        linear[rows] = scene.materials[own.material].sigma0(np.arccos(seen.cosine[rows]))
-    value[known] = 10 * np.log10(np.where(linear > 0, linear, np.nan))
+    _, nearest = cKDTree(hit[:, :2]).query(cells[filled, :2])
+    ray = cells[filled] + [0.0, 0.0, ABOVE_M] - origin[nearest]
+    distance = np.linalg.norm(ray, axis=1)
+    cast = caster.cast(origin[nearest], ray / distance[:, None])
+    visible = cast.hit & (np.abs(cast.distance_m - distance) < 0.05 + 0.002 * distance)
+    linear = np.full(len(ray), np.nan)
+    for number, mesh in enumerate(scene.surfaces):
+        rows = visible & (cast.surface == number)
+        linear[rows] = scene.materials[mesh.material].sigma0(np.arccos(cast.cosine[rows]))
+    value[filled] = 10 * np.log10(np.where(linear > 0, linear, np.nan))
     return value.reshape(surface.grid.shape)
 
 

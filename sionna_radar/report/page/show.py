@@ -47,9 +47,9 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     prepared:
         The survey.
     name:
-        What it was called; the title of a scenario without a description.
+        Name of the scenario, its title without a description.
     coordinates:
-        Those of the axes.
+        Coordinates of the axes.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
 
 
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
-    """Return the ground under what is drawn as triangles; the highest surface where nothing is."""
+    """Return the ground below the solids; without solids the highest surface."""
     built, box = prepared.scene, box_of(prepared)
     lying = [surface for surface in built.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
     if solids is None or not lying:
@@ -101,7 +101,7 @@ def _world(
     beams: Beams,
     hits: BoresightHits,
 ) -> dict[str, Any]:
-    """Return the view in three dimensions."""
+    """Return the three-dimensional view."""
     height, track = ground.height_m[np.isfinite(ground.height_m)], track_of(prepared.flight)
     low, high = (float(height.min()), float(height.max())) if height.size else (-0.5, 0.5)
     top = max(high, float(track[:, 2].max()), float(solids.vertices_m[:, 2].max()) if solids else high)
@@ -122,14 +122,14 @@ def _world(
 
 
 def _rim(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
-    """Return the edge of the DEM, a little above the surface."""
+    """Return the edge of the DEM, slightly above the surface."""
     edge = rim_of(prepared.mapper.grid)
     height_m = prepared.scene.caster.from_above(edge, float(prepared.scene.scene.bounds_m[1, 2]) + CLEAR_M)
     return np.column_stack([edge, height_m + 0.1])
 
 
 def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
-    """Return the outlines of some footprints, one after another with a gap between them."""
+    """Return the outlines of some footprints, separated by NaN."""
     rows = np.linspace(0, len(beams.fan) - 1, min(FOOTPRINTS, len(beams.fan))).round().astype(int)
     rings = beams.outline_m[np.unique(rows)]
     above = np.array([0.0, 0.0, 0.05])
@@ -138,31 +138,31 @@ def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
 
 
 def _tiles(prepared: Prepared, beams: Beams, hits: BoresightHits) -> list[tuple[str, str, str]]:
-    """Return the large numbers of the page, their names, and what more there is to say of them."""
-    heard = np.isfinite(hits.range_m)
-    range_m = hits.range_m[heard]
+    """Return the key figures of the page: number, name and remark."""
+    hit = np.isfinite(hits.range_m)
+    range_m = hits.range_m[hit]
     rings = beams.outline_m
-    wide = np.linalg.norm(np.ptp(rings, axis=1), axis=-1) if rings.shape[1] else np.zeros(0)
-    wide = wide[np.isfinite(wide)]
+    diagonal_m = np.linalg.norm(np.ptp(rings, axis=1), axis=-1) if rings.shape[1] else np.zeros(0)
+    diagonal_m = diagonal_m[np.isfinite(diagonal_m)]
     trajectory = prepared.flight.trajectory
     start, end = trajectory.cruise_s()
     west, east, south, north = prepared.mapper.grid.extent_m
     nothing = float("nan")
-    least, most = (range_m.min(), range_m.max()) if range_m.size else (nothing, nothing)
+    nearest, farthest = (range_m.min(), range_m.max()) if range_m.size else (nothing, nothing)
     return [
         (f"{len(prepared.flight):,}", "pulses", f"in {end - start:.1f} s of flight"),
         (
-            f"{number(least, '.1f')} to {number(most, '.1f', ' m')}",
+            f"{number(nearest, '.1f')} to {number(farthest, '.1f', ' m')}",
             "range to the ground",
             f"{prepared.receiver.chirp.max_range_m:.0f} m can be measured",
         ),
         (
-            number(float(np.median(wide)) if wide.size else nothing, ".2g", " m"),
+            number(float(np.median(diagonal_m)) if diagonal_m.size else nothing, ".2g", " m"),
             "footprint",
             "diagonal of its box at half power, median",
         ),
         (f"{east - west:.0f} x {north - south:.0f} m", "area of the DEM", "dashed in the view"),
-        (f"{1 - heard.mean():.1%}", "beams without ground", "of the axes"),
+        (f"{1 - hit.mean():.1%}", "beams without ground", "of the axes"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""The world of a page in three dimensions: ground, what stands on it, flight, echoes and beams, in local metres."""
+"""The three-dimensional view of a page: ground, solids, flight, echoes and beams, in local metres."""
 
 from itertools import pairwise
 from typing import Any
@@ -15,7 +15,7 @@ from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, axes_of
 from sionna_radar.survey.preparation import Prepared
 
 MAX_TRACK, MAX_POINTS = 2_000, 15_000
-# Around the map and the flight, as a share of the longer side.
+# Margin around the map and the flight, as a share of the longer side.
 MARGIN = 0.08
 STOPS = 17
 
@@ -35,7 +35,7 @@ def frame_of_page(frame: Frame) -> dict[str, Any]:
 
 
 def track_of(schedule: PulseSchedule) -> Float[np.ndarray, "n 3"]:
-    """Return places along a flight, evenly spread in time."""
+    """Return positions along a flight, evenly spaced in time."""
     return schedule.trajectory.position(np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK))
 
 
@@ -61,7 +61,7 @@ def packed_relief(pack: Pack, raster: Raster, name: str) -> dict[str, Any]:
 
 
 def packed_track(pack: Pack, schedule: PulseSchedule) -> dict[str, Any]:
-    """Return a flight for a page: where it is, and when."""
+    """Return a flight for a page: positions and times."""
     return {
         "position": pack.exact(track_of(schedule)),
         "time_s": pack.exact(np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK)),

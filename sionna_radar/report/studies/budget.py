@@ -21,7 +21,7 @@ STYLES = {
     "white": (ORANGE, "s", "White, standard deviation"),
     "markov": (RED, "D", "Gauss-Markov, standard deviation"),
 }
-# Errors of one name are drawn slightly above each other, so that equal limits do not overlap.
+# Vertical offsets of errors of one name, so that equal limits do not overlap.
 DODGE = {"constant": -0.2, "white": 0.0, "markov": 0.2}
 QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
 
@@ -32,7 +32,7 @@ def draw_all(budget: Budget, directory: Path) -> list[Path]:
 
 
 def draw(budget: Budget) -> Figure:
-    """Draw the limits, one panel for each unit, above the RMS with each grade."""
+    """Draw the limits, one panel per unit, above the RMS with each grade."""
     units = [unit for unit in QUANTITIES if any(limit.error.unit == unit for limit in budget.limits)]
     panels = [[limit for limit in budget.limits if limit.error.unit == unit] for unit in units]
     heights = [0.9 + 0.3 * len({limit.error.name for limit in panel}) for panel in panels]
@@ -97,14 +97,14 @@ def write_budget(budget: Budget, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_study(directory, MARKER, budget_summary(budget), partial(draw_all, budget))
 
 
 def budget_summary(budget: Budget) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; a limit that was not reached is None."""
+    """Return the numbers in strict JSON form; a limit beyond the largest tried is None."""
     return {
         "scenario": budget.scenario.model_dump(mode="json"),
         "growth": budget.growth,
@@ -151,8 +151,8 @@ def limits_table(budget: Budget) -> Table:
     for name in KINDS.values():
         limits.add_column(name, justify="right")
     for name in dict.fromkeys(limit.error.name for limit in budget.limits):
-        found = {limit.error.kind: _limit_text(limit) for limit in budget.limits if limit.error.name == name}
-        limits.add_row(name, *(found.get(kind, "") for kind in ("constant", "white", "markov")))
+        texts = {limit.error.kind: _limit_text(limit) for limit in budget.limits if limit.error.name == name}
+        limits.add_row(name, *(texts.get(kind, "") for kind in ("constant", "white", "markov")))
     return limits
 
 

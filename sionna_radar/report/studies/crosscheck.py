@@ -32,7 +32,7 @@ def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
 
 
 def power(check: CrossCheck) -> Figure:
-    """Draw the power of every pulse against its incidence, of both engines, and the difference."""
+    """Draw the power of every pulse against its incidence for both engines, and the difference."""
     figure = ReportFigure(figsize=(8.0, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     incidence_deg = np.rad2deg(check.sionna.incidence_rad)
@@ -71,7 +71,7 @@ def power(check: CrossCheck) -> Figure:
 
 
 def ranges(check: CrossCheck) -> Figure:
-    """Draw how the ranges of the engines differ: before speckle, and as detected, with two seeds of one."""
+    """Draw the range differences of the engines: before speckle, and as detected, with two seeds of one."""
     figure = ReportFigure(figsize=(9.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     paths = check.gamma.range_m - check.sionna.range_m
@@ -116,9 +116,9 @@ def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]]
     reach = _limit(shown[0][0])
     edges = np.linspace(-reach, reach, 61)
     for values, colour, name in shown:
-        known = values[np.isfinite(values)]
-        share = 100 * np.histogram(known, bins=edges)[0] / max(len(known), 1)
-        spread = f"{name}\nmean {known.mean():+.3f} {unit}, std {known.std():.3f} {unit}" if len(known) else name
+        finite = values[np.isfinite(values)]
+        share = 100 * np.histogram(finite, bins=edges)[0] / max(len(finite), 1)
+        spread = f"{name}\nmean {finite.mean():+.3f} {unit}, std {finite.std():.3f} {unit}" if len(finite) else name
         axes.stairs(share, edges, fill=True, color=colour, alpha=0.5, label=spread)
     axes.axvline(0.0, color="black", lw=0.8)
     axes.set(xlabel=f"{label} ({unit})", ylabel="Share of pulses (%)", xlim=(-reach, reach))
@@ -129,9 +129,9 @@ def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]]
 
 
 def _limit(values: Float[np.ndarray, " n"]) -> float:
-    """Return the size that 99 % of the values stay within: a few outliers must not wash out a figure."""
-    known = np.abs(values[np.isfinite(values)])
-    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
+    """Return the 99th percentile of the magnitudes, so that a few outliers do not set the scale of a figure."""
+    magnitude = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(magnitude, 99)), 1e-3) if len(magnitude) else 1.0
 
 
 MARKER = "crosscheck.json"
@@ -153,15 +153,15 @@ def write_crosscheck(check: CrossCheck, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_study(directory, MARKER, crosscheck_summary(check), partial(draw_all, check))
 
 
 def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
-    """Return the numbers of the comparison in strict JSON form; a number that does not exist is None."""
-    again = check.sionna_again.echo_range_m
+    """Return the numbers of the comparison in strict JSON form; undefined ones are None."""
+    repeat_m = check.sionna_again.echo_range_m
     document: dict[str, Any] = {
         "agrees": check.agrees,
         "mean_power_difference_db": check.mean_power_difference_db,
@@ -173,7 +173,7 @@ def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
         "power_by_incidence": [asdict(entry) for entry in check.by_incidence()],
         "range_difference_m": _spread(check.gamma.range_m - check.sionna.range_m),
         "echo_range_difference_m": _spread(check.gamma.echo_range_m - check.sionna.echo_range_m),
-        "echo_range_difference_of_seeds_m": _spread(again - check.sionna.echo_range_m),
+        "echo_range_difference_of_seeds_m": _spread(repeat_m - check.sionna.echo_range_m),
         "dem_rms_difference_m": check.dem_rms_difference_m,
         "dem_mean_difference_m": check.mean_m(),
         "dem_speckle_rms_m": check.dem_speckle_rms_m,
@@ -195,37 +195,37 @@ def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
 
 def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
     """Return the centre and the width of a distribution, without and with outliers."""
-    known = values[np.isfinite(values)]
-    if len(known) == 0:
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
         return dict.fromkeys(("mean", "std", "median", "p95_abs"), math.nan)
     return {
-        "mean": float(known.mean()),
-        "std": float(known.std()),
-        "median": float(np.median(known)),
-        "p95_abs": float(np.percentile(np.abs(known), 95)),
+        "mean": float(finite.mean()),
+        "std": float(finite.std()),
+        "median": float(np.median(finite)),
+        "p95_abs": float(np.percentile(np.abs(finite), 95)),
     }
 
 
 def crosscheck_table(check: CrossCheck) -> Table:
-    """Return each difference with its tolerance and whether it is within it."""
+    """Return each difference with its tolerance and verdict."""
     table = Table(title=f"The engines {'agree' if check.agrees else 'DIFFER'}", title_justify="left")
     for name in ("difference", "value", "within", ""):
         table.add_column(name, justify="left" if name in ("difference", "") else "right")
-    for name, part in check.verdict().items():
-        within = number(part["tolerance"], ".4f")
-        table.add_row(name, number(part["value"], "+.4f"), within, "agrees" if part["agrees"] else "DIFFERS")
+    for name, entry in check.verdict().items():
+        within = number(entry["tolerance"], ".4f")
+        table.add_row(name, number(entry["value"], "+.4f"), within, "agrees" if entry["agrees"] else "DIFFERS")
     return table
 
 
 def print_crosscheck(check: CrossCheck) -> None:
     """Print each difference with its tolerance, and the verdict."""
     screen = console()
-    for name, part in check.verdict().items():
-        word = "agrees" if part["agrees"] else "DIFFERS"
-        value = number(part["value"], "+.4f")
-        chance = f"   (by speckle alone: {part['probability']:.4f})" if "probability" in part else ""
+    for name, entry in check.verdict().items():
+        word = "agrees" if entry["agrees"] else "DIFFERS"
+        value = number(entry["value"], "+.4f")
+        chance = f"   (by speckle alone: {entry['probability']:.4f})" if "probability" in entry else ""
         screen.print(
-            f"{name:32}{value:>10}   within {number(part['tolerance'], '.4f')}   {word}{chance}", soft_wrap=True
+            f"{name:32}{value:>10}   within {number(entry['tolerance'], '.4f')}   {word}{chance}", soft_wrap=True
         )
     screen.print(f"the engines {'agree' if check.agrees else 'DIFFER'}")
     screen.print(

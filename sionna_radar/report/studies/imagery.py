@@ -1,8 +1,8 @@
 """Radar images as files, table and figures.
 
-The netCDF files are of the classic format with 64-bit offsets, which every netCDF reader accepts (xarray's
-`open_dataset` among them); it has no complex numbers, so an amplitude is stored as its real and imaginary parts.
-Following the CF conventions, variables name their `coordinates` and, if georeferenced, their `grid_mapping`.
+The netCDF files have the classic format with 64-bit offsets, readable by every netCDF reader (xarray's `open_dataset`
+among them); it has no complex numbers, so an amplitude is stored as its real and imaginary parts. Following the CF
+conventions, variables have the attributes `coordinates` and, if georeferenced, `grid_mapping`.
 """
 
 from dataclasses import asdict
@@ -32,9 +32,9 @@ DPI = 150
 COLOURS = "viridis"
 EMPTY = "0.82"
 WIDTH_IN = 8.0
-# Height of an image: that of equal axis scales, within these limits.
+# Limits of the height of an image with equal axis scales.
 HEIGHTS_IN = (1.8, 4.0)
-# Decibels around the median: speckle below, buildings and targets above, up to the level few pixels exceed (per cent).
+# Decibels around the median: speckle below, buildings and targets above, up to a level exceeded by few pixels (%).
 DARKEST_DB, MIN_BRIGHTEST_DB, BRIGHTEST_SHARE = -12.0, 8.0, 1.0
 LABEL = "Power over the median (dB)"
 
@@ -52,7 +52,7 @@ def draw_all(imagery: Imagery, directory: Path) -> list[Path]:
 
 
 def slant_range(imagery: Imagery) -> Figure:
-    """Draw the slant-range image, as far as the beam illuminates the ground."""
+    """Draw the slant-range image of the illuminated ground."""
     strip, image = imagery.strip, imagery.slant
     edges = [strip.slant_range_m(ground) for ground in (strip.near_m, strip.far_m)]
     shown = (image.range_m >= edges[0]) & (image.range_m <= edges[1])
@@ -71,13 +71,13 @@ def slant_range(imagery: Imagery) -> Figure:
 def focused(imagery: Imagery, image: SarImage) -> Figure:
     """Draw the real-aperture image on level ground, above the focused one of the same pulses."""
     grid = image.grid
-    real = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
+    ground_image = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
     figure = ReportFigure(figsize=(WIDTH_IN, 2 * height + 1.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
-    levels = _level_db(real.power.T), _level_db(image.power)
+    levels = _level_db(ground_image.power.T), _level_db(image.power)
     brightest = max(_brightest_db(level) for level in levels)
-    _show(upper, levels[0], real.along_m, grid.across_m, brightest)
+    _show(upper, levels[0], ground_image.along_m, grid.across_m, brightest)
     picture = _show(lower, levels[1], grid.along_m, grid.across_m, brightest)
     sar = imagery.sar
     resolution = f": resolves {_length(sar.along_m)} along the track, {_length(sar.across_m)} across it" if sar else ""
@@ -95,9 +95,9 @@ def focused(imagery: Imagery, image: SarImage) -> Figure:
 
 
 def _level_db(power: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-    """Return power over its median in decibels; NaN where there is none."""
-    known = np.where(power > 0, power, np.nan)
-    return 10 * np.log10(known / np.nanmedian(known))
+    """Return power over its median in decibels; NaN without power."""
+    positive = np.where(power > 0, power, np.nan)
+    return 10 * np.log10(positive / np.nanmedian(positive))
 
 
 def _brightest_db(level: Float[np.ndarray, "row column"]) -> float:
@@ -139,7 +139,7 @@ def _length(metres: float) -> str:
 
 
 MARKER = "image.json"
-# Variable that holds the CRS, under the name that CF gives it.
+# CF name of the variable with the CRS.
 GRID_MAPPING = "crs"
 
 
@@ -149,7 +149,7 @@ def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_folder(directory, MARKER, lambda folder: _fill(imagery, folder))
@@ -265,7 +265,7 @@ def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
 
 
 def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | None = None) -> None:
-    """Write the map coordinates of all pixels, or of one row of them, and name them as coordinates of the variables."""
+    """Write the map coordinates of all pixels, or of one row, and set them as coordinates of the variables."""
     place = grid.position_m[..., :2] + np.array(_origin_m(imagery)[:2])
     dimensions: tuple[str, ...] = ("ground_range", "along")
     if row is not None:
@@ -309,7 +309,7 @@ def _variable(
 
 
 def print_image(imagery: Imagery) -> None:
-    """Print the resolution of the images: in theory in the middle of the beam, and as measured at point targets."""
+    """Print the resolution of the images: theoretical in the middle of the beam, measured at point targets."""
     out = console()
     out.print(image_table(imagery))
     if imagery.focused is None:

@@ -23,7 +23,7 @@ from sionna_radar.studies.link_spectra import ROUNDING
 COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
 LINES = ("-", "--", ":", "-.")
 MIN_DB = -20.0
-# What is shown under the floors.
+# Shown depth below the floors.
 DEPTH_DB = 25.0
 
 
@@ -33,18 +33,18 @@ def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
 
 
 def draw_link(budget: LinkBudget) -> Figure:
-    """Draw signal to noise above, and probabilities below, over range; a column for each material."""
-    materials = list(dict.fromkeys(one.material for one in budget.links))
+    """Draw signal to noise above, and probabilities below, over range; one column per material."""
+    materials = list(dict.fromkeys(link.material for link in budget.links))
     width = max(7.5, 0.8 + 4.6 * len(materials))
     figure = ReportFigure(figsize=(width, 7.2), layout="constrained")
     panels = figure.subplots(2, len(materials), sharex=True, sharey="row", squeeze=False, height_ratios=[1.5, 1.0])
-    incidences = sorted({one.incidence_deg for one in budget.links})
-    rains = sorted({one.rain_mm_per_h for one in budget.links})
+    incidences = sorted({link.incidence_deg for link in budget.links})
+    rains = sorted({link.rain_mm_per_h for link in budget.links})
     for column, material in enumerate(materials):
         upper, lower = panels[:, column]
-        for one in (found for found in budget.links if found.material == material):
-            colour = COLOURS[incidences.index(one.incidence_deg) % len(COLOURS)]
-            _draw(upper, lower, one, colour, LINES[rains.index(one.rain_mm_per_h) % len(LINES)])
+        for link in (entry for entry in budget.links if entry.material == material):
+            colour = COLOURS[incidences.index(link.incidence_deg) % len(COLOURS)]
+            _draw(upper, lower, link, colour, LINES[rains.index(link.rain_mm_per_h) % len(LINES)])
         upper.axhline(0.0, color="black", lw=0.8)
         upper.set_title(f"Over {material}", fontsize="medium")
         lower.set(xlabel="Range (m)", ylim=(-0.03, 1.03))
@@ -58,37 +58,37 @@ def draw_link(budget: LinkBudget) -> Figure:
     handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
     handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
     handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
-    if any(one.of_ground("clutter").any() for one in budget.links):
+    if any(link.of_ground("clutter").any() for link in budget.links):
         handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Air alone; any echo passes")]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
     return figure
 
 
 def draw_floors(budget: LinkBudget) -> Figure:
-    """Draw what every noise leaves in each range cell, under the echo that the survey has, beside simulated pulses."""
-    found = budget.floors
+    """Draw the floors in each range cell under the echo of the survey, with the spectrum of simulated pulses."""
+    floors = budget.floors
     figure = ReportFigure(figsize=(8.5, 5.6), layout="constrained")
     axes = figure.subplots()
-    shown, envelopes = slice(1, None), found.envelopes
-    every = found.ground + found.clutter + np.sum(list(found.terms.values()), axis=0)
+    shown, envelopes = slice(1, None), floors.envelopes
+    total = floors.ground + floors.clutter + np.sum(list(floors.terms.values()), axis=0)
     scale = 1e3 if budget.physical else 1.0
-    axes.plot(found.range_m[shown], _levels(scale * found.found)[shown], color="0.75", lw=2.5, label="Simulated")
-    axes.plot(found.range_m[shown], _levels(scale * every)[shown], color="black", lw=0.9, label="All together")
-    axes.plot(found.range_m[shown], _levels(scale * found.ground)[shown], color=BLUE, label="Ground")
-    if np.any(found.clutter > 0):
-        axes.plot(found.range_m[shown], _levels(scale * found.clutter)[shown], color=ORANGE, label="Echo of the air")
+    axes.plot(floors.range_m[shown], _levels(scale * floors.found)[shown], color="0.75", lw=2.5, label="Simulated")
+    axes.plot(floors.range_m[shown], _levels(scale * total)[shown], color="black", lw=0.9, label="All together")
+    axes.plot(floors.range_m[shown], _levels(scale * floors.ground)[shown], color=BLUE, label="Ground")
+    if np.any(floors.clutter > 0):
+        axes.plot(floors.range_m[shown], _levels(scale * floors.clutter)[shown], color=ORANGE, label="Echo of the air")
     for index, (name, level) in enumerate(envelopes.items()):
         colour = COLOURS[2 + index % (len(COLOURS) - 2)]
-        axes.plot(found.range_m[shown], _levels(scale * level)[shown], ls="--", color=colour, label=name.capitalize())
-    # Where the highest floor is lowest, and some way under it.
+        axes.plot(floors.range_m[shown], _levels(scale * level)[shown], ls="--", color=colour, label=name.capitalize())
+    # From some depth below the minimum of the highest floor.
     lowest = float(np.min(_levels(scale * np.max(list(envelopes.values()), axis=0))[shown]))
-    highest = float(np.nanmax(_levels(scale * every)[shown]))
+    highest = float(np.nanmax(_levels(scale * total)[shown]))
     axes.set_ylim(lowest - DEPTH_DB, highest + 5.0)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
     unit = "dBm" if budget.physical else "dB rel. to transmitted"
     axes.set(xlabel="Range (m)", ylabel=f"Mean power in a range cell ({unit})")
-    axes.set_title(f"Floors over range, ground at {found.echo_m:.0f} m", fontsize="medium")
+    axes.set_title(f"Floors over range, ground at {floors.echo_m:.0f} m", fontsize="medium")
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize="small", loc="upper right")
     return figure
@@ -98,17 +98,17 @@ def _levels(power: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return decibels(np.where(power > 0, power, np.nan))
 
 
-def _draw(upper: Axes, lower: Axes, one: Link, colour: str, line: str) -> None:
-    snr, clutter = one.of_ground("snr"), one.of_ground("clutter")
-    upper.plot(one.range_m, decibels(snr), color=colour, ls=line)
+def _draw(upper: Axes, lower: Axes, link: Link, colour: str, line: str) -> None:
+    snr, clutter = link.of_ground("snr"), link.of_ground("clutter")
+    upper.plot(link.range_m, decibels(snr), color=colour, ls=line)
     if np.any(clutter > 0):
-        upper.plot(one.range_m, _levels(clutter), color=colour, lw=0.7, alpha=0.6, ls=line)
-    lower.plot(one.range_m, one.of_ground("detection"), color=colour, ls=line)
-    lower.plot(one.range_m, one.of_ground("passing"), color=colour, lw=0.7, alpha=0.6, ls=line)
-    for each in one.simulated:
+        upper.plot(link.range_m, _levels(clutter), color=colour, lw=0.7, alpha=0.6, ls=line)
+    lower.plot(link.range_m, link.of_ground("detection"), color=colour, ls=line)
+    lower.plot(link.range_m, link.of_ground("passing"), color=colour, lw=0.7, alpha=0.6, ls=line)
+    for simulated in link.simulated:
         style = {"marker": "o", "ls": "", "mfc": colour, "mec": "black", "ms": 5}
-        upper.plot(each.range_m, to_db(max(each.found - each.ground.clutter, 0.0)), **style)
-        lower.plot(each.range_m, each.passed, **style)
+        upper.plot(simulated.range_m, to_db(max(simulated.found - simulated.ground.clutter, 0.0)), **style)
+        lower.plot(simulated.range_m, simulated.passed, **style)
 
 
 MARKER = "link.json"
@@ -129,7 +129,7 @@ def write_link(budget: LinkBudget, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     tables = {"link.csv": link_csv(budget)}
@@ -137,7 +137,7 @@ def write_link(budget: LinkBudget, directory: Path) -> list[Path]:
 
 
 def link_summary(budget: LinkBudget) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; a number that does not exist is None."""
+    """Return the numbers in strict JSON form; undefined ones are None."""
     document: dict[str, Any] = {
         "agrees": budget.agrees,
         "largest_difference_db": budget.largest_difference_db,
@@ -155,25 +155,25 @@ def link_summary(budget: LinkBudget) -> dict[str, Any]:
 
 
 def link_csv(budget: LinkBudget) -> str:
-    """Return the closed form as a table, a row for each range."""
+    """Return the closed form as a table, one row per range."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["material", "incidence_deg", "rain_mm_per_h", "range_m", *budget.links[0].ground[0].numbers()])
     for link in budget.links:
         for range_m, ground in zip(link.range_m, link.ground, strict=True):
-            own = [f"{value:.6g}" if np.isfinite(value) else "" for value in (range_m, *ground.numbers().values())]
-            rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *own])
+            cells = [f"{value:.6g}" if np.isfinite(value) else "" for value in (range_m, *ground.numbers().values())]
+            rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *cells])
     return text.getvalue()
 
 
 def _floors(budget: LinkBudget) -> dict[str, Any]:
-    found = budget.floors
-    spectra = {"ground": found.ground, "clutter": found.clutter, **found.terms, "simulated": found.found}
+    floors = budget.floors
+    spectra = {"ground": floors.ground, "clutter": floors.clutter, **floors.terms, "simulated": floors.found}
     return {
-        "ground_m": found.echo_m,
+        "ground_m": floors.echo_m,
         "unit": "dBW" if budget.physical else "dB over the transmitted power",
-        "highest": [{"floor": name, "from_m": start, "to_m": end} for name, start, end in found.rulers()],
-        "range_m": found.range_m.tolist(),
+        "highest": [{"floor": name, "from_m": start, "to_m": end} for name, start, end in floors.rulers()],
+        "range_m": floors.range_m.tolist(),
         "power_db": {name: _finite(decibels(power)) for name, power in spectra.items()},
     }
 
@@ -186,21 +186,24 @@ def _link(link: Link) -> dict[str, Any]:
         "reach_m": link.reach_m,
         "reaches_the_end": link.reaches_the_end,
         "range_m": link.range_m.tolist(),
-        **{name: _finite(np.array([one.numbers()[name] for one in link.ground])) for name in link.ground[0].numbers()},
-        "simulated": [_simulated(one) for one in link.simulated],
+        **{
+            name: _finite(np.array([entry.numbers()[name] for entry in link.ground]))
+            for name in link.ground[0].numbers()
+        },
+        "simulated": [_simulated(entry) for entry in link.simulated],
     }
 
 
-def _simulated(one: Simulated) -> dict[str, Any]:
+def _simulated(simulated: Simulated) -> dict[str, Any]:
     return {
-        "range_m": one.range_m,
-        **one.ground.numbers(),
-        "difference_db": one.difference_db,
-        "spread_db": one.spread_db,
-        "compared": one.compared,
-        "passed": one.passed,
-        "echo_passed": one.echo_passed,
-        "reason": one.reason or None,
+        "range_m": simulated.range_m,
+        **simulated.ground.numbers(),
+        "difference_db": simulated.difference_db,
+        "spread_db": simulated.spread_db,
+        "compared": simulated.compared,
+        "passed": simulated.passed,
+        "echo_passed": simulated.echo_passed,
+        "reason": simulated.reason or None,
     }
 
 
@@ -208,7 +211,7 @@ def _finite(values: Float[np.ndarray, " n"]) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-# Floors that take turns are all in the file.
+# Largest number of printed floors; the file has all.
 MAX_RULERS = 6
 
 LEGEND = (
@@ -219,7 +222,7 @@ LEGEND = (
 
 
 def print_link(budget: LinkBudget) -> None:
-    """Print a row for each simulated range, what the columns are, and whether closed form and simulation agree."""
+    """Print a row per simulated range, a legend of the columns, and the agreement of closed form and simulation."""
     out = console()
     out.print(link_table(budget))
     for line in LEGEND:
@@ -227,24 +230,26 @@ def print_link(budget: LinkBudget) -> None:
     if any(link.reaches_the_end for link in budget.links):
         out.print("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp", soft_wrap=True)
     if np.isnan(budget.largest_difference_db):
-        said = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
+        verdict = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
     else:
         word, largest = "agree" if budget.agrees else "DIFFER", number(budget.largest_difference_db, ".2f", " dB")
-        said = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
-    out.print(said, soft_wrap=True)
+        verdict = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
+    out.print(verdict, soft_wrap=True)
     out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
     for name, start, end in budget.floors.rulers()[:MAX_RULERS]:
         out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
-    sound = budget.largest_difference_db <= TOLERANCE_DB  # false, too, where nothing was compared
+    sound = budget.largest_difference_db <= TOLERANCE_DB  # also false without any comparison
     if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):
         coarse = "rounding is no noise where echoes and noise are smaller than a step of the converter"
         out.print(f"{coarse}: raise radar.receiver.converter.gain_db, or bits", soft_wrap=True)
-    for reason in dict.fromkeys(one.reason for link in budget.links for one in link.simulated if one.reason):
+    for reason in dict.fromkeys(
+        simulated.reason for link in budget.links for simulated in link.simulated if simulated.reason
+    ):
         out.print(f"not simulated: {reason}", soft_wrap=True)
 
 
 def link_table(budget: LinkBudget) -> Table:
-    """Return the ground at the simulated ranges in closed form, and beside it what was simulated."""
+    """Return the closed form and the simulation of the ground at the simulated ranges."""
     title = "Strongest range cell of the ground in one pulse"
     table = Table(title=title, title_justify="left", pad_edge=False)
     table.add_column("material")
@@ -263,16 +268,16 @@ def link_table(budget: LinkBudget) -> Table:
     for link in budget.links:
         reach = f"{link.reach_m:.0f}{'+' if link.reaches_the_end else ''}"
         case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", reach
-        for place, one in enumerate(link.simulated):
-            said = one.ground.numbers()
-            alarms = said["false_alarm_probability"] if one.ground.clutter > 0 else float("nan")
+        for place, simulated in enumerate(link.simulated):
+            numbers = simulated.ground.numbers()
+            alarms = numbers["false_alarm_probability"] if simulated.ground.clutter > 0 else float("nan")
             table.add_row(
                 *(case if place == 0 else ("", "", "", "")),
-                f"{one.range_m:.1f}",
-                number(said["snr_db"], ".1f"),
-                number(said["signal_to_clutter_db"], ".1f"),
-                number(said["detection_probability"], ".3f"),
+                f"{simulated.range_m:.1f}",
+                number(numbers["snr_db"], ".1f"),
+                number(numbers["signal_to_clutter_db"], ".1f"),
+                number(numbers["detection_probability"], ".3f"),
                 number(alarms, ".3f"),
-                number(one.difference_db, "+.2f"),
+                number(simulated.difference_db, "+.2f"),
             )
     return table

@@ -36,18 +36,18 @@ from sionna_radar.studies.log_inspection import LogInspection
 MAX_SHOWN = 5
 
 
-def log_summary(found: LogInspection) -> dict[str, Any]:
+def log_summary(inspection: LogInspection) -> dict[str, Any]:
     """Return the contents of a flight log, in plain tables."""
-    positions, log = found.clean.positions, found.log
+    positions, log = inspection.clean.positions, inspection.log
     place = positions.place
-    height = place[:, 2] + (found.georeference.origin_m[2] if found.georeference else 0.0)
+    height = place[:, 2] + (inspection.georeference.origin_m[2] if inspection.georeference else 0.0)
     degrees = log.positions.place[np.isfinite(log.positions.place).all(axis=1)] if log.on_map else None
-    above = None if found.ground_under_m is None else place[:, 2] - found.ground_under_m
+    above = None if inspection.ground_under_m is None else place[:, 2] - inspection.ground_under_m
     clearance = None
-    if above is not None and found.moved_m is None and np.isfinite(above).any():
+    if above is not None and inspection.moved_m is None and np.isfinite(above).any():
         clearance = [float(f(above)) for f in (np.nanmin, np.nanmedian, np.nanmax)]
     return {
-        "path": str(found.path),
+        "path": str(inspection.path),
         "format": log.kind,
         "duration_s": float(positions.time_s[-1] - positions.time_s[0]),
         "positions": positions.source,
@@ -61,19 +61,19 @@ def log_summary(found: LogInspection) -> dict[str, Any]:
         "heights_count_from": log.datum,
         "height_m": [float(height.min()), float(np.median(height)), float(height.max())],
         "height_above_ground_m": clearance,
-        "speed_mps": [float(f(found.speed_mps)) for f in (np.min, np.mean, np.max)],
+        "speed_mps": [float(f(inspection.speed_mps)) for f in (np.min, np.mean, np.max)],
         "longest_step_s": float(np.diff(positions.time_s).max()),
-        "moved_to_terrain_m": found.moved_m,
-        "notes": [*log.notes, *found.clean.notes],
-        "refused": list(found.refusals),
-        "stretches_s": [list(ends) for ends in found.stretches],
+        "moved_to_terrain_m": inspection.moved_m,
+        "notes": [*log.notes, *inspection.clean.notes],
+        "refused": list(inspection.refusals),
+        "stretches_s": [list(ends) for ends in inspection.stretches],
     }
 
 
-def print_log(found: LogInspection) -> None:
-    """Print what is in a log, and what would keep it from being flown."""
-    numbers = log_summary(found)
-    table = Table(title=f"{found.path.name}: {numbers['format']}", title_justify="left", show_header=False)
+def print_log(inspection: LogInspection) -> None:
+    """Print the contents of a log, and the findings against flying it."""
+    numbers = log_summary(inspection)
+    table = Table(title=f"{inspection.path.name}: {numbers['format']}", title_justify="left", show_header=False)
     for name, value in _rows(numbers).items():
         table.add_row(name, value)
     out = console()
@@ -125,7 +125,7 @@ MAP_IN = (5.6, 5.2)
 
 
 def draw_log(found: LogInspection) -> Figure:
-    """Draw a log: a map with its speed, and its heights, speeds and attitudes; times that would be refused in red."""
+    """Draw a log: a map with its speed, and its heights, speeds and attitudes; refused times in red."""
     place = found.clean.positions.place
     frame = frame_of(found.georeference, Coordinates.MAP)
     extent = found.ground.grid.extent_m if found.ground else (*_ends(place[:, 0]), *_ends(place[:, 1]))
@@ -155,39 +155,41 @@ def draw_log(found: LogInspection) -> Figure:
 
 
 def _draw_map(
-    axes: Axes, found: LogInspection, frame: Frame, bounds: tuple[float, float, float, float], width: float
+    axes: Axes, inspection: LogInspection, frame: Frame, bounds: tuple[float, float, float, float], width: float
 ) -> None:
-    if found.ground is not None and found.ground.filled.any():
-        limits = height_limits(found.ground)
-        axes.imshow(shaded(found.ground, limits, "Greys_r"), origin="lower", extent=found.ground.grid.extent_m)
-    place, scale = found.clean.positions.place, Normalize(0.0, max(float(found.speed_mps.max()), 0.1))
+    if inspection.ground is not None and inspection.ground.filled.any():
+        limits = height_limits(inspection.ground)
+        axes.imshow(
+            shaded(inspection.ground, limits, "Greys_r"), origin="lower", extent=inspection.ground.grid.extent_m
+        )
+    place, scale = inspection.clean.positions.place, Normalize(0.0, max(float(inspection.speed_mps.max()), 0.1))
     step = _thin(len(place))
     points = place[step, :2]
     halo = [withStroke(linewidth=4.0, foreground="white")]
     lines = LineCollection(
         np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", norm=scale, lw=2.2, path_effects=halo
     )
-    lines.set_array(found.speed_mps[step][:-1])
+    lines.set_array(inspection.speed_mps[step][:-1])
     axes.add_collection(lines)
     for end, marker, colour, name in ((0, "^", ORANGE, "Start"), (-1, "s", BLUE, "End")):
         axes.plot(*place[end, :2], ls="", marker=marker, ms=8, mfc=colour, mec="black", label=name, zorder=4)
     axes.legend(loc="lower right", fontsize="small")
-    finish_map(axes, bounds, f"{found.path.name}: {found.log.kind}", frame)
+    finish_map(axes, bounds, f"{inspection.path.name}: {inspection.log.kind}", frame)
     colour_bar(axes, lines, "Speed over the ground (m/s)", width)
 
 
-def _draw_heights(axes: Axes, found: LogInspection, frame: Frame) -> None:
-    time_s, place = found.clean.positions.time_s, found.clean.positions.place
+def _draw_heights(axes: Axes, inspection: LogInspection, frame: Frame) -> None:
+    time_s, place = inspection.clean.positions.time_s, inspection.clean.positions.place
     step = _thin(len(time_s))
     up = frame.origin_m[2]
-    if found.ground_under_m is not None and found.moved_m is None:
-        ground = found.ground_under_m[step] + up
+    if inspection.ground_under_m is not None and inspection.moved_m is None:
+        ground = inspection.ground_under_m[step] + up
         axes.fill_between(time_s[step], ground, np.nanmin(np.append(ground, place[step, 2] + up)), color="0.75", lw=0)
         axes.plot(time_s[step], ground, color="0.35", lw=1.0, label="Terrain")
         axes.legend(loc="upper right", fontsize="small", frameon=False)
     axes.plot(time_s[step], place[step, 2] + up, color="black", lw=1.2)
     level = {"unknown": "Height (m)", "take-off": "Height above take-off (m)"}
-    axes.set(ylabel=level.get(found.log.datum, "Height above sea level (m)"))
+    axes.set(ylabel=level.get(inspection.log.datum, "Height above sea level (m)"))
 
 
 def _thin(count: int) -> np.ndarray:
@@ -210,7 +212,7 @@ def write_log(found: LogInspection, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_study(directory, MARKER, log_summary(found), partial(save_figures, found, {"flight": draw_log}))

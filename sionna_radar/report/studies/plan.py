@@ -20,7 +20,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
 
     """
     try:
-        first, second = (float(part) for part in text.lower().split(separator))
+        first, second = (float(word) for word in text.lower().split(separator))
     except ValueError as error:
         raise ScenarioError([Problem(option, f"{text!r} is not a pair of numbers; give {form}")], "plan") from error
     return first, second
@@ -46,11 +46,11 @@ def print_plan(plan: FlightPlan) -> None:
 
 
 def print_check(check: PlanCheck) -> None:
-    """Print how finely the plan samples the area over its terrain, and a remedy if it is too coarse."""
-    wanted_m = check.plan.wanted.sampling_m
+    """Print the achieved sampling of the area over its terrain, and a remedy if it is too coarse."""
+    requested_m = check.plan.wanted.sampling_m
     table = Table(title="Beam axes over the terrain of the scenario", title_justify="left", show_header=False)
     rows = {
-        f"sampled at {wanted_m:g} m or finer": f"{check.coverage:.2%} of the area",
+        f"sampled at {requested_m:g} m or finer": f"{check.coverage:.2%} of the area",
         "sampling of 95 % of the area": f"{check.sampling_of(0.95):.2f} m or finer",
         "coarsest": f"{check.coarsest_m:.2f} m",
     }

@@ -1,4 +1,4 @@
-"""What was processed from a recording, as files, table and figures."""
+"""A processed recording as files, table and figures."""
 
 from dataclasses import asdict
 from functools import partial
@@ -41,13 +41,13 @@ from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import console, number
 from sionna_radar.survey.result import Processed
 
-# Errors beyond this quantile of |error| saturate the colours.
+# Quantile of |error| beyond which colours saturate.
 SATURATED = 0.98
 TINY = 1e-300
 
 
 def draw_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Draw the spectrum and, where there is one, the DEM into a directory as PNG, and return the files."""
+    """Draw the spectrum and the DEM, if any, into a directory as PNG, and return the files."""
     figures = {"spectrum": draw_spectrum}
     if processed.dem is not None and processed.dem.filled.any():
         figures["dem"] = partial(draw_map, coordinates=coordinates)
@@ -55,7 +55,7 @@ def draw_processed(processed: Processed, directory: Path, coordinates: Coordinat
 
 
 def draw_spectrum(processed: Processed) -> Figure:
-    """Draw the beat signal of one chirp, and its spectrum with those of all: mean, median, floor, threshold."""
+    """Draw the beat signal of one chirp, and its spectrum with the mean, median, floor and threshold of all."""
     record, spectrum = processed.chirp, processed.spectrum
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
@@ -78,9 +78,9 @@ def _draw_powers(axes: Axes, processed: Processed) -> None:
     axes.plot(record.range_m, decibels(record.threshold), color=ORANGE, lw=1.2, ls="--", label="CFAR threshold")
     axes.plot(spectrum.range_m, decibels(spectrum.mean), color="0.2", lw=1.2, label="Mean of pulses")
     axes.plot(spectrum.range_m, decibels(spectrum.median), color="0.55", lw=1.2, label="Median of pulses")
-    found = f"{len(record.echo_range_m)} detected"
+    label = f"{len(record.echo_range_m)} detected"
     axes.plot(
-        record.echo_range_m, decibels(record.echo_power), ls="", marker="v", ms=8, mfc=RED, mec="black", label=found
+        record.echo_range_m, decibels(record.echo_power), ls="", marker="v", ms=8, mfc=RED, mec="black", label=label
     )
     axes.set(xlabel="Range, not corrected for Doppler (m)", ylabel="Power (dB of the recording's unit squared)")
     axes.margins(x=0)
@@ -88,7 +88,7 @@ def _draw_powers(axes: Axes, processed: Processed) -> None:
 
 
 def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> Figure:
-    """Draw the DEM, and its error where the truth is known."""
+    """Draw the DEM, and its error if the truth is known."""
     assert processed.dem is not None
     frame, dem, comparison = frame_of(processed.georeference, coordinates), processed.dem, processed.comparison
     bounds = map_bounds(dem.grid.extent_m, np.zeros((0, 3)))
@@ -117,21 +117,21 @@ MARKER = "processed.json"
 def write_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Write the results of processing into a directory, completely or not at all, and return the files.
 
-    Points and rasters have the bytes that the survey itself wrote, where the settings are the same.
+    Points and rasters are identical to those of the survey itself if the settings are the same.
 
     Parameters
     ----------
     processed:
         A processed recording.
     directory:
-        Where to write; files of an earlier result of `process` are replaced.
+        Output folder; files of an earlier result of `process` are replaced.
     coordinates:
-        Those of the figures.
+        Coordinates of the figures.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_folder(directory, MARKER, partial(_write_all, processed, coordinates))
@@ -199,17 +199,17 @@ def _document(processed: Processed) -> dict[str, Any]:
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
-    kept: dict[str, Any] = without_nan(document)
-    return kept
+    cleaned: dict[str, Any] = without_nan(document)
+    return cleaned
 
 
 def print_processed(processed: Processed) -> None:
-    """Print what processing made of a recording."""
+    """Print the results of processing a recording."""
     console().print(processed_table(processed))
 
 
 def processed_table(processed: Processed) -> Table:
-    """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors where the truth is known."""
+    """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors if the truth is known."""
     table = Table(title=f"Recording {processed.source.name}", show_header=False, title_justify="left")
     for name, value in (_recorded(processed) | _mapped(processed)).items():
         table.add_row(name, value)

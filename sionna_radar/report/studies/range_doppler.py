@@ -17,9 +17,9 @@ from sionna_radar.report.files.folder import without_nan, write_study
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.range_doppler import Frames
 
-# Below the strongest cell, dB.
+# Shown dynamic range below the strongest cell, dB.
 SHOWN_DB = 60.0
-# Of ranges beside those with an echo.
+# Margin of range beside the cells with an echo.
 MARGIN_M = 2.0
 
 
@@ -29,7 +29,7 @@ def draw_all(frames: Frames, directory: Path) -> list[Path]:
 
 
 def range_doppler(frames: Frames) -> Figure:
-    """Draw the map of the last frame with what is detected in it, and the targets of the scenario."""
+    """Draw the map of the last frame with its detections, and the targets of the scenario."""
     figure = ReportFigure(figsize=(9.0, 5.6), layout="constrained")
     axes = figure.subplots()
     last = frames.last
@@ -67,7 +67,7 @@ def write_frames(frames: Frames, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds other files, or cannot be written; see `write_folder`.
 
     """
     return write_study(
@@ -76,7 +76,7 @@ def write_frames(frames: Frames, directory: Path) -> list[Path]:
 
 
 def frames_summary(frames: Frames) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; a number that does not exist is None."""
+    """Return the numbers in strict JSON form; undefined ones are None."""
     analyser = frames.analyser
     document: dict[str, Any] = {
         "chirps": analyser.chirps,
@@ -108,7 +108,7 @@ def peaks_csv(frames: Frames) -> str:
 
 
 def print_frames(frames: Frames) -> None:
-    """Print the cells of the maps, and where the targets of the scenario were found."""
+    """Print the cells of the maps, and the detected positions of the scenario's targets."""
     out, analyser = console(), frames.analyser
     out.print(
         f"{frames.frames} frames of {analyser.chirps} chirps: cells of {frames.last.chirp.range_resolution_m:.3g} m "
@@ -131,7 +131,7 @@ def print_frames(frames: Frames) -> None:
 
 
 def targets_table(frames: Frames) -> Table:
-    """Return the table of the scenario's targets and of the peaks found: range, m, and range rate, m/s."""
+    """Return the table of the scenario's targets and of the detected peaks: range, m, and range rate, m/s."""
     table = Table(title="Targets in the last frame", title_justify="left")
     for name in ("target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"):
         table.add_column(name, justify="right")

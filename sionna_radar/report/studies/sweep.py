@@ -1,7 +1,7 @@
-"""A sweep as files and tables, and how its table of runs is read again.
+"""A sweep as files and tables, and the reader of its table of runs.
 
-A setting that could not be flown in full has a row more, with its reason and no seed. The last two columns of the CSV,
-what a survey took, are the only ones that the same study does not give again.
+A setting that could not be flown in full has an additional row, with its reason and no seed. The last two columns of
+the CSV, the costs of a survey, are the only ones that are not reproducible.
 """
 
 import csv
@@ -31,7 +31,7 @@ from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, sh
 
 RUNS_CSV, RUNS_PARQUET = "runs.csv", "runs.parquet"
 COSTS = ("wall_s", "peak_memory_mb")
-# What the names of the columns begin with, by whose errors they are.
+# Prefixes of the columns' names, with the errors of a trial.
 KINDS = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
 RUNS_MEANING = {
     "run_seed": "seed of the survey",
@@ -43,7 +43,7 @@ Row = dict[str, Any]
 
 
 def rows_of(sweep: Sweep) -> list[Row]:
-    """Return the table, a value for each column by its name; None where there is none."""
+    """Return the rows of the table, with values by column name; None where undefined."""
     return [row for case in sweep.cases for row in _rows(case, [axis.key for axis in sweep.axes])]
 
 
@@ -56,18 +56,18 @@ def _rows(case: Case, keys: Sequence[str]) -> list[Row]:
 
 
 def setting_text(setting: Mapping[str, Any], key: str) -> Any:
-    """Return a varied value as a table shows it: one that was taken out as the word none, one left alone as nothing."""
+    """Return a varied value as shown in tables: the word none for a removed key, "" for an unchanged one."""
     value = setting.get(key, "")
     return "none" if value is None else value
 
 
 def _numbers(trial: Trial | None) -> Row:
-    found = {"run_seed": getattr(trial, "seed", None), "echoes": getattr(trial, "echoes", None)}
+    row = {"run_seed": getattr(trial, "seed", None), "echoes": getattr(trial, "echoes", None)}
     for prefix, kind in KINDS.items():
         error = getattr(trial, kind, None)
-        found |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
-    found["reason"] = None
-    return found | {name: _number(getattr(trial, name, None)) for name in COSTS}
+        row |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
+    row["reason"] = None
+    return row | {name: _number(getattr(trial, name, None)) for name in COSTS}
 
 
 def _number(value: Any) -> Any:
@@ -75,7 +75,7 @@ def _number(value: Any) -> Any:
 
 
 def runs_csv(sweep: Sweep) -> str:
-    """Return the table as CSV; empty for what is not there."""
+    """Return the table as CSV, with empty cells for None."""
     return table_text(rows_of(sweep))
 
 
@@ -89,13 +89,13 @@ def table_text(rows: Sequence[Row]) -> str:
 
 
 def costs_of(text: str) -> list[dict[str, float]]:
-    """Return the costs of each survey of a `runs.csv`, in order; raises ValueError or KeyError for another text."""
+    """Return the costs of each survey of a `runs.csv`, in order; raises ValueError or KeyError for other text."""
     rows = csv.DictReader(io.StringIO(text, newline=""))
     return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
 def write_runs_parquet(path: Path, sweep: Sweep) -> None:
-    """Write the table as Parquet; a varied key is a number where all its values are, and otherwise a text.
+    """Write the table as Parquet; a varied key is numeric if all its values are, otherwise text.
 
     Raises OutputError without pyarrow.
     """
@@ -114,11 +114,11 @@ def write_runs_parquet(path: Path, sweep: Sweep) -> None:
 
 
 def _of_one_type(values: Sequence[Any]) -> list[Any]:
-    """Return values as numbers, if all are, or as texts; what is left alone is None."""
-    there = [value for value in values if not isinstance(value, str) or value]
-    if all(isinstance(value, Real) and not isinstance(value, bool) for value in there):
-        whole = all(isinstance(value, int) for value in there)
-        return [None if isinstance(value, str) else value if whole else float(value) for value in values]
+    """Return values as numbers if all are, otherwise as text; "" becomes None."""
+    present = [value for value in values if not isinstance(value, str) or value]
+    if all(isinstance(value, Real) and not isinstance(value, bool) for value in present):
+        integers = all(isinstance(value, int) for value in present)
+        return [None if isinstance(value, str) else value if integers else float(value) for value in values]
     return [value if isinstance(value, str) else json.dumps(value) for value in values]
 
 
@@ -142,12 +142,12 @@ def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_F
     directory:
         Output folder; only the files of an earlier result in it are replaced.
     runs:
-        Formats of the table with a row for each survey.
+        Formats of the table with one row per survey.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written (see `write_folder`), or Parquet without pyarrow.
+        The directory holds other files, or cannot be written (see `write_folder`), or Parquet without pyarrow.
 
     """
 
@@ -189,7 +189,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
 def table_csv(sweep: Sweep) -> str:
     """Return one row per case: the setting, the mean of each statistic and its spread; empty for NaN.
 
-    The errors are those of lit cells unless the column name says otherwise.
+    The errors are those of lit cells unless the column name states otherwise.
     """
     return table_text([_row(case, sweep) for case in sweep.cases])
 
@@ -203,7 +203,7 @@ def _row(case: Case, sweep: Sweep) -> Row:
 
 
 def _document(trial: Trial) -> dict[str, Any]:
-    """Return a trial without what it took, which would differ from run to run."""
+    """Return a trial without its costs, which differ from run to run."""
     return {name: value for name, value in asdict(trial).items() if name not in COSTS}
 
 
@@ -218,7 +218,7 @@ HEADINGS = {
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
 }
-# Settings that a terminal shows; the files have all of them.
+# Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
 SIGNED = ("min_m", "max_m", "mean_m")
 
@@ -227,12 +227,12 @@ def print_sweep(result: Sweep) -> None:
     """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
     out = console()
     table = sweep_table(result, "+-" if out.options.ascii_only else "±")
-    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
+    # Do not truncate the numbers to a narrow terminal, or the 80 columns of a pipe.
     needed = console(width=1000).measure(table).maximum
     console(width=max(out.width, needed)).print(table)
-    more = len(result.cases) - MAX_ROWS
-    if more > 0:
-        out.print(f"and {more:,} more settings in table.csv")
+    hidden = len(result.cases) - MAX_ROWS
+    if hidden > 0:
+        out.print(f"and {hidden:,} more settings in table.csv")
     for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
@@ -257,7 +257,7 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
 
 
 def _warnings(case: Case) -> list[str]:
-    """Return the warnings of a case; if the seeds differ in the numbers of one, that of the first seed."""
+    """Return the warnings of a case, from the first seed with any."""
     return list(next((t.warnings for t in case.trials if t.warnings), ()))
 
 
@@ -274,7 +274,7 @@ UNKNOWN = dict.fromkeys(COSTS, float("nan"))
 
 
 def read_sweep(folder: Path) -> Sweep:
-    """Return the sweep in a folder; raises InputFileError for a folder that holds none, or a damaged one."""
+    """Return the sweep in a folder; raises InputFileError for a missing or damaged one."""
     text = read_text(folder / MARKER, "sweep =", REMEDY)
     try:
         document = json.loads(text)
@@ -293,26 +293,26 @@ def read_sweep(folder: Path) -> Sweep:
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:
-    """Return the costs of the surveys from `runs.csv`; empty if the user left that table out."""
+    """Return the costs of the surveys from `runs.csv`; empty without that table."""
     table = folder / RUNS_CSV
     return costs_of(read_text(table, "sweep =", REMEDY)) if table.exists() else []
 
 
-def _case(found: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:
+def _case(document: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:
     return Case(
-        setting=found["setting"],
-        scenario=parse_scenario(found["scenario"]) if found["scenario"] else None,
-        trials=tuple(_trial(run | next(costs, UNKNOWN)) for run in found["runs"]),
-        reason=found["reason"] or "",
+        setting=document["setting"],
+        scenario=parse_scenario(document["scenario"]) if document["scenario"] else None,
+        trials=tuple(_trial(run | next(costs, UNKNOWN)) for run in document["runs"]),
+        reason=document["reason"] or "",
     )
 
 
-def _trial(found: dict[str, Any]) -> Trial:
+def _trial(document: dict[str, Any]) -> Trial:
     names = [field.name for field in fields(DemError)]
     errors = {
-        kind: {name: float("nan") if found[kind][name] is None else found[kind][name] for name in names}
-        if found[kind]
+        kind: {name: float("nan") if document[kind][name] is None else document[kind][name] for name in names}
+        if document[kind]
         else None
         for kind in ("dem_error", "lit_error", "off_wall_error")
     }
-    return Trial.of_document({**found, **errors})
+    return Trial.of_document({**document, **errors})

@@ -27,24 +27,24 @@ PANELS = {
     "mean_m": "Mean error of lit cells (m)",
     "coverage": "Coverage: share of lit\ncells with a height (%)",
 }
-# Panels that may have a logarithmic scale, and the ratio of largest to smallest value at which they do.
+# Panels with an optional logarithmic scale, and the ratio of largest to smallest value from which it is used.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
-# Top of a linear scale over the highest value, so that its dot is whole.
+# Ratio of the top of a linear scale to the highest value, so that its dot is not clipped.
 HEADROOM = 1.06
-# Distance of the dots of the trials from their mean, in points, so that its bar does not hide them.
+# Offset of the dots of the trials from their mean, in points, so that its bar does not hide them.
 BESIDE_PT = 7.0
-# A rank correlation of fewer settings says nothing.
+# Minimum number of settings for a rank correlation.
 MIN_RANKED = 8
 MAX_LEGEND = 14
-# Letters of a name in half the width of the figure.
+# Longest name in half the width of the figure, in characters.
 MAX_IN_HALF = 50
-# Number of label letters that fit side by side under one panel.
+# Characters of labels that fit side by side under one panel.
 MAX_LETTERS = 45
 
 
 def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
-    """Draw a figure for each varied key into a directory as PNG, and return the files."""
+    """Draw one figure per varied key into a directory as PNG, and return the files."""
     main = abscissa(sweep.axes)
     others = [axis for axis in sweep.axes if axis != main and len(axis.values) > 1]
     against = {f"sweep_{re.sub('[^A-Za-z0-9]+', '_', axis.key)}": partial(errors, across=axis) for axis in others}
@@ -54,7 +54,7 @@ def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
 def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     """Draw the errors of lit cells and the coverage against one varied key, a line per setting of the listed others.
 
-    Values that are sampled or from a table are dots without a line, with Spearman's rank correlation beside them.
+    Values sampled or from a table are dots without a line, with Spearman's rank correlation beside them.
     """
     across = across or abscissa(sweep.axes)
     lines = _lines(sweep, across)
@@ -85,7 +85,7 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
 
 
 def _style(index: int) -> tuple[str, str]:
-    """Return a colour and a marker; as many lines as there are pairs of them differ."""
+    """Return a colour and a marker, unique for as many lines as there are pairs of them."""
     turn, count = divmod(index, len(COLOURS))
     return COLOURS[count], MARKERS[(count + turn) % len(MARKERS)]
 
@@ -127,10 +127,10 @@ def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
     listed = [axis.key for axis in sweep.axes if axis.crossed and axis.key != across.key]
     lines: dict[str, tuple[str, list[Case]]] = {}
     for case in sweep.cases:
-        others = {key: case.setting[key] for key in listed}
-        name = ", ".join(f"{readable(key)}: {short(value)}" for key, value in others.items())
+        setting = {key: case.setting[key] for key in listed}
+        name = ", ".join(f"{readable(key)}: {short(value)}" for key, value in setting.items())
         if across.key in case.setting:
-            lines.setdefault(repr(others), (name, []))[1].append(case)
+            lines.setdefault(repr(setting), (name, []))[1].append(case)
     lines = {key: line for key, line in lines.items() if any(case.trials for case in line[1])}
     if _numeric(across):
         return [(name, sorted(cases, key=lambda c: c.setting[across.key])) for name, cases in lines.values()]
@@ -138,16 +138,16 @@ def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
 
 
 def _joined(sweep: Sweep, across: Axis) -> bool:
-    """Return whether the dots of a line differ in nothing but their abscissa, which is a number."""
+    """Return whether the dots of a line differ only in their abscissa, a number."""
     return _numeric(across) and all(axis.crossed for axis in sweep.axes)
 
 
 def _correlation(sweep: Sweep, across: Axis, statistic: str) -> str:
-    """Return the rank correlation of a statistic with a key whose values are not listed; "" where there is none."""
-    there = [case for case in sweep.cases if across.key in case.setting and np.isfinite(case.mean(statistic))]
-    if across.crossed or not _numeric(across) or len(there) < MIN_RANKED:
+    """Return the rank correlation of a statistic with a key without listed values; "" if undefined."""
+    cases = [case for case in sweep.cases if across.key in case.setting and np.isfinite(case.mean(statistic))]
+    if across.crossed or not _numeric(across) or len(cases) < MIN_RANKED:
         return ""
-    pairs = np.array([(case.setting[across.key], case.mean(statistic)) for case in there])
+    pairs = np.array([(case.setting[across.key], case.mean(statistic)) for case in cases])
     ranks = [rankdata(values) for values in pairs.T]
     if min(map(np.ptp, ranks)) == 0:
         return ""
@@ -198,7 +198,7 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
 
 
 def _even_in_logarithm(across: Axis) -> bool:
-    """Return whether values span much, and lie more evenly on a logarithmic scale; decibels are logarithms already."""
+    """Return whether values span a wide range, more evenly on a logarithmic scale; decibels are logarithms already."""
     low, high = float(min(across.values)), float(max(across.values))
     if low <= 0 or high < LOGARITHMIC_FROM * low or across.key.endswith(("_db", "_dbm", "_dbsm")):
         return False
@@ -213,7 +213,7 @@ def _apart(values: list[float], logarithmic: bool) -> bool:
 
 
 def _slanted(values: list[Any]) -> dict[str, Any]:
-    """Return the rotation that keeps the labels of words apart."""
+    """Return the rotation that keeps long labels apart."""
     if sum(len(short(value)) + 2 for value in values) <= MAX_LETTERS:
         return {}
     return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

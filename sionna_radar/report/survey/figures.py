@@ -1,11 +1,10 @@
 """Figures of a survey, for print: its environment, a chirp, and its maps.
 
-Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps have equal scales, and map
-coordinates where the world has a place on the map and no local ones are asked for; sizes follow the shape of the
-ground, so that a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and an empty
-cell is plain grey.
+Each is a matplotlib figure outside pyplot (`ReportFigure`), displayed in notebooks. Maps have equal scales, and map
+coordinates if the world is georeferenced and no local ones are requested; sizes follow the shape of the ground, so that
+a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and empty cells are plain grey.
 
-The figure of the environment shows the true surface, the flight over it, and where the beam meets the ground.
+The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
 from collections.abc import Callable
@@ -57,12 +56,12 @@ from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
-# Width of a figure that takes three entries of the legend side by side.
+# Minimum width of a figure with three columns in its legend.
 MIN_WIDE_IN = 6.5
 
 
 def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
-    """Draw the true surface with the flight and the ground that its beam meets, and the flight's profile."""
+    """Draw the true surface with the flight and the beam's hits, and the flight's profile."""
     trajectory = survey.schedule.trajectory
     flight = trajectory.position(np.linspace(0.0, trajectory.end_s, 2000))
     hits = _boresight_hits(survey)
@@ -90,23 +89,23 @@ def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], 
     step = np.linalg.norm(np.diff(flight[:, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(step)])
     moving = np.flatnonzero(step > 0)
-    last = moving[-1] if len(moving) else 0
-    ahead = (flight[last + 1, :2] - flight[last, :2]) / max(step[last], 1e-9)
-    # The beam looks ahead of the platform, so the ground is drawn beyond the track's end.
+    last_step = moving[-1] if len(moving) else 0
+    ahead = (flight[last_step + 1, :2] - flight[last_step, :2]) / max(step[last_step], 1e-9)
+    # The beam points ahead of the platform: draw the ground beyond the track's end.
     west, east, south, north = survey.truth.grid.extent_m
-    beyond = np.linspace(0.0, np.hypot(east - west, north - south), 2000)
-    path = np.concatenate([flight[:, :2], flight[-1, :2] + beyond[:, None] * ahead])
-    along = np.concatenate([distance, distance[-1] + beyond])
+    extension = np.linspace(0.0, np.hypot(east - west, north - south), 2000)
+    path = np.concatenate([flight[:, :2], flight[-1, :2] + extension[:, None] * ahead])
+    along = np.concatenate([distance, distance[-1] + extension])
     ground = survey.truth.at(path)
-    known = np.isfinite(ground)
-    lowest = np.append(ground[known], flight[:, 2]).min()
+    covered = np.isfinite(ground)
+    lowest = np.append(ground[covered], flight[:, 2]).min()
     floor = lowest - 0.08 * (flight[:, 2].max() - lowest)
-    axes.fill_between(along, np.where(known, ground, np.nan), floor, color="0.75", lw=0)
+    axes.fill_between(along, np.where(covered, ground, np.nan), floor, color="0.75", lw=0)
     axes.plot(along, ground, color="0.35", lw=1.2)
     axes.plot(distance, flight[:, 2], color="black", lw=1.5)
     _mark_ends(axes, np.column_stack([distance, flight[:, 2]])[[0, -1]])
     _draw_beam(axes, survey)
-    end = max(distance[-1], along[known].max() if known.any() else 0.0, 1.0)
+    end = max(distance[-1], along[covered].max() if covered.any() else 0.0, 1.0)
     axes.set(xlim=(-0.02 * end, 1.02 * end), xlabel="Distance along the track (m)", ylabel=frame.height)
     shift_ticks(axes.yaxis, frame.origin_m[2], 6)
     axes.set_ylim(bottom=floor)
@@ -115,7 +114,7 @@ def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], 
 
 
 def _draw_beam(axes: Axes, survey: Survey) -> None:
-    """Draw the boresight of the pulse in mid-flight that looks straight along the track."""
+    """Draw the boresight of the mid-flight pulse that points straight along the track."""
     schedule = survey.schedule
     if len(schedule) == 0:
         return
@@ -133,7 +132,7 @@ def _draw_beam(axes: Axes, survey: Survey) -> None:
 
 
 def _mark_ends(axes: Axes, ends: Float[np.ndarray, "2 2"]) -> None:
-    """Mark where the flight begins and ends."""
+    """Mark the start and end of the flight."""
     for (x, y), marker, colour in zip(ends, "^s", (ORANGE, BLUE), strict=True):
         axes.plot(x, y, ls="", marker=marker, ms=8, mfc=colour, mec="black", zorder=4)
 
@@ -153,7 +152,7 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
 
 def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
     schedule = survey.schedule
-    # Regular steps would alias with the rotation of the antenna and show a false pattern.
+    # Regular steps would alias with the rotation of the antenna.
     chosen = np.random.default_rng(0).permutation(len(schedule))[:MAX_OVERLAY]
     hits = _meet_ground(schedule.pulses(np.sort(chosen)).true, survey)
     met: Float[np.ndarray, "hit 3"] = hits[np.isfinite(hits).all(axis=1)]
@@ -161,7 +160,7 @@ def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
 
 
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
-    """Return the intersections of the beam axes with the scene, m; NaN where there are none."""
+    """Return the intersections of the beam axes with the scene, m; NaN without one."""
     distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
     distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     return pose.position_m + distance_m[:, None] * pose.boresight
@@ -169,7 +168,7 @@ def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000
-# A histogram that extends this many NMADs to each side has a logarithmic scale.
+# Half-width of a histogram, in NMADs, from which its scale is logarithmic.
 HEAVY_TAILS = 10
 LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
@@ -195,7 +194,7 @@ def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordin
 def draw_chirp(survey: Survey) -> Figure:
     """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
 
-    Raises ValueError for a survey whose sensor has no chirps.
+    Raises ValueError for a sensor without chirps.
     """
     record = survey.chirp
     if record is None:
@@ -223,14 +222,14 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
     power_db, threshold_db, echo_db = map(decibels, (record.power, record.threshold, record.echo_power))
     axes.plot(record.range_m, power_db, color=BLUE, lw=0.9, label="Spectrum")
     axes.plot(record.range_m, threshold_db, color=ORANGE, lw=1.5, ls="--", label="CFAR threshold")
-    found = ", ".join(f"{r:.1f} m" for r in record.echo_range_m[:4])
-    found += ", ..." * (len(record.echo_range_m) > 4)
-    label = f"Detections: {found}" if found else "No detection"
+    ranges = ", ".join(f"{r:.1f} m" for r in record.echo_range_m[:4])
+    ranges += ", ..." * (len(record.echo_range_m) > 4)
+    label = f"Detections: {ranges}" if ranges else "No detection"
     axes.plot(record.echo_range_m, echo_db, ls="", marker="v", ms=9, mfc=RED, mec="black", label=label)
     shown = np.concatenate([power_db, threshold_db, echo_db])
     shown = shown[np.isfinite(shown)]
     if len(shown):
-        # Without noise the cells between echoes are hundreds of dB below them.
+        # Without noise, cells between echoes are hundreds of dB below them.
         top = shown.max()
         axes.set_ylim(max(np.percentile(shown, 1) - 5, top - 110), top + 10)
     axes.set_xlabel("Range, not corrected for Doppler (m)")
@@ -245,7 +244,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
 
 
 def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
-    """Draw the power of the echoes where they are placed on the ground plan."""
+    """Draw the power of the echoes at their positions on the map."""
     points = survey.points
     bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
     width, height = map_size(bounds)
@@ -253,7 +252,7 @@ def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
     axes = figure.subplots()
     power_db = decibels(points.power)
     chosen = _thinned(len(points), MAX_SCATTER)
-    # A bright point target has only a few echoes, which thinning might drop.
+    # Keep the few echoes of bright point targets, which thinning might drop.
     brightest = np.argsort(points.power)[-50:]
     chosen = np.union1d(chosen, brightest)
     finite = power_db[np.isfinite(power_db)]
@@ -271,7 +270,7 @@ def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
 
 
 def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
-    """Draw the true surface and the DEM on one colour scale, with the points that made the DEM."""
+    """Draw the true surface and the DEM on one colour scale, with the points of the DEM."""
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
     limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
@@ -321,10 +320,10 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
         rows["RMS off walls"] = off_wall.rms_m
     lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
     lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
-    # The space above the tallest bar is for the box of numbers.
+    # Leave space above the tallest bar for the box of numbers.
     top = max(float(share.max()), 0.5)
     if limit > HEAVY_TAILS * e.nmad_m:
-        # Next to so narrow a peak the few errors at walls would be invisible.
+        # Beside such a narrow peak the few errors at walls would be invisible.
         low = 50 / max(len(values), 1)
         axes.set_yscale("log")
         axes.set_ylim(low, top * top / low)
@@ -335,8 +334,8 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
         axes.set_ylim(0, 2 * top)
     text = axes.text(0.98, 0.98, "\n".join(lines), transform=axes.transAxes, ha="right", va="top")
     text.set(family="monospace", multialignment="left")
-    outside = 100 * float(np.mean(np.abs(values) > limit)) if len(values) else 0.0
-    note = f" ({outside:.1f} % beyond)" if outside >= 0.05 else ""
+    beyond_percent = 100 * float(np.mean(np.abs(values) > limit)) if len(values) else 0.0
+    note = f" ({beyond_percent:.1f} % beyond)" if beyond_percent >= 0.05 else ""
     axes.set(xlim=(-limit, limit), ylabel="Share of lit cells (%)")
     axes.set_xlabel(f"Height error (m){note}\n* 90th percentile of |error|")
     axes.set_title(f"Error of lit cells: RMS {number(e.rms_m, '.3f', ' m')}", fontsize="medium")
@@ -374,15 +373,15 @@ def _warn(figure: Figure, survey: Survey) -> None:
 
 
 def _error_limit(values: Float[np.ndarray, " cell"]) -> float:
-    """Return the error that 99 % of the cells stay within: a few outliers must not wash out the map."""
+    """Return the 99th percentile of |error|, so that a few outliers do not set the scale of the map."""
     return max(float(np.percentile(np.abs(values), 99)), 1e-3) if len(values) else 1.0
 
 
-def _thinned(count: int, most: int) -> Int[np.ndarray, " chosen"]:
+def _thinned(count: int, limit: int) -> Int[np.ndarray, " chosen"]:
     """Return the rows to draw: all, or a fixed random choice, free of aliasing with the scan."""
-    if count <= most:
+    if count <= limit:
         return np.arange(count)
-    return np.sort(np.random.default_rng(0).permutation(count)[:most])
+    return np.sort(np.random.default_rng(0).permutation(count)[:limit])
 
 
 def _counted(chosen: Int[np.ndarray, " chosen"], points: object) -> str:

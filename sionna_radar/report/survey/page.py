@@ -1,7 +1,7 @@
 """The page of a survey, `report.html`: its flight, errors, maps, scene and chirps, in one file.
 
-Errors are shown as a table beside the reference paper's, as a distribution, and by their place. Chirps are those of
-pulses spread over the survey, traced once more, with what is found in each.
+Errors are shown as a table beside the reference paper's, as a distribution, and as a map. Chirps are those of pulses
+sampled over the survey, traced again, with their detections.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ from sionna_radar.survey.sensors.sensor import SensorWithChirps
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 BINS = 81
-# A histogram that extends this many NMADs to each side has a logarithmic scale.
+# Half-width of a histogram, in NMADs, from which its scale is logarithmic.
 HEAVY_TAILS = 10
 ERRORS = {
     "RMS": ("rms_m", ".3f"),
@@ -66,29 +66,29 @@ ERRORS = {
 
 
 def _errors(survey: Survey) -> dict[str, Any]:
-    """Return what the section on errors shows: the errors beside the paper's, by classes of cells, and as stated."""
+    """Return the section on errors: beside the paper's, by classes of cells, and against stated ones."""
     named = {
         "lit_error": ("Lit cells", survey.lit_error),
         "off_wall_error": ("Lit cells off walls", survey.off_wall_error),
         "dem_error": ("All filled cells", survey.dem_error),
     }
-    paper, found = reference_for(survey.prepared), survey.breakdown
+    paper, breakdown = reference_for(survey.prepared), survey.breakdown
     return {
         "errors": list(ERRORS),
         "error_rows": [
             *(_error_row(key, name, error) for key, (name, error) in named.items() if error is not None),
             *(
-                [one.name, *(number(getattr(one, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
-                for one in paper.rows
+                [entry.name, *(number(getattr(entry, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
+                for entry in paper.rows
             ),
         ],
         "paper": paper.conditions,
         "classes": {
-            "Slope of the truth (deg)": _class_rows(found.by_slope),
-            "Incidence angle (deg)": _class_rows(found.by_incidence),
-            "Distance from walls (m)": _class_rows(found.by_wall_distance or ()),
+            "Slope of the truth (deg)": _class_rows(breakdown.by_slope),
+            "Incidence angle (deg)": _class_rows(breakdown.by_incidence),
+            "Distance from walls (m)": _class_rows(breakdown.by_wall_distance or ()),
         },
-        "checkpoints": found.checkpoints.statement,
+        "checkpoints": breakdown.checkpoints.statement,
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": _stated_rows(survey),
     }
@@ -106,12 +106,12 @@ def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
 def _class_rows(classes: Sequence[ErrorClass]) -> list[list[str]]:
     return [
         [
-            f"{one.low:g} to {one.high:g}" if np.isfinite(one.high) else f"over {one.low:g}",
-            number(one.rms_m, ".3f"),
-            number(one.mean_m, "+.3f"),
-            f"{one.count:,}",
+            f"{entry.low:g} to {entry.high:g}" if np.isfinite(entry.high) else f"over {entry.low:g}",
+            number(entry.rms_m, ".3f"),
+            number(entry.mean_m, "+.3f"),
+            f"{entry.count:,}",
         ]
-        for one in classes
+        for entry in classes
     ]
 
 
@@ -125,18 +125,24 @@ def _stated_rows(survey: Survey) -> list[list[str]]:
         ("slope of the truth, deg", check.by_slope),
         ("distance from the nearest echo, m", check.by_echo_distance),
     ):
-        rows += [[f"{title}: {one.low:g} to {one.high:g}", *_calibration_row(one.calibration)] for one in classes]
+        rows += [
+            [f"{title}: {entry.low:g} to {entry.high:g}", *_calibration_row(entry.calibration)] for entry in classes
+        ]
     return rows
 
 
-def _calibration_row(found: Calibration) -> list[str]:
-    inside = [number(share, ".1%") for share in found.coverage.values()]
-    spread = [number(found.nmad_z, ".2f"), number(found.rms_z, ".2f"), number(found.sigma_rms_m, ".3f")]
-    return [*inside, *spread, f"{found.count:,}"]
+def _calibration_row(calibration: Calibration) -> list[str]:
+    shares = [number(share, ".1%") for share in calibration.coverage.values()]
+    spread = [
+        number(calibration.nmad_z, ".2f"),
+        number(calibration.rms_z, ".2f"),
+        number(calibration.sigma_rms_m, ".3f"),
+    ]
+    return [*shares, *spread, f"{calibration.count:,}"]
 
 
 def histogram_of(survey: Survey) -> dict[str, Any]:
-    """Return the shares of lit cells by their error."""
+    """Return the histogram of the error over lit cells, in shares."""
     values = survey.error.within(survey.lit).height_m
     values = values[np.isfinite(values)]
     limit = 1.3 * limit_of(values)
@@ -152,50 +158,51 @@ def histogram_of(survey: Survey) -> dict[str, Any]:
 
 
 def limit_of(values: Float[np.ndarray, "..."]) -> float:
-    """Return the error that 99 % of the cells stay within."""
-    known = np.abs(values[np.isfinite(values)])
-    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
+    """Return the 99th percentile of the magnitudes, with a minimum."""
+    magnitude = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(magnitude, 99)), 1e-3) if len(magnitude) else 1.0
 
 
-# Of a custom sensor, which records one at a time.
+# Largest number of chirps of a custom sensor that records one at a time.
 MAX_ONE_BY_ONE = 40
-# Numbers of a page, and paths traced again for it: of wide beams over fixed scatterers a pulse has tens of thousands.
+# Limits of a page's chirps in bytes and in paths traced again: wide beams over fixed scatterers have tens of thousands
+# per pulse.
 MAX_BYTES, MAX_PATHS = 3_500_000, 200_000
 MIN_CHIRPS, AT_ONCE = 12, 256
 LEVEL_STEP_DB = 0.1
 
 
 def chirps_of(survey: Survey, index: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " chirp"]:
-    """Return those of some pulses whose chirps a page has room and time for, spread over them."""
+    """Return an even subset of pulses whose chirps fit the page's limits of size and time."""
     if survey.chirp is None or len(index) == 0:
         return index[:0]
     beat, cells = survey.chirp.beat, len(survey.chirp.power)
     size = 2 * (len(beat) * (2 if np.iscomplexobj(beat) else 1) + 2 * cells)
-    fast = max(MIN_CHIRPS, MAX_PATHS * survey.pulses // max(survey.paths, 1))
-    most = max(1, min(MAX_BYTES // size, fast))
-    return index[:: -(-len(index) // most)]
+    traceable = max(MIN_CHIRPS, MAX_PATHS * survey.pulses // max(survey.paths, 1))
+    max_chirps = max(1, min(MAX_BYTES // size, traceable))
+    return index[:: -(-len(index) // max_chirps)]
 
 
 @on_one_thread
 def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[ChirpRecord]:
-    """Return the records of some pulses; fewer from a sensor that records one at a time."""
+    """Return the chirp records of some pulses; fewer from a sensor that records one at a time."""
     if len(index) == 0:
         return []
     sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
     if isinstance(sensor, SensorWithChirps):
         blocks = np.array_split(index, -(-len(index) // AT_ONCE))
         return [record for block in blocks for record in sensor.record_chirps(flight.pulses(block))]
-    every = -(-len(index) // MAX_ONE_BY_ONE)
-    records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))
+    stride = -(-len(index) // MAX_ONE_BY_ONE)
+    records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), stride))
     return [record for record in records if record is not None]
 
 
 def packed_chirps(
     pack: Pack, records: list[ChirpRecord], rows: Int[np.ndarray, " pulse"], survey: Survey
 ) -> dict[str, Any] | None:
-    """Return chirps for a page; None where there are none.
+    """Return chirps for a page; None without any.
 
-    rows: the pulses of the page, in which each record's pulse is found.
+    rows: the pulses of the page, which include each record's pulse.
     """
     if not records:
         return None
@@ -206,7 +213,7 @@ def packed_chirps(
     power = np.stack([record.power for record in records])
     power_db, threshold_db = _levels(power), _levels(np.stack([record.threshold for record in records]))
     echo_db = decibels(np.concatenate([record.echo_power for record in records]))
-    known = np.concatenate([power_db[np.isfinite(power_db)], echo_db[np.isfinite(echo_db)], [-300.0]])
+    levels_db = np.concatenate([power_db[np.isfinite(power_db)], echo_db[np.isfinite(echo_db)], [-300.0]])
     pulses = [record.pulse for record in records]
     relative = survey.scenario.radar.snr_db is not None
     return {
@@ -220,8 +227,8 @@ def packed_chirps(
         "power": pack.rounded(power_db, LEVEL_STEP_DB),
         "threshold": pack.rounded(threshold_db, LEVEL_STEP_DB),
         "power_label": f"Power ({'dB rel. to transmitted' if relative else 'dBW'})",
-        "top_db": float(known.max()),
-        "floor_db": float(np.percentile(known, 0.5)) - 5.0,
+        "top_db": float(levels_db.max()),
+        "floor_db": float(np.percentile(levels_db, 0.5)) - 5.0,
         "echo_row": pack.whole(np.repeat(np.arange(len(records)), [len(r.echo_power) for r in records])),
         "echo_range_m": pack.exact(np.concatenate([record.echo_range_m for record in records])),
         "echo_db": pack.exact(echo_db),
@@ -229,7 +236,7 @@ def packed_chirps(
 
 
 def _levels(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
-    """Return powers in dB; what is 200 dB under the strongest is none."""
+    """Return powers in dB; NaN at 200 dB or more below the strongest."""
     level = decibels(power.ravel()).reshape(power.shape)
     return np.where(level > np.nanmax(level, initial=-np.inf) - 200.0, level, np.nan)
 
@@ -242,7 +249,7 @@ AROUND_CELLS = 12_000
 def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> str:
     """Return the page of a survey as HTML.
 
-    Raises OutputError where it would be too large, or plotly is not installed.
+    Raises OutputError if it would be too large, or plotly is not installed.
     """
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
     index = spread_pulses(survey.pulses, PULSES)
@@ -253,7 +260,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
     sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
     maps, notes = _maps(survey, pack, frame, sigma0)
-    world, more = _world(survey, pack, frame, beams, sigma0)
+    world, omissions = _world(survey, pack, frame, beams, sigma0)
     numbers = {
         "frame": frame_of_page(frame),
         "scales": colour_scales(),
@@ -281,12 +288,12 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         ],
         flown=flown_rows(survey.prepared)
         | {"Coordinates": crs_name(survey.georeference)}
-        | {f"{key} replaced by": what for key, what in survey.replaced.items()},
+        | {f"{key} replaced by": part for key, part in survey.replaced.items()},
         lidar=survey.scenario.sensor == "lidar",
         paints=[paint["name"] for paint in world["paints"]],
         pulses=len(index),
-        world_notes=more,
-        maps=[one["name"] for one in maps],
+        world_notes=omissions,
+        maps=[entry["name"] for entry in maps],
         map_notes=notes,
         chirps=len(records),
         replaced=survey.replaced,
@@ -298,13 +305,13 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
 
 
 def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
-    """Return sigma0 of lit cells in dB; None where there is none."""
+    """Return sigma0 of lit cells in dB; None if undefined everywhere."""
     level = sigma0_db(survey.prepared, lit)
     return Raster(grid=lit.grid, height_m=level) if np.isfinite(level).any() else None
 
 
 def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the maps of a survey, and what was left out of them."""
+    """Return the maps of a survey, and notes on omissions."""
     thin = thinned(survey.dem.grid, MAX_MAP_CELLS)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
     limit = limit_of(survey.error.height_m)
@@ -323,8 +330,8 @@ def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tu
     if sigma is not None and sigma.filled.any():
         look = {"low": 0.0, "high": limit_of(sigma.height_m), "scale": "level", "unit": "Standard deviation (m)"}
         look["hover"] = "stated sigma"
-        placed = packed_map(pack, thin.cells, thin.of(sigma.height_m), HEIGHT_STEP_M, frame.origin_m)
-        maps.append({"name": "Stated uncertainty of the DEM", **look, **placed})
+        packed = packed_map(pack, thin.cells, thin.of(sigma.height_m), HEIGHT_STEP_M, frame.origin_m)
+        maps.append({"name": "Stated uncertainty of the DEM", **look, **packed})
     if np.isfinite(survey.points.snr_db).any():
         grid, level = _echo_power(survey)
         low, high = _span(level, share=1.0)
@@ -336,17 +343,17 @@ def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tu
     if sigma0 is not None:
         low, high = _span(sigma0.height_m, share=1.0)
         look = {"low": low, "high": high, "scale": "level", "unit": "sigma0 (dB)", "hover": "sigma0"}
-        placed = packed_map(pack, sigma0.grid, sigma0.height_m, 0.1, frame.origin_m)
-        maps.append({"name": "Backscatter coefficient of the ground", **look, **placed})
+        packed = packed_map(pack, sigma0.grid, sigma0.height_m, 0.1, frame.origin_m)
+        maps.append({"name": "Backscatter coefficient of the ground", **look, **packed})
     return maps, [f"Maps: {thin.note}."] if thin.note else []
 
 
 def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
-    """Return the mean power of the echoes placed in each of some cells, wide enough for a few, in dB."""
+    """Return the mean echo power in dB on a grid coarse enough for a few echoes per cell."""
     grid, points = survey.dem.grid, survey.points
     area = grid.columns * grid.rows * grid.spacing_m**2
-    wide = float(np.sqrt(4.0 * area / max(len(points), 1)))
-    step = max(thinned(grid, MAX_MAP_CELLS).every, round(wide / grid.spacing_m), 1)
+    width_m = float(np.sqrt(4.0 * area / max(len(points), 1)))
+    step = max(thinned(grid, MAX_MAP_CELLS).every, round(width_m / grid.spacing_m), 1)
     west, _, south, _ = grid.extent_m
     size = grid.spacing_m * step
     coarse = Grid(
@@ -366,11 +373,11 @@ def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
 def _world(
     survey: Survey, pack: Pack, frame: Frame, beams: Beams, sigma0: Raster | None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return the view in three dimensions, and what was left out of it."""
+    """Return the three-dimensional view, and notes on omissions."""
     prepared = survey.prepared
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
-    outside = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
+    around = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
     drawn = _thinned_rows(len(survey.points), MAX_POINTS)
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MAX_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
@@ -392,7 +399,7 @@ def _world(
         levels = pack.rounded(sigma0.height_m, 0.1)
         paints.append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
     surfaces = [
-        outside.height_m[np.isfinite(outside.height_m)],
+        around.height_m[np.isfinite(around.height_m)],
         truth.height_m[truth.filled],
         dem.height_m[dem.filled],
         track[:, 2],
@@ -403,7 +410,7 @@ def _world(
     world = {
         "shapes": [packed_relief(pack, truth, "True surface"), packed_relief(pack, dem, "DEM")],
         "paints": paints,
-        "around": outside.packed(pack),
+        "around": around.packed(pack),
         "track": packed_track(pack, prepared.flight),
         "points": _packed_points(pack, survey, drawn),
         "echoes": _packed_points(pack, survey, echoes),
@@ -421,13 +428,13 @@ def _packed_points(pack: Pack, survey: Survey, rows: Int[np.ndarray, " n"]) -> d
     return {"position": pack.exact(points.position_m[rows]), "pulse": pack.whole(points.pulse[rows])}
 
 
-def _thinned_rows(count: int, most: int) -> Int[np.ndarray, " n"]:
+def _thinned_rows(count: int, limit: int) -> Int[np.ndarray, " n"]:
     """Return the rows to draw: all, or a fixed random choice, free of aliasing with the scan."""
-    return np.arange(count) if count <= most else np.sort(np.random.default_rng(0).permutation(count)[:most])
+    return np.arange(count) if count <= limit else np.sort(np.random.default_rng(0).permutation(count)[:limit])
 
 
 def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
-    """Return the lowest and highest of all values but a share (%) at either end; never equal."""
+    """Return the lowest and highest of all values without a share (%) at either end; never equal."""
     values = np.concatenate([a[np.isfinite(a)] for a in arrays])
     if not len(values):
         return 0.0, 1.0

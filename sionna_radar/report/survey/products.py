@@ -44,28 +44,28 @@ def write_survey(
 ) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
 
-    Files of an earlier result in the directory are replaced if they were not changed since. `examples/PRODUCTS.md`
-    tells what each file holds.
+    Files of an earlier result in the directory are replaced if unchanged. `examples/PRODUCTS.md` describes the contents
+    of each file.
 
     Parameters
     ----------
     survey:
         A finished survey.
     directory:
-        Where to write.
+        Output folder.
     coordinates:
-        Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
+        Coordinates of the figures; rasters and points always have map coordinates if the scene is georeferenced.
     report:
-        Whether to write the page, `report.html`.
+        Selects the page, `report.html`.
     points:
-        Formats in which the points are written.
+        Formats of the points.
     recordings:
-        Finished recordings by their kinds, which are moved to the results as KIND.nc.
+        Finished recordings by kind, which are moved to the results as KIND.nc.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`. Parquet needs pyarrow.
+        The directory holds other files, or cannot be written; see `write_folder`. Parquet needs pyarrow.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def write_rasters(
     place: Georeference | None,
     made_by: Mapping[str, str],
 ) -> None:
-    """Write rasters by name, each with what it is and what is added to its heights."""
+    """Write rasters by name, each with its description and height offset."""
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
 
@@ -176,10 +176,10 @@ def _write_trajectory(survey: Survey, directory: Path) -> None:
 
 
 def _header(survey: Survey) -> str:
-    """Return the comment that lists the parts of the scenario replaced in the survey."""
+    """Return a comment with the replaced parts of the scenario."""
     if not survey.replaced:
         return ""
-    replaced = "".join(f"#   {key}: {what}\n" for key, what in survey.replaced.items())
+    replaced = "".join(f"#   {key}: {part}\n" for key, part in survey.replaced.items())
     return f"# This file alone does not repeat the survey. Replaced from Python:\n{replaced}\n"
 
 

@@ -1,6 +1,6 @@
 """The numbers of a survey: one JSON document, the reference paper's values, and a table for the terminal.
 
-Flights like those of the reference paper are set beside what it reports: Rouveure et al. 2017, Table 3 and Fig. 14.
+Flights like those of the reference paper are compared with its results: Rouveure et al. 2017, Table 3 and Fig. 14.
 """
 
 from dataclasses import asdict, dataclass
@@ -48,9 +48,9 @@ MEANING = {
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return the settings, counts and DEM errors of a survey; the same for the same scenario and seed.
+    """Return the settings, counts and DEM errors of a survey, reproducible for a scenario and seed.
 
-    Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
+    Every value has a strict JSON form: an undefined number (the RMS of no cells) is None.
     """
     document = {
         "scenario": survey.scenario.model_dump(mode="json"),
@@ -108,7 +108,7 @@ def georeference(place: Georeference | None) -> dict[str, Any] | None:
 
 
 def crs_name(place: Georeference | None) -> str:
-    """Return the CRS of the map coordinates in a few letters, "local" for ground that is on no map."""
+    """Return a short name of the map coordinates' CRS; "local" without a georeference."""
     if place is None:
         return "local"
     crs = CRS.from_wkt(place.crs_wkt)
@@ -133,7 +133,7 @@ CITATION = (
     'Rouveure, Tourrette, Jaud, Faure, Monod, "Design of lightweight airborne MMW radar for DEM generation. Simulation '
     'results", Robotics and Autonomous Systems 96 (2017) 26-40'
 )
-# Beamwidth (deg): least, greatest, standard deviation, mean, RMS (m).
+# Beamwidth (deg): minimum, maximum, standard deviation, mean, RMS (m).
 TABLE_3 = {
     1.0: (-1.24, 1.04, 0.18, -0.12, 0.22),
     2.0: (-2.65, 2.24, 0.25, -0.15, 0.29),
@@ -141,13 +141,13 @@ TABLE_3 = {
     8.0: (-16.28, 10.73, 1.93, -0.66, 2.04),
 }
 BUILDINGS_RMS_M, OFF_EDGES_RMS_M, BUILDINGS_BEAM_DEG = 1.51, 0.19, 2.0
-# A flight is like the paper's if it is within this share of its height, speed, tilt, and of each number of its radar.
+# Relative tolerance of height, speed, tilt and radar parameters for a comparison with the paper.
 ALIKE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reported:
-    """A row of the paper: what of, and its errors in metres by the names of `DemError`; NaN where it has none."""
+    """A row of the paper: its subject, and errors in metres by the names of `DemError`; NaN where unreported."""
 
     name: str
     rms_m: float
@@ -159,14 +159,14 @@ class Reported:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The comparable rows, if there are any, and under which conditions the paper got them; "" for none."""
+    """Comparable rows of the paper, if any, and their conditions; "" for none."""
 
     rows: tuple[Reported, ...]
     conditions: str
 
 
 def reference_for(prepared: Prepared) -> Reference:
-    """Return the errors that the paper reports for a survey flown as its examples were; empty for others."""
+    """Return the paper's errors for a survey like its examples; empty for others."""
     if not _flown_alike(prepared):
         return Reference(rows=(), conditions="")
     scenario = prepared.scenario
@@ -180,16 +180,16 @@ def reference_for(prepared: Prepared) -> Reference:
         return Reference(rows=rows, conditions=_conditions("boxes on flat ground, a beam of 2 deg"))
     width = next((w for w in TABLE_3 if abs(beam - w) < 0.05 * w), None)
     if scenario.terrain.kind == "hills" and width is not None:
-        least, most, std, mean, rms = TABLE_3[width]
+        minimum, maximum, std, mean, rms = TABLE_3[width]
         row = Reported(
-            name=f"Paper, Table 3: {width:g} deg", rms_m=rms, mean_m=mean, std_m=std, min_m=least, max_m=most
+            name=f"Paper, Table 3: {width:g} deg", rms_m=rms, mean_m=mean, std_m=std, min_m=minimum, max_m=maximum
         )
         return Reference(rows=(row,), conditions=_conditions(f"rolling hills, a beam of {width:g} deg"))
     return Reference(rows=(), conditions="")
 
 
 def _flown_alike(prepared: Prepared) -> bool:
-    """Whether a radar like the paper's scans clear air from its height, at its speed and tilt, and knows its pose."""
+    """Return whether radar, height, speed and tilt are like the paper's, in clear air and with the exact pose."""
     scenario, radar, scan = prepared.scenario, prepared.scenario.radar, prepared.scenario.radar.scan
     tilt_deg = float(np.rad2deg(prepared.flight.scan.incidence_rad))
     flown = {
@@ -202,10 +202,10 @@ def _flown_alike(prepared: Prepared) -> bool:
         (getattr(scan, "rotation_rpm", 0.0), 120.0),
         (radar.snr_db or 0.0, 30.0),
     }
-    alike = all(abs(value - wanted) <= ALIKE * wanted for value, wanted in flown)
+    similar = all(abs(value - nominal) <= ALIKE * nominal for value, nominal in flown)
     replaced = prepared.custom.described()
     return (
-        alike
+        similar
         and scenario.sensor == "radar"
         and scan.mode == "whisk_broom"
         and not scenario.weather.falling
@@ -215,22 +215,22 @@ def _flown_alike(prepared: Prepared) -> bool:
     )
 
 
-def _conditions(what: str) -> str:
+def _conditions(setup: str) -> str:
     return (
-        f"The paper ({CITATION}) flew {what}: 77 GHz, 500 MHz of sweep, 360 chirps/s, 120 rpm, from 50 m at 10 m/s, "
+        f"The paper ({CITATION}) flew {setup}: 77 GHz, 500 MHz of sweep, 360 chirps/s, 120 rpm, from 50 m at 10 m/s, "
         "tilted by 45 deg, 30 dB SNR, pose known exactly, each echo at the strongest bin of the spectrum and on the "
         "beam axis, linear interpolation. Its ground is not published: sizes and trends compare, single numbers do not."
     )
 
 
-# Errors of `refined` over those of `linear`, RMS: least and most over ten lidar DEMs (docs/theory/maps.md).
+# Ratio of RMS errors of `refined` and `linear`: minimum and maximum over ten lidar DEMs (docs/theory/maps.md).
 REFINED_OVER_LINEAR = 0.47, 0.85
-# The ranges of a chirp are printed if it has no more echoes than this.
+# Largest number of echoes of a chirp whose ranges are printed.
 FEW_ECHOES = 4
 
 
 def print_survey(survey: Survey) -> None:
-    """Print what was flown, how accurate the DEM is, and how long it took; the errors are those of lit cells."""
+    """Print flight, DEM accuracy and run time of a survey; the errors are those of lit cells."""
     console().print(survey_table(survey))
 
 
@@ -245,19 +245,19 @@ def survey_table(survey: Survey) -> Table:
 def _flown(survey: Survey) -> dict[str, str]:
     rows = {"pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}"}
     if survey.chirp is not None and survey.scenario.processing.echoes == "all":
-        found = survey.points.range_m[survey.points.pulse == survey.chirp.pulse]
-        if len(found) <= FEW_ECHOES:
-            ranges = ", ".join(f"{range_m:.2f} m" for range_m in found) or "none"
+        detected_m = survey.points.range_m[survey.points.pulse == survey.chirp.pulse]
+        if len(detected_m) <= FEW_ECHOES:
+            ranges = ", ".join(f"{range_m:.2f} m" for range_m in detected_m) or "none"
             rows[f"ranges in pulse {survey.chirp.pulse}"] = ranges
     return rows
 
 
 def _could_be_refined(survey: Survey) -> bool:
-    """Return whether whole echoes of ground without walls, in clear air, were mapped by their points alone."""
+    """Return whether "refined" applies: whole echoes of ground without walls, in clear air, mapped by points only."""
     local = survey.prepared.local
-    whole = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
+    whole_echoes = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
     return (
-        whole
+        whole_echoes
         and local.processing.average.chirps == 1
         and survey.prepared.mapper.name == "linear"
         and survey.off_wall_error is None
@@ -288,16 +288,16 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 
 def _notes(survey: Survey) -> dict[str, str]:
-    rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    rows = {f"{key} replaced by": part for key, part in survey.replaced.items()}
     if _could_be_refined(survey):
-        least, most = REFINED_OVER_LINEAR
-        rows["a better map"] = f"dem.method = 'refined': {least:.2f} to {most:.2f} of this error over ten lidar DEMs"
+        low, high = REFINED_OVER_LINEAR
+        rows["a better map"] = f"dem.method = 'refined': {low:.2f} to {high:.2f} of this error over ten lidar DEMs"
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
         west, south, east, north = over.places[0].extent_m
-        where = f"most at {west:.0f} to {east:.0f} m east, {south:.0f} to {north:.0f} m north"
+        location = f"most at {west:.0f} to {east:.0f} m east, {south:.0f} to {north:.0f} m north"
         rows["cells under an overhang"] = (
-            f"{over.cells:,} ({over.share:.1%}), {where}; the truth is the highest surface"
+            f"{over.cells:,} ({over.share:.1%}), {location}; the truth is the highest surface"
         )
     reading = survey.canopy_reading
     if reading is not None and reading.count:
