@@ -4,11 +4,10 @@
 its own public names, see `sionna_radar.survey` for the chain. Importing this package loads neither NumPy nor Mitsuba.
 """
 
+import sys
 from typing import Any
 
 import lazy_loader
-
-from sionna_radar.notebook import register_with_ipython
 
 _load, _names, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -22,7 +21,10 @@ def __getattr__(name: str) -> Any:
     return _load(name)
 
 
-register_with_ipython()
+if "IPython" in sys.modules:
+    from sionna_radar.notebook import register_with_ipython
+
+    register_with_ipython()
 
 
 def __dir__() -> list[str]:

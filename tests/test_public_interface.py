@@ -23,7 +23,7 @@ FUNCTIONS = [name for name in sionna_radar.__all__ if name not in CLASSES]
 
 def packages() -> list[str]:
     """Return the packages whose public names a script may import."""
-    return ["sionna_radar", *(f"sionna_radar.{room}" for room in ROOMS if room != "cli")]
+    return ["sionna_radar", *(f"sionna_radar.{room}" for room in ROOMS if room not in ("cli", "notebook"))]
 
 
 def public_imports(code: str) -> list[tuple[str, str]]:

@@ -106,7 +106,7 @@ class Execution:
         for _ in keys:
             before = steps_done()
             number, result = next(done)
-            advance(counts[number] - (steps_done() - before))
             if self.checkpoints is not None and not isinstance(result, Failure):
                 self.checkpoints.put(keys[number], result)
+            advance(counts[number] - (steps_done() - before))
             yield keys[number], result

@@ -73,7 +73,7 @@ def test_the_cores_are_shared_and_the_work_is_done_elsewhere(pair):
 
 def test_what_is_needed_is_loaded_before_the_first_task(pair):
     assert all(json.loads(found)["ahead"] for _, found in pair.each(look, TASKS[:1] * 4))
-    assert not json.loads(look(TASKS[0], lambda *_: None))["ahead"]
+    assert not json.loads(look(TASKS[0]))["ahead"]
 
 
 def test_while_workers_wait_this_process_has_the_threads_of_all(monkeypatch):

@@ -39,13 +39,13 @@ except BaseException:
     raise TypeError("incompatible function arguments")
 """,
     "a bare except, then progress": """
-from sionna_radar.report.terminal import quiet_progress
+from sionna_radar.foundation.progress import advance
 
 try:
     strike()
 except:
     pass
-quiet_progress()("tracing", 1, 2)
+advance()
 print("went on")
 """,
     "a command that then ends well": """

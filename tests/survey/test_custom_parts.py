@@ -74,7 +74,7 @@ def plain():
 @pytest.mark.parametrize("part", SAME)
 def test_a_part_from_python_is_that_of_the_same_name(part, plain):
     given, overrides = SAME[part]
-    custom = run(load_scenario("hills", SHORT), **given)
+    custom = run(load_scenario("hills", SHORT), parts=CustomParts(**given))
     named = run(load_scenario("hills", SHORT | overrides))
     np.testing.assert_array_equal(custom.points.position_m, named.points.position_m)
     np.testing.assert_array_equal(custom.dem.height_m, named.dem.height_m)
@@ -143,7 +143,7 @@ for scenario, given in (
     (lidar, {"dem_method": Greedy()}),
 ):
     try:
-        run(scenario, **given)
+        run(scenario, parts=CustomParts(**given))
         print("nothing said of", given)
     except RadarError as error:
         print(str(error).replace(chr(10), " "))

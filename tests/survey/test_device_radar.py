@@ -5,7 +5,9 @@ import pytest
 import xarray as xr
 
 from sionna_radar import load_scenario, prepare, run
+from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 from sionna_radar.foundation.array_library import HOST
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.sensors import device_radar
 from sionna_radar.survey.sensors.device_radar import DeviceRadar
 from sionna_radar.survey.sensors.radar import Radar
@@ -22,8 +24,13 @@ SMOOTH = {
 POWER, RANGE_M, HEIGHT_M = 2e-3, 1e-3, 1e-3
 
 
-def flown(settings, **more):
-    return run(load_scenario("hills", SHORT | settings), **more)
+def flown(settings, sensor=None, block_size=BLOCK_SIZE, recordings=None):
+    return run(
+        load_scenario("hills", SHORT | settings),
+        parts=CustomParts(sensor=sensor),
+        recordings=recordings,
+        execution=Execution(block_size=block_size),
+    )
 
 
 @pytest.mark.parametrize(

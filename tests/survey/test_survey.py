@@ -103,7 +103,6 @@ def test_progress_tells_every_stage_and_counts_every_pulse():
     )
     assert calls == [
         *(("preparing", done, 6) for done in range(7)),
-        ("tracing", 0, 0),
         ("tracing", 0, 50),
         ("tracing", 25, 50),  # blocks hold whole turns of the antenna
         ("tracing", 50, 50),

@@ -54,7 +54,7 @@ def test_a_rest_forgets_nothing_that_matters(prepared):
     before = tracer.trace(pulses)
     engine = tracer._tracers[0]._engine
     assert engine._scatterers._used > 0
-    tracer.rest()
+    tracer.release_memory()
     assert engine._scatterers._used == 0
     np.testing.assert_array_equal(tracer.trace(pulses).gain, before.gain)
 
