@@ -172,7 +172,7 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     position = (np.arange(elements) - (elements - 1) / 2) / elements
     half_width_rad = beamwidth_rad / 2
 
-    def miss(length: float) -> float:
+    def error(length: float) -> float:
         voltage = weights @ np.cos(2 * np.pi * length * position * np.sin(half_width_rad))
         return float(voltage - np.sqrt(0.5 / np.cos(half_width_rad)))
 

@@ -93,7 +93,7 @@ class PatternGrid:
         interpolate = RegularGridInterpolator((theta, phi), amplitude, bounds_error=False, fill_value=0.0)
         step = np.clip(min(np.diff(theta).min(), np.diff(phi).min()), FINEST_RAD, COARSEST_RAD)
 
-        def toward(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        def amplitude_at(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
             ahead, left, up = direction.T
             x, y, z = (left, up, ahead) if boresight == "z" else (ahead, left, up)
             return interpolate(np.column_stack([np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi)]))

@@ -55,8 +55,8 @@ def _section(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MAX_ROWS:
         message = (
-            f"line {header_line + 1} holds {lines[header_line].strip()[:60]!r}; expected {words[0].upper()} and how many "
-            f"rows follow, 3 to {MAX_ROWS:,}"
+            f"line {header_line + 1} holds {lines[header_line].strip()[:60]!r}; expected {words[0].upper()} and how "
+            f"many rows follow, 3 to {MAX_ROWS:,}"
         )
         raise ValueError(message)
     count = int(words[1])
