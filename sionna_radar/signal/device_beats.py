@@ -44,10 +44,10 @@ def _sums(paths: DevicePaths, chirp: Chirp) -> Any:
     n = mi.Float64(mi.Int32(lane - pulse * samples) - samples // 2)
     real, imaginary = dr.zeros(mi.Float64, dr.width(lane)), dr.zeros(mi.Float64, dr.width(lane))
 
-    def more(path: Any, last: Any, real: Any, imaginary: Any) -> Any:
+    def has_more(path: Any, last: Any, real: Any, imaginary: Any) -> Any:
         return path < last
 
-    def add(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
+    def add_path(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
         turns = dr.gather(mi.Float64, frequency, path) * n + dr.gather(mi.Float64, drift, path) * n * n
         sine, cosine = dr.sincos(mi.Float(turns - dr.floor(turns)) * dr.two_pi)
         path_weight = dr.gather(mi.Complex2f, weight, path)
