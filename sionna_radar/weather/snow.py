@@ -34,7 +34,7 @@ INTERCEPT_EXPONENT = -0.94
 SLOPE_PER_M = 2290.0
 SLOPE_EXPONENT = -0.45
 # The same paper's Z = 1780 R^2.21 mm6/m3 (as tabulated in the literature notes of mgrover1/sail-xprecip-radar) is a
-# third of the untruncated distribution's 5450 R^2.21. The paper discusses truncation; the cut at L D = 5.8, where the two
+# third of the untruncated distribution's 5450 R^2.21. The paper discusses truncation; the cut at L D = 5.8, where both
 # agree, is our inference.
 LARGEST = 5.8
 # Brandes et al. 2007 (J. Appl. Meteor. Climatol. 46, 634-650), Colorado: 0.178 D^-0.922 g/cm3, D in mm the diameter of
