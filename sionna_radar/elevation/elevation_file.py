@@ -1,4 +1,4 @@
-"""Elevation files of any projection: the part that a survey sees, cut out and transformed into the local metric frame.
+"""Elevation files of any projection: the part visible to a survey, cropped and transformed into the local metric frame.
 
 The part is covered with cells of the local frame. `local_frame` chooses the frame, and `file_heights` interpolates the
 heights of its cells from the file.
@@ -30,7 +30,7 @@ logger = logging.getLogger("sionna_radar")
 MOVE = "move the flight (platform.log_shift = 'to_terrain' moves a log) or set terrain.centre_lonlat_deg"
 
 MAX_CELLS = 4_000_000
-# Finer cells are no terrain but come of a wrong transform.
+# Smaller cells indicate a wrong geotransform.
 MIN_SPACING_M = 1e-6
 
 
@@ -52,7 +52,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
     width.
     """
     west, south, east, north = _overlap_m(source, cutout)
-    spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
+    spacing = requested = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
     if not MIN_SPACING_M <= spacing < math.inf:
         message = (
             f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
@@ -65,38 +65,38 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
     if not source.is_reprojected:
         x, y = source.local_of(np.zeros(1), np.zeros(1))
         anchor = float(x[0]), float(y[0])
-    # The small number keeps a boundary at a cell centre from being rounded past it.
+    # The tolerance keeps a boundary at a cell centre from being rounded past it.
     while True:
-        first = [math.floor((low - a) / spacing + 1e-6) for low, a in zip((west, south), anchor, strict=True)]
-        last = [math.ceil((high - a) / spacing - 1e-6) for high, a in zip((east, north), anchor, strict=True)]
-        columns, rows = (b - a + 1 for a, b in zip(first, last, strict=True))
+        first_cell = [math.floor((lower - a) / spacing + 1e-6) for lower, a in zip((west, south), anchor, strict=True)]
+        last_cell = [math.ceil((upper - a) / spacing - 1e-6) for upper, a in zip((east, north), anchor, strict=True)]
+        columns, rows = (b - a + 1 for a, b in zip(first_cell, last_cell, strict=True))
         if columns * rows <= MAX_CELLS:
             break
         spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
-    if spacing != wanted:
+    if spacing != requested:
         logger.warning(
             "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
             "Shorten the flight or raise terrain.spacing_m",
             f"{MAX_CELLS:,}",
-            wanted,
+            requested,
             spacing,
         )
-    origin = [a + k * spacing for a, k in zip(anchor, first, strict=True)]
+    origin = [a + k * spacing for a, k in zip(anchor, first_cell, strict=True)]
     return Grid(west_m=origin[0], south_m=origin[1], spacing_m=spacing, columns=columns, rows=rows)
 
 
 def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, float, float]:
-    """Return the rectangle in local metres that the window and the file's cell centres share."""
-    low, high = np.zeros(2), np.array(source.dataset.shape[::-1]) - 1.0
-    seen = np.array(source.pixel_of(*_outline(cutout.window_m)))
+    """Return the intersection, in local metres, of the window and the file's cell centres."""
+    lower, upper = np.zeros(2), np.array(source.dataset.shape[::-1]) - 1.0
+    window_pixels = np.array(source.pixel_of(*_outline(cutout.window_m)))
     # A window that extends beyond the projection is not bounded by its outline.
-    if np.isfinite(seen).all():
+    if np.isfinite(window_pixels).all():
         # Two cells of margin: a sampled outline may cut off a curved edge.
-        low = np.maximum(low, np.floor(seen.min(axis=1)) - 2)
-        high = np.minimum(high, np.ceil(seen.max(axis=1)) + 2)
-    if (low < high).all():
-        west, south, east, north = _extent_m(source, (*low.tolist(), *high.tolist()))
-        # One cell beyond the window, so that it is between cell centres.
+        lower = np.maximum(lower, np.floor(window_pixels.min(axis=1)) - 2)
+        upper = np.minimum(upper, np.ceil(window_pixels.max(axis=1)) + 2)
+    if (lower < upper).all():
+        west, south, east, north = _extent_m(source, (*lower.tolist(), *upper.tolist()))
+        # One cell of margin, so that the window lies between cell centres.
         step = max(source.steps_m)
         west, south = max(west, cutout.window_m[0] - step), max(south, cutout.window_m[1] - step)
         east, north = min(east, cutout.window_m[2] + step), min(north, cutout.window_m[3] + step)
@@ -106,7 +106,7 @@ def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, floa
 
 
 def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
-    """Return the error for a window without terrain, for the field that placed it there."""
+    """Return the error for a window without terrain, naming the field that set its position."""
     in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
     rows, columns = source.dataset.shape
     covered = _extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0))
@@ -126,7 +126,7 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
 
 
 def _given_on_the_map(source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]) -> bool:
-    """Return whether the window's middle would be within the file, were it eastings and northings of the map."""
+    """Return whether the window's middle, taken as map easting and northing, would be within the file."""
     west, south, east, north = cutout.window_m
     x, y = (west + east) / 2 - source.origin[0], (south + north) / 2 - source.origin[1]
     return covered_m[0] <= x <= covered_m[2] and covered_m[1] <= y <= covered_m[3]
@@ -145,12 +145,12 @@ def _extent_m(source: PlacedRaster, pixels: tuple[float, float, float, float]) -
 def _outline(box: tuple[float, float, float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Return points along the edges of a rectangle (low x, low y, high x, high y)."""
     low_x, low_y, high_x, high_y = box
-    along = np.linspace(0, 1, 33)
-    x, y = low_x + (high_x - low_x) * along, low_y + (high_y - low_y) * along
-    still = np.ones_like(along)
+    fraction = np.linspace(0, 1, 33)
+    x, y = low_x + (high_x - low_x) * fraction, low_y + (high_y - low_y) * fraction
+    ones = np.ones_like(fraction)
     return (
-        np.concatenate([x, x, low_x * still, high_x * still]),
-        np.concatenate([low_y * still, high_y * still, y, y]),
+        np.concatenate([x, x, low_x * ones, high_x * ones]),
+        np.concatenate([low_y * ones, high_y * ones, y, y]),
     )
 
 

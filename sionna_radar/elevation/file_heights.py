@@ -4,13 +4,13 @@ The cells are interpolated from the file one by one (bilinear between its cell c
 finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and voids would cost
 accuracy.
 
-Cells of a terrain without data are kept as holes, filled from around them, or refused.
+Cells without data are kept as holes, filled from their surroundings, or rejected.
 
 Seeded detail below the spacing of the file models a surface that is not smooth between its posts. The detail is a
 Gaussian surface whose power spectrum falls as k^-(2 H + 2), as that of natural terrain (a self-affine surface of Hurst
-exponent H; Turcotte 1997, "Fractals and Chaos in Geology and Geophysics", ch. 7), from the wavelength of two posts of
-the file down: what the file shows is left as it is. It depends on the place and the seed alone, and not on the part of
-the terrain that is cut out.
+exponent H; Turcotte 1997, "Fractals and Chaos in Geology and Geophysics", ch. 7), at wavelengths below two posts of
+the file, which leaves the file's own spectrum unchanged. It depends only on the place and the seed, not on the cropped
+window.
 """
 
 import logging
@@ -29,25 +29,25 @@ from sionna_radar.foundation.raster import Grid, Raster
 
 logger = logging.getLogger("sionna_radar")
 
-# Cells of the file held in memory at once.
+# Largest number of the file's cells in memory.
 STRIP_CELLS = 4_000_000
 # Beyond any height on Earth: a stand-in for "no data" that the file does not declare.
 MAX_HEIGHT_M = 12_000.0
-# -9999 is within that limit, but no land is that deep.
+# Within that limit, but below any land.
 UNDECLARED_NODATA = -9999.0
 
 
 def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row column"]:
     """Return bilinear heights at the grid's centres; NaN next to a cell without data."""
     column, row = source.pixel_of(*grid.centres_m.T)
-    # Rounding must not turn an interpolation at a cell centre into one between two cells.
+    # Snap to cell centres, so that rounding does not involve a neighbouring cell.
     column, row = (np.where(np.abs(c - np.rint(c)) < 1e-6, np.rint(c), c) for c in (column, row))
     rows, columns = source.dataset.shape
     inside = (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
     height_m = np.full(grid.columns * grid.rows, np.nan)
     if inside.any():
         lookup = row[inside], column[inside]
-        # Number of whole cells of the file in one target cell: this many are averaged.
+        # Number of whole file cells per target cell, which are averaged.
         factor = [
             max(1, math.floor(min(n, grid.spacing_m / step + 1e-6)))
             for n, step in zip((rows, columns), reversed(source.steps_m), strict=True)
@@ -64,32 +64,32 @@ def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row colum
 
 def _span_of(coordinate: Float[np.ndarray, " n"], factor: int, cells: int) -> slice:
     """Return the cells around the coordinates, starting at a block, with a margin of one block."""
-    first = max(0, (int(coordinate.min()) // factor - 1) * factor)
-    return slice(first, min(cells, (int(coordinate.max()) // factor + 2) * factor))
+    start = max(0, (int(coordinate.min()) // factor - 1) * factor)
+    return slice(start, min(cells, (int(coordinate.max()) // factor + 2) * factor))
 
 
 def _averaged(
     source: PlacedRaster, window: tuple[slice, slice], factor: tuple[int, int]
 ) -> Float[np.ndarray, "row column"]:
-    """Return block means of a window of the file, read strip by strip so that files of any size work.
+    """Return block means of a window of the file, read in strips that bound the memory.
 
     A block is empty if less than half of it has data. Cells beyond the last whole block are dropped.
     """
     rows, columns = ((w.stop - w.start) // f for w, f in zip(window, factor, strict=True))
     means = np.full((rows, columns), np.nan)
     strip = max(1, STRIP_CELLS // (max(1, columns) * factor[0] * factor[1]))
-    for first in range(0, rows, strip):
-        count = min(strip, rows - first)
+    for start in range(0, rows, strip):
+        count = min(strip, rows - start)
         height_m = _read(
             source,
-            Window(window[1].start, window[0].start + first * factor[0], columns * factor[1], count * factor[0]),
+            Window(window[1].start, window[0].start + start * factor[0], columns * factor[1], count * factor[0]),
         )
         blocks = height_m.reshape(count, factor[0], columns, factor[1])
         filled = np.isfinite(blocks)
         n = filled.sum(axis=(1, 3))
         total = np.where(filled, blocks, 0).sum(axis=(1, 3))
-        enough = 2 * n >= factor[0] * factor[1]
-        means[first : first + count][enough] = total[enough] / n[enough]
+        half_filled = 2 * n >= factor[0] * factor[1]
+        means[start : start + count][half_filled] = total[half_filled] / n[half_filled]
     return means
 
 
@@ -98,7 +98,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
     dataset = source.dataset
     stored = dataset.read(1, window=window, masked=True)
     undeclared = stored.data == UNDECLARED_NODATA
-    with np.errstate(invalid="ignore"):  # a NaN that signals, in a damaged file
+    with np.errstate(invalid="ignore"):  # a signalling NaN in a damaged file
         height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
     height_m = np.asarray((height_m * dataset.scales[0] + dataset.offsets[0]) * source.heights.unit_m)
     with np.errstate(invalid="ignore"):
@@ -118,7 +118,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
 def bilinear(
     cells: Float[np.ndarray, "row column"], row: Float[np.ndarray, " n"], column: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return heights between cells, NaN outside them or where an empty one has weight."""
+    """Return bilinear heights, NaN outside the cells or where an empty cell has weight."""
     filled = np.isfinite(cells)
     height_m = map_coordinates(np.where(filled, cells, 0), [row, column], order=1, cval=np.nan)
     weight = map_coordinates(filled.astype(np.float64), [row, column], order=1, cval=0.0)
@@ -126,12 +126,12 @@ def bilinear(
 
 
 def treat_holes(raster: Raster, holes: Literal["keep", "fill", "refuse"]) -> Raster:
-    """Return a raster with its holes treated as asked.
+    """Return a raster with its holes kept, filled or rejected.
 
-    A hole is an empty cell that has data on both sides in its row or in its column; what lies beyond the border of the
-    data is none. Filled heights are the mean of the data around a hole, weighted by the inverse distance (GDAL).
+    A hole is an empty cell with data on both sides in its row or in its column; empty cells beyond the border of the
+    data are not holes. Filled heights are the mean of the data around a hole, weighted by the inverse distance (GDAL).
 
-    Raises ScenarioError, for `terrain.holes`, where holes are refused and there are some.
+    Raises ScenarioError, for `terrain.holes`, for holes with "refuse".
     """
     if holes == "keep":
         return raster
@@ -148,27 +148,27 @@ def treat_holes(raster: Raster, holes: Literal["keep", "fill", "refuse"]) -> Ras
             "in the file, move the flight, or set 'fill' or 'keep'"
         )
         raise ScenarioError([Problem("terrain.holes", message)])
-    known = np.where(raster.filled, raster.height_m, 0.0).astype(np.float32)
+    heights = np.where(raster.filled, raster.height_m, 0.0).astype(np.float32)
     reach = float(max(raster.grid.shape))
-    filled = fillnodata(known, mask=raster.filled, max_search_distance=reach, smoothing_iterations=0)
+    filled = fillnodata(heights, mask=raster.filled, max_search_distance=reach, smoothing_iterations=0)
     logger.warning("terrain: %s cells without data (%.2f %%) are filled from around them", f"{count:,}", 100 * share)
     return Raster(grid=raster.grid, height_m=np.where(empty, filled.astype(np.float64), raster.height_m))
 
 
 def between_data(filled: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
     """Return the empty cells with data on both sides in their row or in their column."""
-    inside = np.zeros(filled.shape, dtype=bool)
+    enclosed = np.zeros(filled.shape, dtype=bool)
     for axis in (0, 1):
         before = np.logical_or.accumulate(filled, axis=axis)
         after = np.flip(np.logical_or.accumulate(np.flip(filled, axis), axis=axis), axis)
-        inside |= before & after
-    return inside & ~filled
+        enclosed |= before & after
+    return enclosed & ~filled
 
 
-# White noise is drawn in tiles of so many cells, each with a generator of its own.
+# Edge length, in cells, of the tiles of white noise; each has its own generator.
 TILE = 256
-# The kernel that shapes it reaches so many posts of the file: less than 2e-5 of its energy lies beyond (computed for
-# Hurst exponents of 0.2 to 0.95 and 2 to 20 cells a post).
+# Half width of the shaping kernel in posts of the file: less than 2e-5 of its energy lies beyond (computed for
+# Hurst exponents of 0.2 to 0.95 and 2 to 20 cells per post).
 REACH_POSTS, MAX_REACH = 6, 384
 
 
@@ -200,10 +200,10 @@ def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) 
         raise ScenarioError([Problem("terrain.roughen", message)])
     kernel = _kernel(grid.spacing_m / post_m, hurst)
     reach = len(kernel) // 2
-    # The map's own cells are counted from its origin, so that neighbouring cut-outs agree.
+    # Cells are counted from the map's origin, so that neighbouring windows agree.
     column, row = (round(edge / grid.spacing_m) for edge in (grid.west_m, grid.south_m))
     noise = _noise(row - reach, column - reach, grid.rows + 2 * reach, grid.columns + 2 * reach, seed)
-    # It takes as long to import as many a survey to simulate.
+    # Slow to import.
     from scipy.signal import fftconvolve
 
     shaped: Float[np.ndarray, "row column"] = fftconvolve(noise, kernel, mode="valid")
@@ -211,7 +211,7 @@ def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) 
 
 
 def _kernel(cells_per_post: float, hurst: float) -> Float[np.ndarray, "k k"]:
-    """Return the kernel that turns white noise of variance one into detail of variance one."""
+    """Return the kernel that filters white noise of unit variance into detail of unit variance."""
     reach = min(MAX_REACH, int(np.ceil(REACH_POSTS / cells_per_post)))
     size = 2 * reach + 1
     wavenumber = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size)[None])  # cycles per cell
@@ -228,15 +228,17 @@ def _kernel(cells_per_post: float, hurst: float) -> Float[np.ndarray, "k k"]:
 
 
 def _noise(row: int, column: int, rows: int, columns: int, seed: int) -> Float[np.ndarray, "row column"]:
-    """Return white noise at cells of an endless plane, from the tiles that they lie in."""
-    first, last = (row // TILE, column // TILE), ((row + rows - 1) // TILE, (column + columns - 1) // TILE)
-    whole = np.empty(((last[0] - first[0] + 1) * TILE, (last[1] - first[1] + 1) * TILE), dtype=np.float32)
-    for i in range(first[0], last[0] + 1):
-        for j in range(first[1], last[1] + 1):
+    """Return white noise at cells of an infinite plane, from the tiles that contain them."""
+    first_tile, last_tile = (row // TILE, column // TILE), ((row + rows - 1) // TILE, (column + columns - 1) // TILE)
+    tiles = np.empty(
+        ((last_tile[0] - first_tile[0] + 1) * TILE, (last_tile[1] - first_tile[1] + 1) * TILE), dtype=np.float32
+    )
+    for i in range(first_tile[0], last_tile[0] + 1):
+        for j in range(first_tile[1], last_tile[1] + 1):
             generator = np.random.default_rng([seed, i + 2**31, j + 2**31])
-            place = (i - first[0]) * TILE, (j - first[1]) * TILE
-            whole[place[0] : place[0] + TILE, place[1] : place[1] + TILE] = generator.standard_normal(
+            corner = (i - first_tile[0]) * TILE, (j - first_tile[1]) * TILE
+            tiles[corner[0] : corner[0] + TILE, corner[1] : corner[1] + TILE] = generator.standard_normal(
                 (TILE, TILE), dtype=np.float32
             )
-    top, left = row - first[0] * TILE, column - first[1] * TILE
-    return whole[top : top + rows, left : left + columns].astype(np.float64)
+    top, left = row - first_tile[0] * TILE, column - first_tile[1] * TILE
+    return tiles[top : top + rows, left : left + columns].astype(np.float64)

@@ -1,4 +1,4 @@
-"""A surface by its heights on a grid: bilinear between the cells, constant beyond the border."""
+"""A surface of gridded heights: bilinear between the cells, constant beyond the border."""
 
 from dataclasses import dataclass
 from typing import no_type_check
@@ -13,7 +13,7 @@ from sionna_radar.foundation.raster import Grid
 
 @dataclass(frozen=True, kw_only=True)
 class Heightfield:
-    """Heights of all cells of a grid; none is empty."""
+    """Heights of a grid without empty cells."""
 
     grid: Grid
     height_m: Float[np.ndarray, "row column"]
@@ -51,8 +51,8 @@ class Heightfield:
     ) -> Float[np.ndarray, " ray"]:
         """Return the ranges at which rays along unit vectors first hit the surface; NaN if not within reach.
 
-        Each ray advances by its height above the surface over the fastest rate at which they can close, at least by
-        a quarter of a cell, so that it misses nothing wider than that.
+        Each ray advances by its height above the surface over the fastest possible closing rate, at least by
+        a quarter of a cell, which is the width of the smallest feature found.
         """
         origin, direction = np.ascontiguousarray(origin_m), np.ascontiguousarray(direction)
         grid, height = self.grid, np.ascontiguousarray(self.height_m)
@@ -79,17 +79,17 @@ class Heightfield:
 
 
 MARCH_STEPS = 1000
-# Found nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
+# Near machine precision, so that hits vary smoothly with the surface.
 ROOT_STEPS = 60
 CLOSE_M = 1e-12
-# A surface that has moved little is met again in few steps, unless the ray hardly closes in on it.
+# Newton's method converges in few steps for a slightly moved surface, unless the ray is nearly parallel to it.
 NEWTON_STEPS, MIN_CLOSING = 8, -0.1
 
 
 @compiled
 @no_type_check
 def corner_of(x, y, west, south, spacing, rows, columns):
-    """Return row and column of the cell south-west of a position, and how far it is from there, in cells."""
+    """Return row and column of the cell south-west of a position, and the offsets from there, in cells."""
     column = min(max((x - west) / spacing, 0.0), columns - 1.001)
     row = min(max((y - south) / spacing, 0.0), rows - 1.001)
     j, i = int(column), int(row)
@@ -101,9 +101,9 @@ def corner_of(x, y, west, south, spacing, rows, columns):
 def height_at(height, west, south, spacing, x, y):
     """Return the height at a position."""
     i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
-    below = height[i, j] * (1 - a) + height[i, j + 1] * a
-    above = height[i + 1, j] * (1 - a) + height[i + 1, j + 1] * a
-    return below * (1 - b) + above * b
+    south_m = height[i, j] * (1 - a) + height[i, j + 1] * a
+    north_m = height[i + 1, j] * (1 - a) + height[i + 1, j + 1] * a
+    return south_m * (1 - b) + north_m * b
 
 
 @compiled
@@ -130,7 +130,7 @@ def _crossing(height, west, south, spacing, origin, direction, low, high):
     """Return the range at which a ray crosses the surface between two ranges, by the Illinois false-position method."""
     low_gap = _gap(height, west, south, spacing, origin, direction, low)
     high_gap = _gap(height, west, south, spacing, origin, direction, high)
-    # Below the surface from the start, as under an overhang of the map: bisection went to the far end as well.
+    # Below the surface from the start, as under an overhang of the map: return the far end, as bisection would.
     if low >= high or low_gap <= 0.0:
         return low
     side, middle = 0, high
@@ -155,7 +155,7 @@ def _crossing(height, west, south, spacing, origin, direction, low, high):
 def first_hit(height, west, south, spacing, origin, direction, reach, steepest, highest):
     """Return the range at which one ray first meets the surface, NaN if not within reach.
 
-    steepest, highest: of the surface, which bound how fast a ray can close and where it can first meet it.
+    steepest, highest: slope and height of the surface, which bound the closing rate and the first possible hit.
     """
     closing = abs(direction[2]) + steepest * np.hypot(direction[0], direction[1])
     reached = min(max((origin[2] - highest) / max(-direction[2], 1e-6), 0.0), reach)
@@ -174,19 +174,19 @@ def first_hit(height, west, south, spacing, origin, direction, reach, steepest, 
 @compiled
 @no_type_check
 def hit_near(height, west, south, spacing, origin, direction, guess):
-    """Return the range near a guess at which a ray meets the surface, by Newton's method; NaN if it is not found."""
+    """Return the range near a guess at which a ray meets the surface, by Newton's method; NaN without convergence."""
     reached = guess
     for _ in range(NEWTON_STEPS):
         x, y = origin[0] + reached * direction[0], origin[1] + reached * direction[1]
         i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
         sw, se, nw, ne = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
-        below, above = sw + (se - sw) * a, nw + (ne - nw) * a
-        gap = origin[2] + reached * direction[2] - below - (above - below) * b
+        south_m, north_m = sw + (se - sw) * a, nw + (ne - nw) * a
+        gap = origin[2] + reached * direction[2] - south_m - (north_m - south_m) * b
         if abs(gap) < CLOSE_M:
             return reached
-        east, north = (se - sw) * (1 - b) + (ne - nw) * b, above - below
+        east, north = (se - sw) * (1 - b) + (ne - nw) * b, north_m - south_m
         closing = direction[2] - (east * direction[0] + north * direction[1]) / spacing
-        # A ray that goes along the surface: what it meets first must be looked for from its beginning.
+        # A ray nearly parallel to the surface: its first hit needs a search from its origin.
         if closing > MIN_CLOSING:
             return np.nan
         reached -= gap / closing

@@ -1,9 +1,9 @@
-"""The local frame of a survey: its place on the map, and its choice for an elevation file.
+"""The local frame of a survey: its position on the map, and its choice for an elevation file.
 
 A file is kept in its own projection if that is true to scale (metres, unit scale, north up), and transformed
 into the UTM zone of its centre otherwise.
 
-The place on the map is known before anything is read into the frame.
+The position on the map is known before any data are read.
 """
 
 import math
@@ -48,7 +48,7 @@ class MapFrame:
 def frame_at(lon_deg: float, lat_deg: float) -> MapFrame:
     """Return the frame about a place (WGS 84) in its UTM zone.
 
-    Raises ScenarioError, for `terrain.centre_lonlat_deg`, if it is no place on Earth.
+    Raises ScenarioError, for `terrain.centre_lonlat_deg`, if it is not a valid position.
     """
     check_lonlat(lon_deg, lat_deg)
     crs = metric_crs(lon_deg, lat_deg)
@@ -57,30 +57,30 @@ def frame_at(lon_deg: float, lat_deg: float) -> MapFrame:
 
 
 def frame_of(place: Georeference | None) -> MapFrame | None:
-    """Return the frame of a georeference; None for ground on no map."""
+    """Return the frame of a georeference; None without one."""
     if place is None:
         return None
     return MapFrame(crs=horizontal_part(CRS.from_wkt(place.crs_wkt)), origin_m=place.origin_m[:2])
 
 
 def check_lonlat(lon_deg: float, lat_deg: float) -> None:
-    """Raise ScenarioError, for `terrain.centre_lonlat_deg`, if there is no such place."""
+    """Raise ScenarioError, for `terrain.centre_lonlat_deg`, if it is not a valid position."""
     if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90):
         message = f"({lon_deg:g}, {lat_deg:g}) is not a longitude and latitude in degrees; give them in this order"
         raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
 
 
 def metric_crs(lon_deg: float, lat_deg: float) -> CRS:
-    """Return the UTM zone of a place; near a pole, where there is none, a local transverse Mercator."""
+    """Return the UTM zone of a place; near a pole a local transverse Mercator."""
     lon = (lon_deg + 180) % 360 - 180
-    place = AreaOfInterest(lon, lat_deg, lon, lat_deg)
-    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=place) if -80 <= lat_deg <= 84 else []
+    area = AreaOfInterest(lon, lat_deg, lon, lat_deg)
+    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=area) if -80 <= lat_deg <= 84 else []
     if zones:
         return CRS.from_authority(zones[0].auth_name, zones[0].code)
     return CRS.from_dict({"proj": "tmerc", "lat_0": lat_deg, "lon_0": lon, "datum": "WGS84", "units": "m"})
 
 
-# A projection is kept as the local frame if its scale is 1, and north is up, to within this.
+# Tolerance of scale and north for a projection kept as the local frame.
 MAX_SCALE_ERROR = 0.01
 MAX_CONVERGENCE_DEG = 10.0
 
@@ -109,11 +109,11 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
         There is no such CRS, it is neither projected nor geographic, or the centre is not valid in it.
 
     """
-    whole = _crs_of(dataset, stated.crs)
-    crs = map_part(whole)
+    file_crs = _crs_of(dataset, stated.crs)
+    crs = map_part(file_crs)
     turned = dataset.transform.b != 0 or dataset.transform.d != 0
     frame = frame_about(crs, middle_of(dataset), stated.centre_lonlat_deg, "raster's centre", kept=not turned)
-    heights = height_system(dataset, whole, stated.vertical_crs, stated.height_unit)
+    heights = height_system(dataset, file_crs, stated.vertical_crs, stated.height_unit)
     return PlacedRaster(dataset=dataset, crs=crs, local=frame.crs, origin=frame.origin_m, heights=heights)
 
 
@@ -131,7 +131,7 @@ def frame_about(
     what:
         The middle in words, for messages.
     kept:
-        Whether the file may keep its projection, as one with north up may.
+        Whether the file may keep its projection (north up).
 
     Raises
     ------
@@ -148,7 +148,7 @@ def frame_about(
 
 
 def stated_crs(name: str) -> CRS:
-    """Return the CRS of `terrain.crs`; ScenarioError for what is none."""
+    """Return the CRS of `terrain.crs`; ScenarioError if invalid."""
     try:
         return CRS.from_user_input(name)
     except ProjError as error:
@@ -157,7 +157,7 @@ def stated_crs(name: str) -> CRS:
 
 
 def map_part(whole: CRS) -> CRS:
-    """Return the horizontal part of a file's CRS; ScenarioError for one that is no map's."""
+    """Return the horizontal part of a file's CRS; ScenarioError if neither projected nor geographic."""
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
@@ -176,17 +176,17 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
 
 
 def _centre_lonlat(
-    crs: CRS, middle: tuple[float, float], wanted: tuple[float, float] | None, what: str
+    crs: CRS, middle: tuple[float, float], requested: tuple[float, float] | None, label: str
 ) -> tuple[float, float]:
-    if wanted is not None:
-        check_lonlat(*wanted)
-        return wanted
+    if requested is not None:
+        check_lonlat(*requested)
+        return requested
     x, y = middle
     lons, lats = reproject(crs, CRS(4326), np.array([x]), np.array([y]))
     lon, lat = float(lons[0]), float(lats[0])
     latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
     if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
-        message = f"{crs.name!r} does not contain the {what} ({x:g}, {y:g}); give the CRS of the file"
+        message = f"{crs.name!r} does not contain the {label} ({x:g}, {y:g}); give the CRS of the file"
         raise ScenarioError([Problem("terrain.crs", message)])
     return lon, lat
 

@@ -32,7 +32,7 @@ UP_IN_METRES = {
 
 @dataclass(frozen=True, kw_only=True)
 class HeightSystem:
-    """How heights of a file become metres above a datum.
+    """Unit and vertical datum of a file's heights.
 
     unit_m: metres of one unit; negative for depths.
     vertical: the file's vertical CRS with metres upwards; None if unknown or ellipsoidal.
@@ -44,7 +44,7 @@ class HeightSystem:
     ellipsoid_of: str | None = None
 
     def compound(self, horizontal: CRS) -> CRS:
-        """Return a compound CRS of a horizontal one and the heights, as far as their datum is known."""
+        """Return a compound CRS of a horizontal one and the heights, if their datum is known."""
         if self.ellipsoid_of and self.ellipsoid_of == _datum_of(horizontal):
             return horizontal.to_3d()
         if self.vertical is None:
@@ -71,8 +71,8 @@ def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: s
         The stated CRS is not vertical, or contradicts the unit of the file's band.
 
     """
-    own = next((part for part in crs.sub_crs_list if part.is_vertical), None)
-    vertical = _stated(stated_crs) if stated_crs else own
+    file_vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
+    vertical = _stated(stated_crs) if stated_crs else file_vertical
     is_ellipsoidal = vertical is None and len(crs.axis_info) == 3 and not crs.is_geocentric
     axis = vertical.axis_info[0] if vertical else crs.axis_info[2] if is_ellipsoidal else None
     band_unit_m = (FEET_M | METRES).get((dataset.units[0] or "").lower())
@@ -180,8 +180,8 @@ class PlacedRaster:
     def steps_m(self) -> tuple[float, float]:
         """Distance between neighbouring columns and between neighbouring rows, next to the local origin."""
         limits = [n - 1 for n in reversed(self.dataset.shape)]
-        place = self.pixel_of(np.zeros(1), np.zeros(1))
-        column, row = (float(np.clip(np.nan_to_num(c[0]), 0, n)) for c, n in zip(place, limits, strict=True))
+        pixel = self.pixel_of(np.zeros(1), np.zeros(1))
+        column, row = (float(np.clip(np.nan_to_num(c[0]), 0, n)) for c, n in zip(pixel, limits, strict=True))
         x, y = self.local_of(np.array([column, column + 1, column]), np.array([row, row, row + 1]))
         return math.hypot(x[1] - x[0], y[1] - y[0]), math.hypot(x[2] - x[0], y[2] - y[0])
 
@@ -236,13 +236,17 @@ def in_crs_of(
         message = "the raster has no CRS, but the terrain is georeferenced; add one with gdal_translate -a_srs"
         raise ScenarioError([Problem(key, message)])
     local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
-    own = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
-    if not (own.is_projected or own.is_geographic):
-        message = f"the raster's CRS, {own.name!r}, is neither projected nor geographic; give the raster one that is"
+    raster_crs = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
+    if not (raster_crs.is_projected or raster_crs.is_geographic):
+        message = (
+            f"the raster's CRS, {raster_crs.name!r}, is neither projected nor geographic; give the raster one that is"
+        )
         raise ScenarioError([Problem(key, message)])
     east, north = georeference.origin_m[:2]
     try:
-        return reproject(local, own, x + east, y + north)
+        return reproject(local, raster_crs, x + east, y + north)
     except ProjError as error:
-        message = f"the terrain's CRS, {local.name!r}, cannot be transformed to the raster's, {own.name!r} ({error})"
+        message = (
+            f"the terrain's CRS, {local.name!r}, cannot be transformed to the raster's, {raster_crs.name!r} ({error})"
+        )
         raise ScenarioError([Problem(key, message)]) from error

@@ -24,12 +24,12 @@ MAX_POINTS = 20_000_000_000
 POINTS_AT_ONCE = 1_000_000
 GROUND_CLASS = 2
 NOISE_CLASSES = (7, 18)
-# Whatever the datum of the heights, a point beyond is no ground.
+# Larger heights are invalid in any datum.
 FARTHEST_HEIGHT_M = 100_000.0
-# A percentile is found by narrowing the range of heights of each cell, so many parts at a time, so many times.
+# Bins per pass and number of passes of the histogram search for a percentile.
 PARTS, NARROWINGS = 16, 3
 
-# Which points are taken: by a name, or by their classes.
+# Selection of points by a name, or by their classes.
 Choice = Literal["first", "ground", "all"] | tuple[int, ...]
 Piece = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]
 Place = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[np.ndarray, np.ndarray]]
@@ -39,7 +39,7 @@ Place = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[np.nd
 class CloudFile:
     """An open point cloud.
 
-    points: how many the file says that it has. low, high: its bounds (x, y, z), in its own units.
+    points: number in the header. low, high: bounds (x, y, z), in the file's units.
     crs_wkt: its CRS; None if it has none.
     """
 
@@ -53,36 +53,36 @@ class CloudFile:
     def pieces(self, choice: Choice, place: Place, unit_m: float) -> Iterator[Piece]:
         """Yield local positions and heights in metres of the chosen points, a piece of the file at a time.
 
-        Points withheld or classified as noise are left out. Each call reads the file anew.
+        Points withheld or classified as noise are omitted. Each call reads the file again.
         """
         with _errors(self.name):
             self.reader.seek(0)
             for points in self.reader.chunk_iterator(POINTS_AT_ONCE):
-                kept = _chosen(points, choice)
+                chosen = _chosen(points, choice)
                 with np.errstate(all="ignore"):  # scales and offsets of a damaged header
-                    x, y = place(np.asarray(points.x)[kept], np.asarray(points.y)[kept])
-                    z = np.asarray(points.z)[kept] * unit_m
+                    x, y = place(np.asarray(points.x)[chosen], np.asarray(points.y)[chosen])
+                    z = np.asarray(points.z)[chosen] * unit_m
                 finite = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < FARTHEST_HEIGHT_M)
                 yield np.column_stack([x, y])[finite], z[finite]
 
 
 def _chosen(points: Any, choice: Choice) -> Bool[np.ndarray, " n"]:
     kind = np.asarray(points.classification)
-    kept = ~np.isin(kind, NOISE_CLASSES) & (np.asarray(points.withheld) == 0)
+    chosen = ~np.isin(kind, NOISE_CLASSES) & (np.asarray(points.withheld) == 0)
     if isinstance(choice, tuple):
-        kept &= np.isin(kind, choice)
+        chosen &= np.isin(kind, choice)
     elif choice == "first":
-        kept &= np.asarray(points.return_number) <= 1
+        chosen &= np.asarray(points.return_number) <= 1
     elif choice == "ground":
-        kept &= kind == GROUND_CLASS
-    return kept
+        chosen &= kind == GROUND_CLASS
+    return chosen
 
 
 @contextmanager
 def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
     """Open a LAS or LAZ file that a key of the scenario names.
 
-    Raises InputFileError for a file that is none, claims more points than it can hold, or breaks off.
+    Raises InputFileError for any other file, and for one that is truncated or claims more points than it can hold.
     """
     import laspy
 
@@ -114,53 +114,53 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
 
 
 def _check_records(path: Path, size: int, name: str) -> None:
-    """Refuse a header with more variable-length records than there is room for: the reader would make them all.
+    """Reject a header that claims more variable-length records than fit: the reader would allocate them all.
 
-    Those of 54 bytes and more stand between the header and the points, the extended ones of LAS 1.4, of 60 and more,
-    behind them (ASPRS 2019, "LAS Specification 1.4 - R15", tables 3, 5 and 6).
+    Those of 54 bytes and more lie between the header and the points, the extended ones of LAS 1.4, of 60 and more,
+    after them (ASPRS 2019, "LAS Specification 1.4 - R15", tables 3, 5 and 6).
     """
     with path.open("rb") as file:
         head = file.read(247).ljust(247, b"\0")
     header, points, records = struct.unpack_from("<HII", head, 94)
-    first, extended = struct.unpack_from("<QI", head, 235) if head[25] >= 4 else (0, 0)
-    for count, each, room, kind in (
+    extended_start, extended = struct.unpack_from("<QI", head, 235) if head[25] >= 4 else (0, 0)
+    for count, record_bytes, room, kind in (
         (records, 54, min(points, size) - header, "variable-length records"),
-        (extended, 60, size - first, "extended variable-length records"),
+        (extended, 60, size - extended_start, "extended variable-length records"),
     ):
-        if head.startswith(b"LASF") and each * count > max(room, 0):
+        if head.startswith(b"LASF") and record_bytes * count > max(room, 0):
             message = f"{name}: its header claims {count:,} {kind}, more than its bytes can hold; get the whole file"
             raise InputFileError(message)
 
 
 def _check_chunks(path: Path, start: int, size: int, points: int, name: str) -> None:
-    """Refuse a LAZ file whose table of chunks lies, before the decompressor sets memory aside for it and dies.
+    """Reject a LAZ file with an invalid chunk table, for which the decompressor would exhaust memory.
 
-    The compressed points begin with the place of the table, -1 for the last 8 bytes of the file; the table with its
-    version and the number of chunks, of at least one byte each (Isenburg 2013, "LASzip: lossless compression of LiDAR
-    data").
+    The compressed points begin with the offset of the table (-1: it is in the last 8 bytes of the file); the table
+    begins with its version and the number of chunks, of at least one byte each (Isenburg 2013, "LASzip: lossless
+    compression of LiDAR data").
     """
     with path.open("rb") as file:
         file.seek(min(start, size))
-        place = int.from_bytes(file.read(8), "little", signed=True)
-        if place == -1:
+        table_start = int.from_bytes(file.read(8), "little", signed=True)
+        if table_start == -1:
             file.seek(max(size - 8, 0))
-            place = int.from_bytes(file.read(8), "little", signed=True)
-        file.seek(place if 0 <= place <= size else size)
+            table_start = int.from_bytes(file.read(8), "little", signed=True)
+        file.seek(table_start if 0 <= table_start <= size else size)
         head = file.read(8)
     chunks = int.from_bytes(head[4:8], "little")
-    if not start < place <= size - 8 or len(head) < 8 or chunks > min(size, points):
+    if not start < table_start <= size - 8 or len(head) < 8 or chunks > min(size, points):
         message = f"{name}: its table of compressed chunks is damaged; get the whole file"
         raise InputFileError(message)
 
 
 @contextmanager
 def _errors(name: str) -> Iterator[None]:
-    """Turn whatever the readers of LAS and LAZ raise into one error of ours."""
+    """Convert errors of the LAS and LAZ readers to InputFileError."""
     try:
         yield
     except (RadarError, GeneratorExit, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # the decompressor's own panics are no Exception
+    except BaseException as error:  # the decompressor's panics do not derive from Exception
         reason = (str(error) or type(error).__name__).splitlines()[0][:200]
         message = f"{name} cannot be read as a point cloud ({reason}); {REMEDY}"
         raise InputFileError(message) from None
@@ -174,7 +174,7 @@ def gridded(
     Parameters
     ----------
     pieces:
-        Yields all points anew in each call; a percentile needs several.
+        Yields all points in each call; a percentile needs several calls.
     grid:
         The cells.
     statistic:
@@ -190,14 +190,14 @@ def gridded(
             count += np.bincount(cell, minlength=len(count))
         with np.errstate(invalid="ignore"):
             return _raster(grid, total / np.where(count > 0, count, np.nan))
-    low, high = np.full(grid.rows * grid.columns, np.inf), np.full(grid.rows * grid.columns, -np.inf)
+    lowest, highest = np.full(grid.rows * grid.columns, np.inf), np.full(grid.rows * grid.columns, -np.inf)
     for cell, z in _in_cells(pieces(), grid):
-        np.maximum.at(high, cell, z)
-        np.minimum.at(low, cell, z)
-    high[~np.isfinite(high)] = np.nan
+        np.maximum.at(highest, cell, z)
+        np.minimum.at(lowest, cell, z)
+    highest[~np.isfinite(highest)] = np.nan
     if statistic == "max":
-        return _raster(grid, high)
-    return _raster(grid, _percentile(pieces, grid, share, low, high))
+        return _raster(grid, highest)
+    return _raster(grid, _percentile(pieces, grid, share, lowest, highest))
 
 
 def _percentile(
@@ -207,25 +207,28 @@ def _percentile(
     low: Float[np.ndarray, " cell"],
     high: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """Return a percentile of each cell by narrowing the part of its range that holds it."""
+    """Return a percentile of each cell by repeated refinement of its histogram."""
     low, width = np.where(np.isfinite(high), low, 0.0), np.where(np.isfinite(high), high - low, 0.0)
     rank: Float[np.ndarray, " cell"] | None = None
     for _ in range(NARROWINGS):
         count = np.zeros((len(low), PARTS), dtype=np.uint32)
-        below = np.zeros(len(low))
+        count_below = np.zeros(len(low))
         for cell, z in _in_cells(pieces(), grid):
-            part = np.floor((z - low[cell]) / np.where(width[cell] > 0, width[cell] / PARTS, 1.0)).astype(np.int64)
-            # The highest point of a cell belongs to its last part.
-            part = np.where((part == PARTS) & (z <= low[cell] + width[cell] * (1 + 1e-9)), PARTS - 1, part)
-            below += np.bincount(cell[part < 0], minlength=len(low))
-            inside = (part >= 0) & (part < PARTS)
-            np.add.at(count, (cell[inside], part[inside]), 1)
+            bin_index = np.floor((z - low[cell]) / np.where(width[cell] > 0, width[cell] / PARTS, 1.0)).astype(np.int64)
+            # The highest point of a cell belongs to its last bin.
+
+            bin_index = np.where(
+                (bin_index == PARTS) & (z <= low[cell] + width[cell] * (1 + 1e-9)), PARTS - 1, bin_index
+            )
+            count_below += np.bincount(cell[bin_index < 0], minlength=len(low))
+            in_range = (bin_index >= 0) & (bin_index < PARTS)
+            np.add.at(count, (cell[in_range], bin_index[in_range]), 1)
         if rank is None:
             rank = share * np.maximum(count.sum(axis=1) - 1, 0)
-        reached = below[:, None] + np.cumsum(count, axis=1) > rank[:, None]
-        chosen = np.where(reached.any(axis=1), np.argmax(reached, axis=1), PARTS - 1)
+        reached = count_below[:, None] + np.cumsum(count, axis=1) > rank[:, None]
+        rank_bin = np.where(reached.any(axis=1), np.argmax(reached, axis=1), PARTS - 1)
         width = width / PARTS
-        low = low + chosen * width
+        low = low + rank_bin * width
     return np.where(np.isfinite(high), low + width / 2, np.nan)
 
 
@@ -234,9 +237,9 @@ def _in_cells(pieces: Iterator[Piece], grid: Grid) -> Iterator[tuple[Int[np.ndar
     west, east, south, north = grid.extent_m
     for place_m, z in pieces:
         x, y = place_m.T
-        near = (x >= west) & (x <= east) & (y >= south) & (y <= north)
-        row, column, inside = grid.cell_of(place_m[near])
-        yield (row * grid.columns + column)[inside], z[near][inside]
+        in_extent = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+        row, column, in_grid = grid.cell_of(place_m[in_extent])
+        yield (row * grid.columns + column)[in_grid], z[in_extent][in_grid]
 
 
 def _raster(grid: Grid, height_m: Float[np.ndarray, " cell"]) -> Raster:

@@ -1,4 +1,4 @@
-"""The flight of a survey row by row, as it was and as its navigation measured it: what is written and drawn of it."""
+"""True and measured motion of a survey's flight as a table, for files and figures."""
 
 from dataclasses import dataclass
 
@@ -18,14 +18,14 @@ BEFORE_S = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class FlownTrack(Columns):
-    """A flight, one row each time; NaN where something is not known.
+    """A flight, one row per time; NaN for unknown values.
 
     time_s: since the start of the flight.
-    pulse: index of the pulse at that time, -1 between pulses: navigation is asked at pulses only.
+    pulse: index of the pulse at that time, -1 between pulses: the navigation is sampled at pulses only.
     position_m, velocity_mps, euler_rad: true motion at the navigation system, world frame; roll, pitch, heading.
     antenna_m: true position of the antenna, at the end of its lever arm.
     measured_antenna_m, measured_velocity_mps: of the antenna, as the navigation system reports them.
-    measured_euler_rad: attitude of the platform, as processing takes it (a misaligned antenna counts to it).
+    measured_euler_rad: attitude of the platform as used in processing (includes the antenna's misalignment).
     """
 
     time_s: Float[np.ndarray, " row"]
@@ -40,19 +40,19 @@ class FlownTrack(Columns):
 
 
 def flown_track(schedule: PulseSchedule, step_s: float = STEP_S) -> FlownTrack:
-    """Return a whole flight, take-off and landing included, about every `step_s`, at pulses where there are any.
+    """Sample a whole flight, take-off and landing included, about every `step_s`, at pulse times where possible.
 
-    Rows are farther apart where there would be more than 100,000 of them.
+    The step is increased to keep at most 100,000 rows.
     """
     trajectory = schedule.trajectory
     time_s, pulse = _rows(schedule, max(step_s, trajectory.end_s / MAX_ROWS))
     motion = body_motion(trajectory, time_s)
-    unknown = np.full((len(time_s), 3), np.nan)
-    place, velocity, euler = unknown.copy(), unknown.copy(), unknown.copy()
+    nan_rows = np.full((len(time_s), 3), np.nan)
+    position, velocity, euler = nan_rows.copy(), nan_rows.copy(), nan_rows.copy()
     at_pulse = np.flatnonzero(pulse != NO_PULSE)
     if len(at_pulse):
         pulses = schedule.pulses(pulse[at_pulse])
-        place[at_pulse], velocity[at_pulse] = pulses.measured.position_m, pulses.measured.velocity_mps
+        position[at_pulse], velocity[at_pulse] = pulses.measured.position_m, pulses.measured.velocity_mps
         euler[at_pulse] = _measured_attitude(pulses, motion.euler_rad[at_pulse])
     return FlownTrack(
         time_s=time_s,
@@ -61,17 +61,17 @@ def flown_track(schedule: PulseSchedule, step_s: float = STEP_S) -> FlownTrack:
         velocity_mps=motion.velocity_mps,
         euler_rad=motion.euler_rad,
         antenna_m=antenna_place(motion, schedule.lever_arm_m)[0],
-        measured_antenna_m=place,
+        measured_antenna_m=position,
         measured_velocity_mps=velocity,
         measured_euler_rad=euler,
     )
 
 
 def _rows(schedule: PulseSchedule, step_s: float) -> tuple[Float[np.ndarray, " row"], Int[np.ndarray, " row"]]:
-    """Return times at equal steps, each moved to the nearest pulse within half a step, with the ends of the phases."""
+    """Return equally spaced times, each moved to a pulse within half a step, and the ends of the phases."""
     trajectory = schedule.trajectory
     edges = np.unique([0.0, *(edge for _, start, end in trajectory.phases for edge in (start, end))])
-    # A planned flight stops and starts at once: the velocities before and after such an end are two rows.
+    # A planned flight changes velocity instantaneously: one row before and one after each phase boundary.
     edges = np.unique(np.concatenate([edges, edges[1:] - BEFORE_S]))
     regular = np.arange(1, int(trajectory.end_s / step_s) + 1) * step_s
     pulse = np.full(len(regular), NO_PULSE)
@@ -80,13 +80,13 @@ def _rows(schedule: PulseSchedule, step_s: float) -> tuple[Float[np.ndarray, " r
         close = np.abs(schedule.time_s[nearest] - regular) <= step_s / 2
         regular = np.where(close, schedule.time_s[nearest], regular)
         pulse = np.where(close, nearest, NO_PULSE)
-    # Splines through rows much nearer than the others would ring.
-    apart = np.abs(edges[_nearest(edges, regular)] - regular) > step_s / 4
-    apart &= np.append(True, np.diff(regular) > 0) & (regular < trajectory.end_s)
-    time_s = np.concatenate([edges, regular[apart]])
-    numbers = np.concatenate([np.full(len(edges), NO_PULSE), pulse[apart]])
+    # Splines through much closer rows would ring.
+    separate = np.abs(edges[_nearest(edges, regular)] - regular) > step_s / 4
+    separate &= np.append(True, np.diff(regular) > 0) & (regular < trajectory.end_s)
+    time_s = np.concatenate([edges, regular[separate]])
+    pulses = np.concatenate([np.full(len(edges), NO_PULSE), pulse[separate]])
     order = np.argsort(time_s)
-    return time_s[order], numbers[order]
+    return time_s[order], pulses[order]
 
 
 def _nearest(sorted_s: Float[np.ndarray, " n"], time_s: Float[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
@@ -98,7 +98,7 @@ def _nearest(sorted_s: Float[np.ndarray, " n"], time_s: Float[np.ndarray, " m"])
 
 
 def _measured_attitude(pulses: Pulses, euler_rad: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse 3"]:
-    """Return roll, pitch and heading that would point the antenna as measured: its mount is known from encoders."""
+    """Return the roll, pitch and heading that give the measured antenna pointing; encoders measure the mount."""
     R_antenna_body = pulses.true.R_world_antenna.transpose(0, 2, 1) @ world_from_body(euler_rad)
     R_ned_body = R_WORLD_NED.T @ pulses.measured.R_world_antenna @ R_antenna_body
     return Rotation.from_matrix(R_ned_body).as_euler("ZYX", suppress_warnings=True)[:, ::-1]

@@ -77,7 +77,7 @@ class BodyMotion:
 
     position_m, velocity_mps: world frame.
     euler_rad: roll, pitch, heading.
-    trajectory, time_s: what it is the motion of, and when; within the flight.
+    trajectory, time_s: the trajectory, and times within the flight.
     """
 
     position_m: Float[np.ndarray, "n 3"]
@@ -93,15 +93,15 @@ class BodyMotion:
 
 
 def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> BodyMotion:
-    """Return the motion at some times; before and after the flight it continues at constant velocity."""
-    inside = np.clip(time_s, 0.0, trajectory.end_s)
-    velocity = trajectory.velocity(inside)
+    """Return the motion at given times, extrapolated at constant velocity before and after the flight."""
+    clipped_s = np.clip(time_s, 0.0, trajectory.end_s)
+    velocity = trajectory.velocity(clipped_s)
     return BodyMotion(
-        position_m=trajectory.position(inside) + velocity * (time_s - inside)[:, None],
+        position_m=trajectory.position(clipped_s) + velocity * (time_s - clipped_s)[:, None],
         velocity_mps=velocity,
-        euler_rad=trajectory.euler(inside),
+        euler_rad=trajectory.euler(clipped_s),
         trajectory=trajectory,
-        time_s=inside,
+        time_s=clipped_s,
     )
 
 
@@ -120,7 +120,7 @@ def antenna_place(
 
 
 def _turn_rate(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Return the slower of the rates before and after, which is zero at an instantaneous turn at a waypoint."""
+    """Return the smaller of the backward and forward rates: zero at an instantaneous turn at a waypoint."""
     before, now, after = (
         Rotation.from_matrix(world_from_body(trajectory.euler(time_s + step)))
         for step in (-TURN_STEP_S, 0.0, TURN_STEP_S)

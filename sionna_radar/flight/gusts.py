@@ -9,12 +9,12 @@ sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4, against the angular freq
 
 one-sided. u is along the mean wind, v across it, w up; Taylor's frozen turbulence moves past at the airspeed.
 
-How the aircraft answers is a model of ours, linear and the same for all aircraft: the nose follows the angle of the
-gust (gust over airspeed) into the relative wind, and a side gust rolls away from it, with one time constant
-(`attitude_response_s`); the aircraft drifts with a gust by the drag of DRAG_S, and a position loop of natural period
-`position_response_s` times 2 pi and damping DAMPING brings it back. Gusts and answers are one linear system driven by
-white noise, made exact on a grid of times (its transition matrix and its noise, by Van Loan 1978); it begins in its
-stationary state.
+The response of the aircraft is a model of ours, linear and the same for all aircraft: the nose follows the angle of the
+gust (gust over airspeed) into the relative wind, and a side gust rolls the aircraft away from it, with one time
+constant (`attitude_response_s`); the aircraft drifts with a gust by the drag of DRAG_S, and a position loop of natural
+period `position_response_s` times 2 pi and damping DAMPING brings it back. Gusts and response are one linear system
+driven by white noise, discretised exactly (transition matrix and noise covariance by Van Loan 1978), with a stationary
+initial state.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ INTENSITY = 0.1  # of the vertical gusts, per mean wind
 MIN_AIRSPEED_MPS = 1.0
 STEP_S = 0.02
 MAX_STEPS = 2_000_000
-# Places of the answers in the state, behind the gust's own states.
+# Number of response states (attitude, displacement, its rate), after the gust's own states.
 ANSWERS = 3
 
 
@@ -79,7 +79,7 @@ def dryden_axes(height_m: float, airspeed_mps: float, vertical_mps: float) -> tu
 
 @dataclass(frozen=True, kw_only=True)
 class Gusts:
-    """Gusts over a flight and how the aircraft answers, drawn once on a grid of times.
+    """Gusts over a flight and the response of the aircraft, drawn once on a grid of times.
 
     axes: along the wind, across it (to the left of where it blows), up.
     """
@@ -98,12 +98,12 @@ class Gusts:
 
     @cached_property
     def states(self) -> tuple[Float[np.ndarray, "step 4"], ...]:
-        """For each axis: the gust, what the attitude follows of it (m/s), the displacement (m) and its rate (m/s)."""
-        return tuple(self._axis(number) for number in range(3))
+        """Per axis: gust, low-passed gust that the attitude follows (m/s), displacement (m) and its rate (m/s)."""
+        return tuple(self._axis(axis) for axis in range(3))
 
-    def _axis(self, number: int) -> Float[np.ndarray, "step 4"]:
-        matrix, drive, output = self.axes[number].state_space
-        if self.axes[number].sigma_mps == 0:
+    def _axis(self, axis: int) -> Float[np.ndarray, "step 4"]:
+        matrix, drive, output = self.axes[axis].state_space
+        if self.axes[axis].sigma_mps == 0:
             return np.zeros((len(self.time_s), 4))
         k = len(drive)
         A = np.zeros((k + ANSWERS, k + ANSWERS))
@@ -113,14 +113,14 @@ class Gusts:
         A[k + 2, :k] = output / DRAG_S
         A[k + 2, k + 1 :] = -1 / self.position_s**2, -2 * DAMPING / self.position_s - 1 / DRAG_S
         noise = np.outer(np.append(drive, np.zeros(ANSWERS)), np.append(drive, np.zeros(ANSWERS)))
-        move, spread = _over_a_step(A, noise, self.step_s)
-        normal = pulse_generator(self.seed, Stream.GUSTS, number).standard_normal((len(self.time_s), len(A)))
-        pushed = normal @ _root(spread).T
+        transition, covariance = _over_a_step(A, noise, self.step_s)
+        normal = pulse_generator(self.seed, Stream.GUSTS, axis).standard_normal((len(self.time_s), len(A)))
+        noise_steps = normal @ _root(covariance).T
         state = _root(solve_continuous_lyapunov(A, -noise)) @ normal[0]
-        states = np.empty_like(pushed)
+        states = np.empty_like(noise_steps)
         states[0] = state
         for step in range(1, len(states)):
-            state = move @ state + pushed[step]
+            state = transition @ state + noise_steps[step]
             states[step] = state
         return np.column_stack([states[:, :k] @ output, states[:, k:]])
 
@@ -128,13 +128,13 @@ class Gusts:
 def _over_a_step(
     A: Float[np.ndarray, "k k"], noise: Float[np.ndarray, "k k"], step_s: float
 ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, "k k"]]:
-    """Return the transition over a step and the covariance of the noise gathered in it (Van Loan 1978)."""
+    """Return the transition matrix of a step and the covariance of its process noise (Van Loan 1978)."""
     k = len(A)
     block = np.zeros((2 * k, 2 * k))
     block[:k, :k], block[:k, k:], block[k:, k:] = -A, noise, A.T
-    both = expm(block * step_s)
-    move = both[k:, k:].T
-    return move, move @ both[:k, k:]
+    exponential = expm(block * step_s)
+    transition = exponential[k:, k:].T
+    return transition, transition @ exponential[:k, k:]
 
 
 def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
@@ -193,7 +193,7 @@ def in_wind(trajectory: Trajectory, table: WindTable, height_m: float, speed_mps
 
 @dataclass(frozen=True, kw_only=True)
 class _Shaken:
-    """A flight with its wind: positions, velocities and attitudes as those of still air with what gusts add."""
+    """A flight in wind: positions, velocities and attitudes of still air plus the response to gusts."""
 
     still: Trajectory
     gusts: Gusts
@@ -204,9 +204,9 @@ class _Shaken:
 
     @cached_property
     def _displacement(self) -> CubicHermiteSpline:
-        place, rate = (np.column_stack([axis[:, k] for axis in self.gusts.states]) for k in (2, 3))
-        turned = self.R_world_wind.T
-        return CubicHermiteSpline(self.gusts.time_s, place @ turned, rate @ turned)
+        displacement, rate = (np.column_stack([axis[:, k] for axis in self.gusts.states]) for k in (2, 3))
+        R_wind_world = self.R_world_wind.T
+        return CubicHermiteSpline(self.gusts.time_s, displacement @ R_wind_world, rate @ R_wind_world)
 
     @cached_property
     def _followed(self) -> CubicSpline:
@@ -228,5 +228,5 @@ class _Shaken:
         heading = np.arctan2(air[:, 0], air[:, 1]) if self.wind_mps.any() else course
         east, north, up = self._followed(np.clip(time_s, 0.0, self.gusts.time_s[-1])).T / self.airspeed_mps
         right = east * np.cos(heading) - north * np.sin(heading)
-        # Air that moves to the right comes from the left: the nose turns there, and the left wing is lifted.
+        # Air moving right comes from the left: the nose turns left, and the left wing rises.
         return np.column_stack([roll + right, pitch - up, heading - right])

@@ -24,10 +24,9 @@ first-order Gauss-Markov error, since a filter's output drifts and does not jump
   every axis; that the heading error of two antennas is inverse to their distance; that "survey" measures velocity no
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm per km, is left out.
 
-With `navigation = "from_log"` the errors are as large as the log of a flight states. The flight that was logged is
-taken as the true one: what a log says of its own errors gives their size, and a first-order Gauss-Markov process of
-unit variance, drawn from the seed, gives what they were in this flight. Logs do not state correlation times; those of
-`NavigationTable` are assumed.
+With `navigation = "from_log"` the log of a flight sets the size of the errors. The logged flight is taken as the true
+one: its stated standard deviations scale a first-order Gauss-Markov process of unit variance, drawn from the seed.
+Logs do not state correlation times; those of `NavigationTable` are assumed.
 """
 
 from collections.abc import Callable
@@ -52,7 +51,7 @@ from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable
 from sionna_radar.scenario.problems import translate
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-# Uniform numbers in [0, 1) include zero, for which the normal number would be infinite.
+# Uniform numbers in [0, 1) include zero, whose normal quantile is infinite.
 MIN_UNIFORM = 2.0**-54
 
 
@@ -94,11 +93,11 @@ class GaussMarkov:
 
     def at(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Return the processes at some times."""
-        place = np.clip((time_s - self.start_s) / self.step_s, 0, self.count - 1)
-        low = np.minimum(place.astype(np.int64), max(self.count - 2, 0))
-        share = (place - low)[:, None]
-        high = np.minimum(low + 1, self.count - 1)
-        return (1 - share) * self.values[low] + share * self.values[high]
+        grid_position = np.clip((time_s - self.start_s) / self.step_s, 0, self.count - 1)
+        lower = np.minimum(grid_position.astype(np.int64), max(self.count - 2, 0))
+        weight = (grid_position - lower)[:, None]
+        upper = np.minimum(lower + 1, self.count - 1)
+        return (1 - weight) * self.values[lower] + weight * self.values[upper]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,18 +131,18 @@ class InertialErrors:
         R_body_antenna: Float[np.ndarray, "pulse 3 3"],
     ) -> Pose:
         """Return the pose of the antenna as reported by the INS; see `Navigation`."""
-        true = body_motion(trajectory, time_s - self.time_offset_s)
-        position, velocity, attitude = self.errors(index, time_s)
+        true_motion = body_motion(trajectory, time_s - self.time_offset_s)
+        position_error, velocity_error, attitude_error = self.errors(index, time_s)
         motion = replace(
-            true,
-            position_m=true.position_m + position,
-            velocity_mps=true.velocity_mps + velocity,
-            euler_rad=true.euler_rad + attitude,
+            true_motion,
+            position_m=true_motion.position_m + position_error,
+            velocity_mps=true_motion.velocity_mps + velocity_error,
+            euler_rad=true_motion.euler_rad + attitude_error,
         )
-        place, speed = antenna_place(motion, self.lever_arm_m)
+        position, velocity_mps = antenna_place(motion, self.lever_arm_m)
         R_misaligned = Rotation.from_rotvec(self.boresight_rad).as_matrix()
         R_world_antenna = world_from_body(motion.euler_rad) @ R_misaligned @ R_body_antenna
-        return Pose(position_m=place, velocity_mps=speed, R_world_antenna=R_world_antenna)
+        return Pose(position_m=position, velocity_mps=velocity_mps, R_world_antenna=R_world_antenna)
 
     def errors(
         self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]
@@ -155,10 +154,10 @@ class InertialErrors:
             uniform = pulse_uniforms(self.seed, Stream.NAVIGATION, index, 9)
             normal = ndtri(np.maximum(uniform, MIN_UNIFORM)).reshape(-1, 3, 3)
         sums = []
-        for number, p in enumerate(parts):
-            error = np.array(p.constant) + np.array(p.white) * normal[:, number]
+        for channel, p in enumerate(parts):
+            error = np.array(p.constant) + np.array(p.white) * normal[:, channel]
             if any(p.markov):
-                error = error + np.array(p.markov) * self._wander[number].at(time_s)
+                error = error + np.array(p.markov) * self._wander[channel].at(time_s)
             sums.append(error)
         return sums[0], sums[1], sums[2]
 
@@ -216,7 +215,7 @@ def inertial_errors(
         lever_arm_m=_vector(lever),
         boresight_rad=_radians(table.boresight_error_deg),
         seed=seed,
-        # The middles of the chirps, the times of the pulses.
+        # Pulse times are the middles of chirps.
         span_s=(start + 0.5 / chirp_rate_hz, end),
         step_s=1 / chirp_rate_hz,
     )
@@ -342,7 +341,7 @@ class LoggedErrors(InertialErrors):
 def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int) -> LoggedErrors:
     """Return the navigation system of a recorded flight.
 
-    Raises ScenarioError for a flight without a log, or with one that says nothing of its errors.
+    Raises ScenarioError for a flight without a log, or with one that states no errors.
     """
     if trajectory.logged_sigma is None:
         message = (

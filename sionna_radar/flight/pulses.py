@@ -47,7 +47,7 @@ class Pose(Columns):
 
 @runtime_checkable
 class Navigation(Protocol):
-    """A navigation system: processing knows the motion only from its report."""
+    """A navigation system: the only source of the motion in processing."""
 
     def measure(
         self,
@@ -257,20 +257,20 @@ class PulseSchedule(PulseSequence):
         euler = self.trajectory.euler(time_s)
         R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
         position, velocity = antenna_place(body_motion(self.trajectory, time_s), self.lever_arm_m)
-        true = Pose(
+        true_pose = Pose(
             position_m=position, velocity_mps=velocity, R_world_antenna=R_world_mount @ pointing.R_mount_antenna
         )
-        measured = true
+        measured_pose = true_pose
         if self.navigation is not None:
             R_world_body = world_from_body(euler) if self.scan.stabilised else R_world_mount
-            R_body_antenna = R_world_body.transpose(0, 2, 1) @ true.R_world_antenna
-            measured = self.navigation.measure(index, time_s, self.trajectory, R_body_antenna)
+            R_body_antenna = R_world_body.transpose(0, 2, 1) @ true_pose.R_world_antenna
+            measured_pose = self.navigation.measure(index, time_s, self.trajectory, R_body_antenna)
         return Pulses(
             index=index,
             time_s=time_s,
             scan_rad=pointing.scan_rad,
-            true=true,
-            measured=measured,
+            true=true_pose,
+            measured=measured_pose,
             scan_number=pointing.scan_number,
             beam=pointing.beam,
         )
@@ -278,15 +278,15 @@ class PulseSchedule(PulseSequence):
     @property
     def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
         """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
-        parts = [self.scan.point(part).scan_number for part in np.array_split(self.time_s, 1 + len(self) // 65_536)]
-        known = [part for part in parts if part is not None]
-        return np.concatenate(known) if known else None
+        chunks = [self.scan.point(chunk).scan_number for chunk in np.array_split(self.time_s, 1 + len(self) // 65_536)]
+        scan_numbers = [chunk for chunk in chunks if chunk is not None]
+        return np.concatenate(scan_numbers) if scan_numbers else None
 
 
 def _ends_of_lines(
     index: Int[np.ndarray, " pulse"], scan_number: Int[np.ndarray, " pulse"] | None
 ) -> Bool[np.ndarray, " step"]:
-    """Return after which pulses (except the last) a scan line ends."""
+    """Return the mask of pulses (except the last) that end a scan line."""
     ends: Bool[np.ndarray, " step"] = np.diff(index // LONGEST_LINE) != 0
     return ends if scan_number is None else ends | (np.diff(scan_number) != 0)
 
@@ -302,8 +302,8 @@ def schedule_pulses(
 ) -> PulseSchedule:
     """Return the pulses of the cruise at the chirp rate, without those outside the scan sector.
 
-    A trajectory may say that the radar transmits in parts of the cruise only. `stagger` is how much longer than a chirp
-    the radar waits after every second one, over its duration.
+    A trajectory may restrict transmission to parts of the cruise. `stagger` is the extra pause after every second
+    chirp, relative to a chirp's duration.
     """
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
@@ -312,7 +312,7 @@ def schedule_pulses(
         time_s = time_s + np.arange(count) // 2 * (stagger / chirp_rate_hz)
         time_s = time_s[time_s <= end - 0.5 / chirp_rate_hz]
         count = len(time_s)
-    # Block by block: the pointing of all chirps together would take far more memory than their times.
+    # In blocks: the pointing of all chirps would take far more memory than their times.
     active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
     if trajectory.transmits_s is not None and active:
         edges = np.array(trajectory.transmits_s).ravel()
@@ -326,7 +326,7 @@ def schedule_pulses(
     )
 
 
-# Chirps farther apart than so many periods have a pause of the scan between them.
+# Interval between chirps, in periods, above which the scan has paused.
 PAUSE_PERIODS = 1.5
 
 
@@ -334,7 +334,7 @@ PAUSE_PERIODS = 1.5
 class Bursts:
     """The chirps of the pulses of a schedule.
 
-    schedule: of the pulses. chirps: of each. period_s: from one chirp to the next.
+    schedule: of the pulses. chirps: number per pulse. period_s: chirp repetition interval.
     """
 
     schedule: PulseSchedule
@@ -347,18 +347,18 @@ class Bursts:
         return (np.arange(self.chirps) - (self.chirps - 1) / 2) * self.period_s
 
     def chirps_of(self, pulses: Pulses) -> Pulses:
-        """Return the chirps of pulses, each with an index of its own: the key of its random numbers.
+        """Return the chirps of pulses, each with a unique index: the key of its random numbers.
 
-        What is measured of the motion is measured once in a burst.
+        The motion is measured once per burst.
         """
         index = (pulses.index[:, None] * self.chirps + np.arange(self.chirps)).ravel()
         time_s = (pulses.time_s[:, None] + self.offset_s).ravel()
-        own = self.schedule.at(index, time_s)
-        return replace(own, measured=pulses.measured.rows(np.repeat(np.arange(len(pulses)), self.chirps)))
+        chirps = self.schedule.at(index, time_s)
+        return replace(chirps, measured=pulses.measured.rows(np.repeat(np.arange(len(pulses)), self.chirps)))
 
 
 def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | None:
-    """Return the bursts of a schedule's chirps: consecutive ones of one scan; those left over are not sent.
+    """Group a schedule's chirps into bursts of consecutive chirps of one scan; incomplete bursts are not sent.
 
     None for bursts of a single chirp.
 
@@ -367,9 +367,9 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
     schedule:
         Of single chirps.
     chirps:
-        Of each burst.
+        Number per burst.
     rate_hz:
-        Chirps a second.
+        Chirp rate.
 
     """
     if chirps == 1:
@@ -377,12 +377,12 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
     time_s, scan_number = schedule.time_s, schedule.scan_numbers
     if len(time_s) == 0:
         return Bursts(schedule=schedule, chirps=chirps, period_s=1 / rate_hz)
-    parted = np.diff(time_s) > PAUSE_PERIODS / rate_hz
+    breaks = np.diff(time_s) > PAUSE_PERIODS / rate_hz
     if scan_number is not None:
-        parted |= np.diff(scan_number) != 0
-    first = np.concatenate([[0], np.flatnonzero(parted) + 1])
-    length = np.diff(np.append(first, len(time_s)))
-    place = np.arange(len(time_s)) - np.repeat(first, length)
-    used = place < np.repeat(length - length % chirps, length)
-    middle_s = time_s[used].reshape(-1, chirps).mean(axis=1)
+        breaks |= np.diff(scan_number) != 0
+    run_starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    run_length = np.diff(np.append(run_starts, len(time_s)))
+    index_in_run = np.arange(len(time_s)) - np.repeat(run_starts, run_length)
+    complete = index_in_run < np.repeat(run_length - run_length % chirps, run_length)
+    middle_s = time_s[complete].reshape(-1, chirps).mean(axis=1)
     return Bursts(schedule=replace(schedule, time_s=middle_s), chirps=chirps, period_s=1 / rate_hz)

@@ -1,10 +1,10 @@
-"""A recorded flight: a part of a log, known at any time by splines, put over the ground of a scenario.
+"""A recorded flight: a part of a log, interpolated by splines and placed over the ground of a scenario.
 
 The splines pass through positions and attitudes. Positions with velocities: cubic Hermite splines, which pass through
-both. Without velocities: modified Akima splines, whose velocity is continuous and which a single bad fix disturbs only
-beside it; a spline with a continuous acceleration would ring through the whole log, and a monotone one flattens every
-turn. Attitudes: rotation splines (continuous angular acceleration); over gaps long against their rate the shortest
-rotation at a steady rate, since a rotation spline may overshoot there.
+both. Without velocities: modified Akima splines, whose velocity is continuous and whose response to a single bad fix is
+local; a spline with a continuous acceleration would ring through the whole log, and a monotone one flattens every
+turn. Attitudes: rotation splines (continuous angular acceleration); across gaps long against their rate, the shortest
+rotation at a constant rate, since a rotation spline may overshoot there.
 """
 
 import warnings
@@ -29,14 +29,14 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.platform import Platform
 
-# A step this many times as long as the usual one, and longer than this, is a gap in the attitudes.
+# A gap in the attitudes: least ratio to the median step, and least length.
 GAP_RATIO, MIN_GAP_S = 5.0, 0.5
-# Slower, a vehicle's course says nothing of its heading.
+# Below this ground speed the course does not determine the heading.
 MIN_COURSE_MPS = 1.0
 
 
 def position_spline(positions: Positions, start_s: float) -> PPoly:
-    """Return positions against the time since a start."""
+    """Return a spline of the positions against the time since a start."""
     time_s = positions.time_s - start_s
     if positions.velocity_mps is not None:
         return CubicHermiteSpline(time_s, positions.place, positions.velocity_mps)
@@ -45,7 +45,7 @@ def position_spline(positions: Positions, start_s: float) -> PPoly:
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeSpline:
-    """Attitudes against time; before the first and after the last they stay as they are."""
+    """Attitudes against time, held constant before the first and after the last."""
 
     starts_s: Float[np.ndarray, " part"]
     parts: tuple[Callable[[Float[np.ndarray, " n"]], Rotation], ...]
@@ -54,76 +54,78 @@ class AttitudeSpline:
     def euler(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Return roll, pitch and heading."""
         time_s = np.clip(time_s, *self.span_s)
-        part = np.maximum(np.searchsorted(self.starts_s, time_s, side="right") - 1, 0)
+        piece_index = np.maximum(np.searchsorted(self.starts_s, time_s, side="right") - 1, 0)
         angles = np.empty((len(time_s), 3))
         with warnings.catch_warnings():
-            # Nose straight up: heading and roll are one turn, and any share of it is right.
+            # Gimbal lock (nose straight up): any split between heading and roll is valid.
             warnings.filterwarnings("ignore", message="Gimbal lock")
-            for number in np.unique(part):
-                rows = part == number
-                angles[rows] = self.parts[number](time_s[rows]).as_euler("ZYX")[:, ::-1]
+            for piece in np.unique(piece_index):
+                rows = piece_index == piece
+                angles[rows] = self.parts[piece](time_s[rows]).as_euler("ZYX")[:, ::-1]
         return angles
 
 
 def attitude_spline(attitudes: Attitudes, start_s: float) -> AttitudeSpline:
-    """Return attitudes against the time since a start."""
+    """Return a spline of the attitudes against the time since a start."""
     time_s = attitudes.time_s - start_s
-    turned = Rotation.from_quat(attitudes.quaternion)
+    rotations = Rotation.from_quat(attitudes.quaternion)
     step = np.diff(time_s)
     gap = (step > MIN_GAP_S) & (step > GAP_RATIO * np.median(step))
     edges = np.unique(np.concatenate([[0], np.flatnonzero(gap), np.flatnonzero(gap) + 1, [len(time_s) - 1]]))
-    parts: list[Callable[[Float[np.ndarray, " n"]], Rotation]] = []
-    for first, last in pairwise(edges.tolist()):
-        build = Slerp if last == first + 1 else RotationSpline
-        parts.append(build(time_s[first : last + 1], turned[first : last + 1]))
-    return AttitudeSpline(starts_s=time_s[edges[:-1]], parts=tuple(parts), span_s=(float(time_s[0]), float(time_s[-1])))
+    pieces: list[Callable[[Float[np.ndarray, " n"]], Rotation]] = []
+    for start, stop in pairwise(edges.tolist()):
+        build = Slerp if stop == start + 1 else RotationSpline
+        pieces.append(build(time_s[start : stop + 1], rotations[start : stop + 1]))
+    return AttitudeSpline(
+        starts_s=time_s[edges[:-1]], parts=tuple(pieces), span_s=(float(time_s[0]), float(time_s[-1]))
+    )
 
 
 def course_attitudes(positions: Positions) -> Attitudes:
-    """Return level attitudes with the heading of the motion; a vehicle that hardly moves keeps its last one."""
+    """Return level attitudes with the heading of the motion; a slow vehicle keeps its last heading."""
     velocity = position_spline(positions, 0.0)(positions.time_s, 1)
     course = np.arctan2(velocity[:, 0], velocity[:, 1])
     moving = np.hypot(velocity[:, 0], velocity[:, 1]) > MIN_COURSE_MPS
     moving = moving if moving.any() else np.ones(len(course), dtype=bool)
-    held = np.maximum.accumulate(np.where(moving, np.arange(len(course)), int(np.argmax(moving))))
+    last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(course)), int(np.argmax(moving))))
     return Attitudes(
         source="course of the positions",
         time_s=positions.time_s,
-        quaternion=Rotation.from_euler("z", course[held][:, None]).as_quat(),
+        quaternion=Rotation.from_euler("z", course[last_moving][:, None]).as_quat(),
     )
 
 
 def sigma_at(
     spreads: Spreads, start_s: float
 ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3 3"]] | None:
-    """Return standard deviations against the time since a start; None where nothing is known."""
+    """Return standard deviations against the time since a start; None without any valid ones."""
     columns = np.column_stack([spreads.position_m, spreads.velocity_mps, spreads.attitude_rad])
-    known = np.isfinite(columns) & (columns >= 0)
-    if not known.any():
+    valid = np.isfinite(columns) & (columns >= 0)
+    if not valid.any():
         return None
     time_s = spreads.time_s - start_s
 
     def sigma(at_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-        found = np.full((len(at_s), 9), np.nan)
-        for axis in np.flatnonzero(known.any(axis=0)):
-            rows = known[:, axis]
-            found[:, axis] = np.interp(at_s, time_s[rows], columns[rows, axis])
-        return found.reshape(-1, 3, 3)
+        sigmas = np.full((len(at_s), 9), np.nan)
+        for axis in np.flatnonzero(valid.any(axis=0)):
+            rows = valid[:, axis]
+            sigmas[:, axis] = np.interp(at_s, time_s[rows], columns[rows, axis])
+        return sigmas.reshape(-1, 3, 3)
 
     return sigma
 
 
 KEY = "platform.log"
-# Heights and speeds are looked at this often at most.
+# Largest number of samples for heights and speeds.
 MAX_LOOKS = 5000
-# Gaps between echoes are widest where the flight is fast.
+# Quantile of the ground speed: echoes are sparsest where the flight is fast.
 FAST_SHARE = 0.95
 FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedRoute:
-    """A part of a log in the metres of a scenario, before it is put over its ground; a `Route`.
+    """A part of a log in the metres of a scenario, before it is placed over its ground; a `Route`.
 
     clean: the part; its times count from the log's first position, and its heights are those of the log.
     takeoff_m: the log's first position, in the same metres.
@@ -146,7 +148,7 @@ class RecordedRoute:
 
     @property
     def duration_s(self) -> float:
-        """How long it is flown."""
+        """Duration."""
         start, stop = self._span_s
         return stop - start
 
@@ -160,21 +162,21 @@ class RecordedRoute:
 
     @cached_property
     def speed_mps(self) -> float:
-        """Ground speed that the flight exceeds in a twentieth of its time."""
+        """Ground speed exceeded during 5 % of the flight."""
         velocity = self._path(self._looks_s, 1)
         return max(float(np.quantile(np.hypot(velocity[:, 0], velocity[:, 1]), FAST_SHARE)), 1e-3)
 
     @cached_property
     def length_m(self) -> float:
-        """Length of the way over the ground."""
+        """Length of the ground track."""
         return float(np.linalg.norm(np.diff(self._path(self._looks_s)[:, :2], axis=0), axis=1).sum())
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
         """Return the extent within a reach of it: west, south, east, north."""
-        place = self._path(self._looks_s)[:, :2]
-        if self.height == "above_takeoff":  # the ground there is asked for
-            place = np.vstack([place, self.takeoff_m[:2]])
-        (west, south), (east, north) = place.min(axis=0) - reach_m, place.max(axis=0) + reach_m
+        position = self._path(self._looks_s)[:, :2]
+        if self.height == "above_takeoff":  # its ground height is needed
+            position = np.vstack([position, self.takeoff_m[:2]])
+        (west, south), (east, north) = position.min(axis=0) - reach_m, position.max(axis=0) + reach_m
         return float(west), float(south), float(east), float(north)
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
@@ -182,73 +184,73 @@ class RecordedRoute:
 
         Raises ScenarioError, with the time in the log, where it leaves the ground or flies under it.
         """
-        del seed  # nothing of a log is drawn
+        del seed  # a log has no random part
         start_s, _ = self._span_s
-        place = self._path(self._looks_s)
-        ground = ground_m(place[:, :2])
+        position = self._path(self._looks_s)
+        ground = ground_m(position[:, :2])
         if np.isnan(ground).any():
-            first = int(np.argmax(np.isnan(ground)))
-            x, y, _ = place[first]
+            gap = int(np.argmax(np.isnan(ground)))
+            x, y, _ = position[gap]
             message = (
-                f"has no ground under it {start_s + self._looks_s[first]:.1f} s into the log, at ({x:.1f}, {y:.1f}) m; "
+                f"has no ground under it {start_s + self._looks_s[gap]:.1f} s into the log, at ({x:.1f}, {y:.1f}) m; "
                 "choose a part with log_start_s and log_stop_s, move it with log_shift = 'to_terrain' or by metres, or "
                 "enlarge the terrain"
             )
             raise ScenarioError([Problem(KEY, message)])
-        raised_m, how = self._raised(ground_m, place, ground, origin_height_m)
-        clearance = place[:, 2] + raised_m - ground
+        offset_m, heights = self._raised(ground_m, position, ground, origin_height_m)
+        clearance = position[:, 2] + offset_m - ground
         if clearance.min() <= 0:
             lowest = int(np.argmin(clearance))
             message = (
                 f"is {-clearance[lowest]:.1f} m under the ground {start_s + self._looks_s[lowest]:.1f} s into the log "
-                f"({how}); check the datum of its heights: set log_height, or raise it with log_shift; take-off and "
-                "landing are left out with log_start_s and log_stop_s"
+                f"({heights}); check the datum of its heights: set log_height, or raise it with log_shift; take-off "
+                "and landing are left out with log_start_s and log_stop_s"
             )
             raise ScenarioError([Problem(KEY, message)])
         altitude_m = float(np.median(clearance))
         return Flight(
-            trajectory=self._trajectory(raised_m),
+            trajectory=self._trajectory(offset_m),
             altitude_m=altitude_m,
             speed_mps=self.speed_mps,
-            record=self._record(altitude_m, clearance, how),
-            warnings=self._warnings(how),
+            record=self._record(altitude_m, clearance, heights),
+            warnings=self._warnings(heights),
         )
 
     def _raised(
         self,
         ground_m: Heights,
-        place: Float[np.ndarray, "n 3"],
+        position: Float[np.ndarray, "n 3"],
         ground: Float[np.ndarray, " n"],
         origin_height_m: float,
     ) -> tuple[float, str]:
         """Return the offset added to the log's heights, m, and a description of their assumed reference."""
         shift = self.platform.log_shift
-        own_m = 0.0 if isinstance(shift, str) else shift[2]
+        vertical_shift_m = 0.0 if isinstance(shift, str) else shift[2]
         if isinstance(self.height, float):
-            return float(ground[0] - place[0, 2]) + self.height, f"its first place {self.height:g} m up"
+            return float(ground[0] - position[0, 2]) + self.height, f"its first place {self.height:g} m up"
         if self.height == "datum":
             # Metres of a log without a map are the scenario's own.
             return (
-                own_m - origin_height_m * self.log.on_map,
+                vertical_shift_m - origin_height_m * self.log.on_map,
                 "its heights taken as in the vertical datum of the terrain",
             )
-        below = float(ground_m(np.array([self.takeoff_m[:2]]))[0])
-        if np.isnan(below):
+        takeoff_ground_m = float(ground_m(np.array([self.takeoff_m[:2]]))[0])
+        if np.isnan(takeoff_ground_m):
             message = (
                 "'above_takeoff' needs ground under the first position of the log, which is at "
                 f"({self.takeoff_m[0]:.1f}, {self.takeoff_m[1]:.1f}) m; give the height in metres of the first place "
                 "that is flown, or enlarge the terrain"
             )
             raise ScenarioError([Problem("platform.log_height", message)])
-        return below - self.takeoff_m[2] + own_m, "its first position taken as on the ground"
+        return takeoff_ground_m - self.takeoff_m[2] + vertical_shift_m, "its first position taken as on the ground"
 
-    def _trajectory(self, raised_m: float) -> Trajectory:
+    def _trajectory(self, offset_m: float) -> Trajectory:
         start_s, _ = self._span_s
-        path, turned = self._path, attitude_spline(self.attitudes, start_s)
-        up = np.array([0.0, 0.0, raised_m])
+        path, attitudes = self._path, attitude_spline(self.attitudes, start_s)
+        offset = np.array([0.0, 0.0, offset_m])
 
         def position(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-            return path(time_s) + up
+            return path(time_s) + offset
 
         def velocity(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
             return path(time_s, 1)
@@ -256,38 +258,38 @@ class RecordedRoute:
         return Trajectory(
             position=position,
             velocity=velocity,
-            euler=turned.euler,
+            euler=attitudes.euler,
             phases=((Phase.CRUISE, 0.0, self.duration_s),),
             logged_sigma=None if self.clean.spreads is None else sigma_at(self.clean.spreads, start_s),
         )
 
-    def _warnings(self, how: str) -> tuple[str, ...]:
-        found = []
+    def _warnings(self, heights: str) -> tuple[str, ...]:
+        messages = []
         if self.height == "datum" and self.log.on_map:
-            found.append(
-                f"{KEY}: {how}, without a change of datum (they count from {_from(self.log)}); set log_height or "
+            messages.append(
+                f"{KEY}: {heights}, without a change of datum (they count from {_from(self.log)}); set log_height or "
                 "log_shift if the summary's heights above ground are not those flown"
             )
         if self.log.attitudes is None:
-            found.append(f"{KEY}: it has no attitude; the aircraft is level, and heads where it moves")
-        return tuple(found)
+            messages.append(f"{KEY}: it has no attitude; the aircraft is level, and heads where it moves")
+        return tuple(messages)
 
-    def _record(self, altitude_m: float, clearance: Float[np.ndarray, " n"], how: str) -> dict[str, Any]:
+    def _record(self, altitude_m: float, clearance: Float[np.ndarray, " n"], heights: str) -> dict[str, Any]:
         start_s, stop_s = self._span_s
         velocity = self._path(self._looks_s, 1)
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
-        derived = self.log.positions.velocity_mps is None
+        from_positions = self.log.positions.velocity_mps is None
         return {
             "path": str(self.platform.log),
             "format": self.log.kind,
             "start_s": start_s,
             "stop_s": stop_s,
             "positions": self.log.positions.source,
-            "velocities": "of the positions' spline" if derived else self.log.positions.source,
+            "velocities": "of the positions' spline" if from_positions else self.log.positions.source,
             "attitudes": self.attitudes.source,
             "errors": None if self.clean.spreads is None else self.clean.spreads.source,
             "sources": [{"name": s.name, "rows": s.rows, "rate_hz": s.rate_hz} for s in self.log.sources],
-            "heights": how,
+            "heights": heights,
             "height_above_ground_m": {
                 "least": float(clearance.min()), "median": altitude_m, "greatest": float(clearance.max())
             },
@@ -315,9 +317,9 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
     Raises
     ------
     InputFileError
-        The log cannot be read, or the part of it cannot be flown: with the time, and what to do.
+        The log cannot be read, or its part is unusable: with the time, and a remedy.
     ScenarioError
-        It is on the map and the terrain is not, or the part begins behind its end.
+        It is on the map and the terrain is not, or the part begins after its end.
 
     """
     assert platform.log is not None
@@ -334,17 +336,17 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
     moved = platform.log_shift == "to_terrain"
     metric = _placed(log, None if moved else frame, platform)
     stop_s = np.inf if platform.log_stop_s is None else platform.log_stop_s
-    part = clean(metric, platform.log_start_s, stop_s, platform.log_gap_s)
-    _refuse(part.findings, platform)
-    attitudes = part.attitudes or course_attitudes(part.positions)
+    log_part = clean(metric, platform.log_start_s, stop_s, platform.log_gap_s)
+    _refuse(log_part.findings, platform)
+    attitudes = log_part.attitudes or course_attitudes(log_part.positions)
     finite = np.isfinite(metric.positions.place).all(axis=1)
     takeoff = metric.positions.place[int(np.argmax(finite))]
-    shift = _shift(platform, part.positions)
+    shift = _shift(platform, log_part.positions)
     height = platform.log_height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
     route = RecordedRoute(
         platform=platform,
         log=log,
-        clean=replace(part, positions=replace(part.positions, place=part.positions.place + shift)),
+        clean=replace(log_part, positions=replace(log_part.positions, place=log_part.positions.place + shift)),
         attitudes=attitudes,
         takeoff_m=(float(takeoff[0] + shift[0]), float(takeoff[1] + shift[1]), float(takeoff[2])),
         height=height,
@@ -365,34 +367,34 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
 def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, platform: Platform) -> MetricLog:
     if not log.on_map or frame is None:
         return in_metres(log)
-    place = frame()
-    if place is None:
+    map_frame = frame()
+    if map_frame is None:
         message = (
             "has longitude and latitude, and the terrain is on no map; set log_shift = 'to_terrain', or "
             "terrain.centre_lonlat_deg"
         )
         raise ScenarioError([Problem(KEY, message)])
     try:
-        return in_metres(log, place)
+        return in_metres(log, map_frame)
     except ProjError as error:
         message = (
-            f"{KEY} {shown(platform.log)} cannot be put into {place.crs.name!r} ({error}); check the terrain's CRS"
+            f"{KEY} {shown(platform.log)} cannot be put into {map_frame.crs.name!r} ({error}); check the terrain's CRS"
         )
         raise InputFileError(message) from error
 
 
 def _refuse(findings: tuple[Finding, ...], platform: Platform) -> None:
     if findings:
-        more = f" (and {len(findings) - 1:,} more)" if len(findings) > 1 else ""
-        message = f"{KEY} {shown(platform.log)}: at {findings[0].time_s:.2f} s: {findings[0].message}{more}"
+        count_note = f" (and {len(findings) - 1:,} more)" if len(findings) > 1 else ""
+        message = f"{KEY} {shown(platform.log)}: at {findings[0].time_s:.2f} s: {findings[0].message}{count_note}"
         raise InputFileError(message)
 
 
 def _shift(platform: Platform, positions: Positions) -> Float[np.ndarray, " 3"]:
     """Return the horizontal shift of the flight, m; the vertical shift follows once the ground is known."""
     if platform.log_shift == "to_terrain":
-        low, high = positions.place.min(axis=0), positions.place.max(axis=0)
-        return np.array([*(-(low + high)[:2] / 2), 0.0])
+        lower, upper = positions.place.min(axis=0), positions.place.max(axis=0)
+        return np.array([*(-(lower + upper)[:2] / 2), 0.0])
     if isinstance(platform.log_shift, str):
         return np.zeros(3)
     return np.array([*platform.log_shift[:2], 0.0])

@@ -1,7 +1,7 @@
 """The route of a survey, planned or recorded: the track over its lines, and the flight once its ground is known.
 
-A route is what is known of a flight before the ground is. Several lines over one area are flown to and fro, with the
-ways between them.
+A route is a flight before the ground under it is known. Several lines over one area are flown to and fro, with
+transits between them.
 """
 
 from collections.abc import Callable
@@ -31,18 +31,18 @@ def lines_track(table: LinesTable, heading_rad: float, radius_m: float | None, l
     heading_rad:
         Of the first one.
     radius_m:
-        Of the turns between them, outside of the lines; None for straight ways with instantaneous turns.
+        Of the turns between lines; None for straight transits with instantaneous turns.
     lead_m:
         Straight flight before and after each line, in which the aircraft rolls level.
 
     """
     lines = _lines(table, heading_rad)
     if table.crossing:
-        # A quarter to the right of the last line, or to the left: whichever set begins nearer.
-        last = lines[-1][1]
+        # Crossing lines at +90 or -90 degrees: the set that begins nearest to the last line's end.
+        last_end = lines[-1][1]
         turns = (np.pi / 2, -np.pi / 2)
         sets = [_lines(table, heading_rad + turn, mirrored=mirrored) for turn in turns for mirrored in (False, True)]
-        ways_m = [np.hypot(first[0][0] - last[0], first[0][1] - last[1]) for first, *_ in sets]
+        ways_m = [np.hypot(first_line[0][0] - last_end[0], first_line[0][1] - last_end[1]) for first_line, *_ in sets]
         lines += sets[int(np.argmin(ways_m))]
     segments: list[TurnSegment] = []
     for start, end in lines:
@@ -58,19 +58,19 @@ def _lines(table: LinesTable, heading_rad: float, *, mirrored: bool = False) -> 
     centre = np.array(table.centre_m or (0.0, 0.0))
     forward = np.array([np.sin(heading_rad), np.cos(heading_rad)])
     right = np.array([forward[1], -forward[0]]) * (-1 if mirrored else 1)
-    found = []
-    for number in range(table.count):
-        sign = 1 - 2 * (number % 2)
-        middle = centre + (number - (table.count - 1) / 2) * table.spacing_m * right
+    lines = []
+    for line in range(table.count):
+        sign = 1 - 2 * (line % 2)
+        middle = centre + (line - (table.count - 1) / 2) * table.spacing_m * right
         heading = heading_rad if sign > 0 else heading_rad + np.pi
-        ends = [middle + along * sign * table.length_m / 2 * forward for along in (-1, 1)]
-        places = [(float(end[0]), float(end[1]), float(heading)) for end in ends]
-        found.append((places[0], places[1]))
-    return found
+        ends = [middle + end_sign * sign * table.length_m / 2 * forward for end_sign in (-1, 1)]
+        poses = [(float(end[0]), float(end[1]), float(heading)) for end in ends]
+        lines.append((poses[0], poses[1]))
+    return lines
 
 
 def _between(start: Place, end: Place, radius_m: float | None, lead_m: float) -> list[TurnSegment]:
-    """Return the way from the end of a line to the start of the next."""
+    """Return the transit from the end of a line to the start of the next."""
     if radius_m is None:
         east, north = end[0] - start[0], end[1] - start[1]
         length = float(np.hypot(east, north))
@@ -78,13 +78,13 @@ def _between(start: Place, end: Place, radius_m: float | None, lead_m: float) ->
             return []
         heading = float(np.arctan2(east, north))
         return [TurnSegment(start_m=start[:2], heading_rad=heading, length_m=length, on_line=False)]
-    out = [TurnSegment(start_m=start[:2], heading_rad=start[2], length_m=lead_m, on_line=False)] if lead_m else []
-    left = out[-1].end if out else start
-    back = (end[0] - lead_m * np.sin(end[2]), end[1] - lead_m * np.cos(end[2]), end[2])
-    way = [*out, *shortest_way(left, (float(back[0]), float(back[1]), back[2]), radius_m)]
+    lead_out = [TurnSegment(start_m=start[:2], heading_rad=start[2], length_m=lead_m, on_line=False)] if lead_m else []
+    departure = lead_out[-1].end if lead_out else start
+    approach = (end[0] - lead_m * np.sin(end[2]), end[1] - lead_m * np.cos(end[2]), end[2])
+    segments = [*lead_out, *shortest_way(departure, (float(approach[0]), float(approach[1]), approach[2]), radius_m)]
     if lead_m:
-        way.append(TurnSegment(start_m=back[:2], heading_rad=end[2], length_m=lead_m, on_line=False))
-    return way
+        segments.append(TurnSegment(start_m=approach[:2], heading_rad=end[2], length_m=lead_m, on_line=False))
+    return segments
 
 
 PLACES_CHECKED = 200
@@ -94,10 +94,10 @@ WIND_MARGIN_M = 20.0
 
 @runtime_checkable
 class Route(Protocol):
-    """A flight as it is known before the ground under it is.
+    """A flight before the ground under it is known.
 
-    altitude_m: nominal height above ground; None where only the ground will tell.
-    speed_mps, duration_s, length_m: nominal speed over the ground, and how long the radar may transmit.
+    altitude_m: nominal height above ground; None if it depends on the ground.
+    speed_mps, duration_s, length_m: nominal ground speed, and the time and length in which the radar may transmit.
     """
 
     @property
@@ -127,7 +127,7 @@ class Route(Protocol):
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights.
 
-        seed: of what is random in it. origin_height_m: height on the map of the local frame's zero. Raises
+        seed: of its random part. origin_height_m: height on the map of the local frame's zero. Raises
         ScenarioError where the flight leaves the ground, or a log flies under it.
         """
         ...
@@ -157,7 +157,7 @@ class PlannedRoute:
 
     @property
     def duration_s(self) -> float:
-        """How long the cruise takes."""
+        """Duration of the cruise."""
         return self.track.length_m / self.speed_mps
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
@@ -179,18 +179,18 @@ class PlannedRoute:
             lines = self.platform.lines
             if lines is not None and not lines.transmit_in_turns:
                 start_s = trajectory.cruise_s()[0]
-                along = self.track.lines_m()
-                within = tuple((start_s + a / speed_mps, start_s + b / speed_mps) for a, b in along)
-                trajectory = replace(trajectory, transmits_s=within)
+                lines_m = self.track.lines_m()
+                intervals_s = tuple((start_s + a / speed_mps, start_s + b / speed_mps) for a, b in lines_m)
+                trajectory = replace(trajectory, transmits_s=intervals_s)
         if self.platform.wind is not None:
             trajectory = in_wind(trajectory, self.platform.wind, altitude_m, speed_mps, seed)
         return Flight(trajectory=trajectory, altitude_m=altitude_m, speed_mps=speed_mps)
 
     def _check(self, ground_m: Heights) -> None:
-        along = self.track.point(np.linspace(0.0, self.track.length_m, PLACES_CHECKED))
-        outside = np.isnan(ground_m(along))
-        if outside.any():
-            x, y = along[outside][0]
+        points = self.track.point(np.linspace(0.0, self.track.length_m, PLACES_CHECKED))
+        off_ground = np.isnan(ground_m(points))
+        if off_ground.any():
+            x, y = points[off_ground][0]
             key, remedy = "start_m", "move platform.start_m, shorten platform.length_m"
             if self.platform.lines is not None:
                 key, remedy = "lines", "move lines.centre_m, shorten lines.length_m, turn more tightly (bank_deg)"
@@ -208,7 +208,7 @@ def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Rout
     platform:
         The flight, in local metres.
     frame:
-        Returns the local frame on the map, if there is one; asked for only by logs that are on the map.
+        Returns the local frame on the map, if there is one; called only for logs on the map.
 
     Raises
     ------

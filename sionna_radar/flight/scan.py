@@ -1,4 +1,4 @@
-"""Antenna scans, and those by name: rotating, fixed, side-looking, and electronically steered."""
+"""Antenna scans and their registry: rotating, fixed, side-looking, and electronically steered."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,8 +25,7 @@ class Pointing:
     scan_rad: scan angle, zero in the middle of the sector.
     active: whether the radar transmits at that angle.
     scan_number: scan of the antenna, from 0; None for a continuous scan.
-    beam: which beam of an array, of those that the scan steers it to (`beam_azimuth_rad`); None for an antenna whose
-        pattern does not change.
+    beam: index of an array's steered beam (`beam_azimuth_rad`); None for a fixed pattern.
     """
 
     R_mount_antenna: Float[np.ndarray, "n 3 3"]
@@ -55,7 +54,7 @@ class Scan(Protocol):
         ...
 
     def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
-        """Return the largest distance between neighbouring beam centres on level ground: gaps to close in the DEM."""
+        """Return the largest distance between neighbouring beam centres on level ground: DEM gaps to fill."""
         ...
 
 
@@ -118,7 +117,7 @@ class RotatingScan:
         angle = self.start_rad + self.rotation_rad_s * time_s
         scan = np.mod(angle + np.pi, 2 * np.pi) - np.pi
         build = conical_from_antenna if self.mode == "conical" else whisk_broom_from_antenna
-        # A scan angle on the sector's edge must not fall outside by rounding.
+        # The tolerance keeps scan angles on the sector's edge inside despite rounding.
         active = np.abs(scan) <= self.half_swath_rad + 1e-9
         turn = np.floor((angle + np.pi) / (2 * np.pi)) - np.floor((self.start_rad + np.pi) / (2 * np.pi))
         return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
@@ -187,7 +186,7 @@ LOOKS = {"forward": 0.0, "left": -np.pi / 2, "right": np.pi / 2}
 
 @dataclass(frozen=True, kw_only=True)
 class ElectronicScan:
-    """A face that stands still in its mount, and beams from its left to its right, one after another.
+    """A face fixed in its mount, with beams stepped from its left to its right.
 
     The antenna of a pulse is that of its beam: x along it.
     """
@@ -207,8 +206,8 @@ class ElectronicScan:
     def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
         """Return the pointing at some times, with the beam of each."""
         scans = self.scans_per_s * time_s
-        number = np.floor(scans + 1e-9)
-        beam = np.minimum(((scans - number) * self.beams + 1e-6).astype(np.int64), self.beams - 1)
+        scan_number = np.floor(scans + 1e-9)
+        beam = np.minimum(((scans - scan_number) * self.beams + 1e-6).astype(np.int64), self.beams - 1)
         beam = np.maximum(beam, 0)
         face = conical_from_antenna(self.incidence_rad, np.array([LOOKS[self.look]]))[0]
         axes = np.stack([face @ steering(float(azimuth), 0.0) for azimuth in self.beam_azimuth_rad])
@@ -216,7 +215,7 @@ class ElectronicScan:
             axes[beam],
             -self.beam_azimuth_rad[beam],
             np.ones(len(time_s), dtype=bool),
-            number.astype(np.int64),
+            scan_number.astype(np.int64),
             beam=beam,
         )
 
@@ -224,10 +223,10 @@ class ElectronicScan:
         """Return the largest distance between neighbouring beam centres on level ground."""
         face = conical_from_antenna(self.incidence_rad, np.array([LOOKS[self.look]]))[0]
         directions = np.stack([(face @ steering(float(azimuth), 0.0))[:, 0] for azimuth in self.beam_azimuth_rad])
-        down = np.maximum(directions[:, 2], np.cos(np.deg2rad(85.0)))
-        place = height_m * directions[:, :2] / down[:, None]
-        across = float(np.linalg.norm(np.diff(place, axis=0), axis=1).max())
-        return max(speed_mps / self.scans_per_s, across)
+        cos_incidence = np.maximum(directions[:, 2], np.cos(np.deg2rad(85.0)))
+        ground_points = height_m * directions[:, :2] / cos_incidence[:, None]
+        beam_spacing_m = float(np.linalg.norm(np.diff(ground_points, axis=0), axis=1).max())
+        return max(speed_mps / self.scans_per_s, beam_spacing_m)
 
 
 @register_scan("electronic", ElectronicScanTable)

@@ -1,4 +1,4 @@
-"""Flights of straight legs with constant acceleration, known at any time, and the flight over its ground.
+"""Flights of straight legs with constant acceleration as functions of time, and the flight over its ground.
 
 The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous (arcs and banks are in
 `turns`), and so are the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and
@@ -35,7 +35,7 @@ class Trajectory:
     """A flight: position and velocity in the world frame and Euler angles (roll, pitch, heading).
 
     transmits_s: intervals in which the radar transmits; None for the whole cruise.
-    logged_sigma: standard deviations that a log states: position (m), velocity (m/s) and attitude (rad; roll, pitch,
+    logged_sigma: standard deviations stated by a log: position (m), velocity (m/s) and attitude (rad; roll, pitch,
     heading) by three axes each, NaN where unknown; None for a flight without them.
     """
 
@@ -60,7 +60,7 @@ class Trajectory:
 class Course(Protocol):
     """A horizontal track, by the distance along it.
 
-    waypoints_m: its first and its last point, and in between what its extent can be told from.
+    waypoints_m: its first and last point, and points in between that cover its extent.
     """
 
     @property
@@ -119,9 +119,9 @@ def plan_track(platform: Platform, centre_m: tuple[float, float] = (0.0, 0.0)) -
     if platform.waypoints_m:
         return Track(np.array(platform.waypoints_m, dtype=float))
     heading = np.deg2rad(platform.heading_deg)
-    along = platform.length_m * np.array([np.sin(heading), np.cos(heading)])
-    start = np.array(centre_m) - along / 2 if platform.start_m is None else np.array(platform.start_m)
-    return Track(np.array([start, start + along]))
+    track_vector = platform.length_m * np.array([np.sin(heading), np.cos(heading)])
+    start = np.array(centre_m) - track_vector / 2 if platform.start_m is None else np.array(platform.start_m)
+    return Track(np.array([start, start + track_vector]))
 
 
 def plan_trajectory(
@@ -136,7 +136,7 @@ def plan_trajectory(
     platform:
         Height, speed and profile.
     track:
-        Where to cruise.
+        Track of the cruise.
     ground_m:
         Ground height at horizontal positions [n, 2]; read under the start, or all along if the flight
         follows the terrain.
@@ -201,8 +201,8 @@ class _Legs:
         """Return positions in the world frame."""
         distance = self._along(time_s)
         height = self.cruise_height(distance)
-        for part, inside, since_s in self._vertical(time_s):
-            height[inside] = part.height(since_s)
+        for phase, in_phase, since_s in self._vertical(time_s):
+            height[in_phase] = phase.height(since_s)
         return np.column_stack([self.track.point(distance), height])
 
     def velocity(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -211,8 +211,8 @@ class _Legs:
         cruising = self._phase_of(time_s) == len(self.before)
         horizontal = self.track.direction(distance) * (self.speed_mps * cruising)[:, None]
         vertical = self.cruise_height.derivative()(distance) * self.speed_mps * cruising
-        for part, inside, since_s in self._vertical(time_s):
-            vertical[inside] = part.height.derivative()(since_s)
+        for phase, in_phase, since_s in self._vertical(time_s):
+            vertical[in_phase] = phase.height.derivative()(since_s)
         return np.column_stack([horizontal, vertical])
 
     def euler(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -234,11 +234,11 @@ class _Legs:
         self, time_s: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[_VerticalPhase, Bool[np.ndarray, " n"], Float[np.ndarray, " inside"]]]:
         """Yield each vertical phase, the times within it, and the same relative to its start."""
-        found = self._phase_of(time_s)
-        for index, part in enumerate((*self.before, None, *self.after)):
-            if part is not None:
-                inside = found == index
-                yield part, inside, time_s[inside] - self.phases[index][1]
+        phase_index = self._phase_of(time_s)
+        for index, phase in enumerate((*self.before, None, *self.after)):
+            if phase is not None:
+                in_phase = phase_index == index
+                yield phase, in_phase, time_s[in_phase] - self.phases[index][1]
 
 
 def _cruise_height(platform: Platform, track: Course, ground_m: Callable, start_ground: float) -> PPoly:
@@ -251,16 +251,16 @@ def _cruise_height(platform: Platform, track: Course, ground_m: Callable, start_
     # track the average narrows and stays centred: a one-sided one would be biased on a slope.
     step = platform.follow_length_m / 10
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
-    half = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
-    inside = distance[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 11)
-    ground = ground_m(track.point(inside.ravel())).reshape(inside.shape)
+    half_window = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
+    samples = distance[:, None] + half_window[:, None] * np.linspace(-1.0, 1.0, 11)
+    ground = ground_m(track.point(samples.ravel())).reshape(samples.shape)
     return CubicSpline(distance, ground.mean(axis=1) + altitude_m)
 
 
 def _vertical_phases(
     platform: Platform, ground: float, height: float, *, landing: bool = False
 ) -> list[_VerticalPhase]:
-    """Return take-off and climb: each from rest to rest with a trapezoidal vertical speed."""
+    """Return take-off and climb, each from rest to rest with a trapezoidal profile of vertical speed."""
     rate = platform.descent_rate_mps if landing else platform.climb_rate_mps
     names = (Phase.LANDING, Phase.DESCENT) if landing else (Phase.TAKE_OFF, Phase.CLIMB)
     low = ground + platform.takeoff_height_m
@@ -304,9 +304,9 @@ Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 class Flight:
     """A flight over its ground.
 
-    altitude_m, speed_mps: nominal height above ground and speed over it, which samplings and reference levels use.
-    record: what a log gave for it, in plain tables; None for a planned flight.
-    warnings: what a reader of its results must know.
+    altitude_m, speed_mps: nominal height above ground and ground speed, used for sampling and reference levels.
+    record: data of its log, in plain tables; None for a planned flight.
+    warnings: caveats about its results.
     """
 
     trajectory: Trajectory

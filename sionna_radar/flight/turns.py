@@ -25,7 +25,7 @@ MIN_TURN_RAD = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class TurnSegment:
-    """A straight leg or an arc: where it starts, its heading there (clockwise from north), curvature and length.
+    """A straight leg or an arc: start, heading there (clockwise from north), curvature and length.
 
     curvature_per_m: heading per metre; positive turns right. on_line: whether it is a line to be surveyed.
     """
@@ -45,9 +45,9 @@ class TurnSegment:
 
 def _along(distance_m: Float[np.ndarray, " n"], segment: TurnSegment) -> Float[np.ndarray, "n 2"]:
     """Return points of a segment: the integral of (sin, cos) of the heading."""
-    half = segment.curvature_per_m * distance_m / 2
-    chord = distance_m * np.sinc(half / np.pi)
-    heading = segment.heading_rad + half
+    half_turn = segment.curvature_per_m * distance_m / 2
+    chord = distance_m * np.sinc(half_turn / np.pi)
+    heading = segment.heading_rad + half_turn
     return np.array(segment.start_m) + chord[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
 
 
@@ -68,11 +68,11 @@ class CurvedTrack:
 
     @cached_property
     def waypoints_m(self) -> Float[np.ndarray, "k 2"]:
-        """Points all along, close enough to tell the extent from."""
-        inside = np.concatenate(
+        """Points along the track, dense enough to cover its extent."""
+        distance_m = np.concatenate(
             [np.linspace(a, b, 9) for a, b in zip(self._starts_m[:-1], self._starts_m[1:], strict=True)]
         )
-        return self.point(inside)
+        return self.point(distance_m)
 
     def _leg(self, distance_m: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         return np.minimum(np.searchsorted(self._starts_m[1:], distance_m, side="right"), len(self.segments) - 1)
@@ -89,10 +89,10 @@ class CurvedTrack:
     def direction(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """Return the unit vectors along the track."""
         leg = self._leg(distance_m)
-        curvature, first = (
+        curvature, start_heading = (
             np.array([getattr(segment, key) for segment in self.segments]) for key in ("curvature_per_m", "heading_rad")
         )
-        heading = first[leg] + curvature[leg] * (distance_m - self._starts_m[leg])
+        heading = start_heading[leg] + curvature[leg] * (distance_m - self._starts_m[leg])
         return np.column_stack([np.sin(heading), np.cos(heading)])
 
     def mean_curvature(self, distance_m: Float[np.ndarray, " n"], over_m: float) -> Float[np.ndarray, " n"]:
@@ -104,7 +104,7 @@ class CurvedTrack:
         return np.interp(distance_m, self._starts_m, np.concatenate([[0.0], np.cumsum(steps)]))
 
     def lines_m(self) -> tuple[tuple[float, float], ...]:
-        """Return from where to where the lines to be surveyed lie along the track."""
+        """Return the start and end of each survey line as distances along the track."""
         edges = zip(self._starts_m[:-1], self._starts_m[1:], self.segments, strict=True)
         return tuple((float(start), float(end)) for start, end, segment in edges if segment.on_line)
 
@@ -130,106 +130,106 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
         message = f"waypoint {corner} turns back, which no arc does; add a waypoint beside it"
         raise ScenarioError([Problem("platform.waypoints_m", message)])
     tangent = np.concatenate([[0.0], radius_m * np.tan(np.abs(turn) / 2), [0.0]])
-    left = length - tangent[:-1] - tangent[1:]
-    if np.any(left < 0):
-        leg = int(np.argmin(left))
-        fits = radius_m * length[leg] / (tangent[leg] + tangent[leg + 1])
+    straight = length - tangent[:-1] - tangent[1:]
+    if np.any(straight < 0):
+        leg = int(np.argmin(straight))
+        fit_m = radius_m * length[leg] / (tangent[leg] + tangent[leg + 1])
         message = (
             f"a radius of {radius_m:.3g} m needs {tangent[leg] + tangent[leg + 1]:.3g} m for the turns at the ends of "
-            f"leg {leg + 1}, which has {length[leg]:.3g}; give at most {0.99 * fits:.3g} m (bank more, or fly slower), "
-            "or move the waypoints"
+            f"leg {leg + 1}, which has {length[leg]:.3g}; give at most {0.99 * fit_m:.3g} m (bank more, or fly "
+            "slower), or move the waypoints"
         )
         raise ScenarioError([Problem("platform.turn_radius_m", message)])
     segments: list[TurnSegment] = []
-    at = (float(waypoints_m[0, 0]), float(waypoints_m[0, 1]))
+    corner_m = (float(waypoints_m[0, 0]), float(waypoints_m[0, 1]))
     for leg in range(len(length)):
-        segments.append(TurnSegment(start_m=at, heading_rad=float(heading[leg]), length_m=float(left[leg])))
-        at = segments[-1].end[:2]
+        segments.append(TurnSegment(start_m=corner_m, heading_rad=float(heading[leg]), length_m=float(straight[leg])))
+        corner_m = segments[-1].end[:2]
         if leg < len(turn) and abs(turn[leg]) > MIN_TURN_RAD:
             curvature = float(np.sign(turn[leg])) / radius_m
             segments.append(
                 TurnSegment(
-                    start_m=at,
+                    start_m=corner_m,
                     heading_rad=float(heading[leg]),
                     length_m=float(abs(turn[leg])) * radius_m,
                     curvature_per_m=curvature,
                 )
             )
-            at = segments[-1].end[:2]
+            corner_m = segments[-1].end[:2]
     return CurvedTrack(segments=tuple(segment for segment in segments if segment.length_m > 0))
 
 
 def shortest_way(
     start: tuple[float, float, float], end: tuple[float, float, float], radius_m: float
 ) -> Sequence[TurnSegment]:
-    """Return the shortest way between two places with headings (east, north, rad) whose turns have a radius.
+    """Return the shortest path of a given turn radius between two poses (east, north, heading in rad).
 
-    It has at most three parts, arcs and a straight one or three arcs (Dubins 1957). None of it is a line to survey.
+    It has at most three parts, arcs and a straight one or three arcs (Dubins 1957). None of it is a survey line.
     """
-    best: list[tuple[float, float]] | None = None
+    shortest: list[tuple[float, float]] | None = None
     for turns in ((1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1), (-1, 1, -1)):
         lengths = _dubins(start, end, radius_m, turns)
-        if lengths is not None and (best is None or sum(lengths) < sum(length for _, length in best)):
-            best = [(turn / radius_m, length) for turn, length in zip(turns, lengths, strict=True)]
-    assert best is not None  # two turns the same way always have a way
+        if lengths is not None and (shortest is None or sum(lengths) < sum(length for _, length in shortest)):
+            shortest = [(turn / radius_m, length) for turn, length in zip(turns, lengths, strict=True)]
+    assert shortest is not None  # two turns the same way always have a way
     segments: list[TurnSegment] = []
-    at = start
-    for curvature, length in best:
+    pose = start
+    for curvature, length in shortest:
         if length > 1e-9:
             segments.append(
                 TurnSegment(
-                    start_m=at[:2], heading_rad=at[2], length_m=length, curvature_per_m=curvature, on_line=False
+                    start_m=pose[:2], heading_rad=pose[2], length_m=length, curvature_per_m=curvature, on_line=False
                 )
             )
-            at = segments[-1].end
+            pose = segments[-1].end
     return segments
 
 
 def _dubins(
     start: tuple[float, float, float], end: tuple[float, float, float], radius_m: float, turns: tuple[int, int, int]
 ) -> tuple[float, float, float] | None:
-    """Return the lengths of three parts, which turn right (1), left (-1) or not (0); None if there is no such way."""
-    first, middle, last = turns
+    """Return the lengths of three parts that turn right (1), left (-1) or not (0); None if there is no such path."""
+    first_turn, middle_turn, last_turn = turns
     # Centres of the first and the last circle: to the right of the heading for a right turn.
     centres = [
-        np.array(place[:2]) + turn * radius_m * np.array([np.cos(place[2]), -np.sin(place[2])])
-        for place, turn in ((start, first), (end, last))
+        np.array(pose[:2]) + turn * radius_m * np.array([np.cos(pose[2]), -np.sin(pose[2])])
+        for pose, turn in ((start, first_turn), (end, last_turn))
     ]
     step = centres[1] - centres[0]
     distance, bearing = float(np.hypot(*step)), float(np.arctan2(step[0], step[1]))
-    if middle == 0:
-        if first == last:
+    if middle_turn == 0:
+        if first_turn == last_turn:
             heading, straight = bearing, distance
         elif distance < 2 * radius_m:
             return None
         else:
-            heading = bearing + first * float(np.arcsin(2 * radius_m / distance))
+            heading = bearing + first_turn * float(np.arcsin(2 * radius_m / distance))
             straight = float(np.sqrt(distance**2 - 4 * radius_m**2))
-        arcs = _turned(heading - start[2], first), _turned(end[2] - heading, last)
+        arcs = _turned(heading - start[2], first_turn), _turned(end[2] - heading, last_turn)
         return arcs[0] * radius_m, straight, arcs[1] * radius_m
     if distance > 4 * radius_m:
         return None
     # The middle circle touches both; its centre lies to one side of the line between theirs.
     lean = float(np.arccos(distance / (4 * radius_m)))
-    best = None
+    shortest = None
     for side in (1.0, -1.0):
-        out = bearing + side * lean  # from the first centre to the middle one
-        back = bearing - side * lean  # from the middle centre to the last
+        bearing_out = bearing + side * lean  # from the first centre to the middle one
+        bearing_back = bearing - side * lean  # from the middle centre to the last
         # Where two circles touch, the heading is at right angles to the line between their centres.
-        touch = out + first * np.pi / 2, back + middle * np.pi / 2
+        touch = bearing_out + first_turn * np.pi / 2, bearing_back + middle_turn * np.pi / 2
         arcs3 = (
-            _turned(touch[0] - start[2], first),
-            _turned(touch[1] - touch[0], middle),
-            _turned(end[2] - touch[1], last),
+            _turned(touch[0] - start[2], first_turn),
+            _turned(touch[1] - touch[0], middle_turn),
+            _turned(end[2] - touch[1], last_turn),
         )
-        if best is None or sum(arcs3) < sum(best):
-            best = arcs3
-    assert best is not None
-    return best[0] * radius_m, best[1] * radius_m, best[2] * radius_m
+        if shortest is None or sum(arcs3) < sum(shortest):
+            shortest = arcs3
+    assert shortest is not None
+    return shortest[0] * radius_m, shortest[1] * radius_m, shortest[2] * radius_m
 
 
 def _turned(angle: float, turn: int) -> float:
-    """Return the angle turned in a given sense to change heading by `angle`, rad, not negative."""
+    """Return the non-negative angle (rad) of a turn in a given sense that changes the heading by `angle`."""
     around = float(np.mod(turn * angle, 2 * np.pi))
     return 0.0 if 2 * np.pi - around < 1e-9 else around
 
@@ -238,7 +238,8 @@ def banked(trajectory: Trajectory, track: CurvedTrack, speed_mps: float, roll_in
     """Return a flight along a curved track with its bank."""
     start_s, end_s = trajectory.cruise_s()
     over_m = max(roll_in_s, 1e-6) * speed_mps
-    # All arcs have one curvature. The roll is steady in time, hence the bank is averaged, not the curvature behind it.
+    # All arcs have one curvature. The roll rate is constant, hence the bank is averaged rather than the curvature.
+
     peak = max(abs(segment.curvature_per_m) for segment in track.segments)
     bank_m = float(np.arctan(speed_mps**2 * peak / gravity)) / peak if peak > 0 else 0.0
 

@@ -24,13 +24,13 @@ from sionna_radar.scenario.registry import PACKAGE, registers, require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
-# Of the cuts of a pattern, on either side.
+# Largest number of samples on either side of a cut.
 MAX_CUT_SAMPLES = 50_000
 
 
 @runtime_checkable
 class Pattern(Protocol):
-    """A radiation pattern: amplitudes over its peak's, and what follows from them."""
+    """A radiation pattern: amplitudes relative to the peak, and derived quantities."""
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
         """Return the amplitude over the peak's toward unit vectors in the antenna's frame."""
@@ -48,7 +48,7 @@ class Pattern(Protocol):
 
     @property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
-        """Turns components in the antenna's frame into those in the frame of its face, from which it radiates."""
+        """Rotation from the antenna's frame to the frame of its radiating face."""
         ...
 
 
@@ -66,9 +66,9 @@ class Cut:
     def at(self, cosine: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return the voltage at direction cosines, linear between the samples."""
         position = (np.clip(cosine, -1.0, 1.0) + 1.0) * ((len(self.voltage) - 1) / 2)
-        below = np.minimum(position.astype(np.int64), len(self.voltage) - 2)
-        share = position - below
-        return self.voltage[below] * (1 - share) + self.voltage[below + 1] * share
+        lower = np.minimum(position.astype(np.int64), len(self.voltage) - 2)
+        weight = position - lower
+        return self.voltage[lower] * (1 - weight) + self.voltage[lower + 1] * weight
 
     @cached_property
     def power(self) -> Float[np.ndarray, " n"]:
@@ -138,7 +138,7 @@ class Antenna:
     def peak_gain(self) -> float:
         """Power gain at the peak, a ratio: 4 pi over the beam's solid angle.
 
-        Where transmission and reception differ it is that on boresight, and of the mean of both.
+        For different transmit and receive patterns: the geometric mean of both on boresight.
         """
         if self.transmit is not None and self.receive is None:
             return self.efficiency * self.transmit.directivity
@@ -154,7 +154,7 @@ class Antenna:
     def gain(self, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Return the power gain toward unit vectors in the antenna's frame: its square is the two-way gain.
 
-        Where transmission and reception differ it is their geometric mean.
+        For different transmit and receive patterns: their geometric mean.
         """
         if self.receive is not None:
             return np.sqrt(self.transmit_gain(direction) * self.receive_gain(direction))
@@ -205,13 +205,13 @@ class Antenna:
         """
         if not self.circular:
             ports = [np.array([1.0, 0.0]), np.array([0.0, 1.0])]
-            own = ports.pop("VH".index(self.polarization))
-            return own, own if self.receives == "co" else ports[0]
+            port = ports.pop("VH".index(self.polarization))
+            return port, port if self.receives == "co" else ports[0]
         ratio = 10 ** (self.axial_ratio_db / 20)
         hand = 1j if self.polarization == "RHCP" else -1j
-        same, opposite = np.array([ratio, hand]), np.array([1.0, -hand * ratio])
-        size = np.sqrt(ratio**2 + 1)
-        return same / size, (same if self.receives == "co" else opposite) / size
+        co, cross = np.array([ratio, hand]), np.array([1.0, -hand * ratio])
+        norm = np.sqrt(ratio**2 + 1)
+        return co / norm, (co if self.receives == "co" else cross) / norm
 
     @property
     def mirrored(self) -> complex:
@@ -293,10 +293,10 @@ def antenna_of(
     step = min(p.step_rad for p in (transmit, receive) if p is not None)
     samples = 2 * int(np.clip(np.ceil(8 / step), 500, MAX_CUT_SAMPLES)) + 1
     cosine = np.linspace(-1.0, 1.0, samples)
-    ahead, none = np.sqrt(1 - cosine**2), np.zeros(samples)
-    whole = Antenna(
-        Cut(none),
-        Cut(none),
+    ahead, zeros = np.sqrt(1 - cosine**2), np.zeros(samples)
+    uncut = Antenna(
+        Cut(zeros),
+        Cut(zeros),
         polarization,
         receives,
         axial_ratio_db,
@@ -305,17 +305,17 @@ def antenna_of(
         efficiency=efficiency,
     )
     cuts = []
-    for direction in ([ahead, cosine, none], [ahead, none, cosine]):
-        power = whole.gain(np.column_stack(direction))
-        power[[0, -1]] = 0.0  # a beam as wide as the sky ends there
+    for direction in ([ahead, cosine, zeros], [ahead, zeros, cosine]):
+        power = uncut.gain(np.column_stack(direction))
+        power[[0, -1]] = 0.0  # no radiation at or beyond 90 deg
         cuts.append(Cut(np.sqrt(power / power.max())))
-    return replace(whole, azimuth=cuts[0], elevation=cuts[1])
+    return replace(uncut, azimuth=cuts[0], elevation=cuts[1])
 
 
 def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]) -> Cut:
     """Return a cut from measured power against the angle from boresight, in increasing order.
 
-    Angles outside the measurement get the power of its nearest end. Raises ValueError if the angles do not increase.
+    Angles outside the measurement get the power of the nearest end. Raises ValueError if the angles do not increase.
     """
     if np.any(np.diff(angle_rad) <= 0):
         message = "angle_rad must increase from sample to sample; sort the cut"
@@ -353,12 +353,12 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 
 def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario; that of the last one is kept, with what is computed of it."""
+    """Return the antenna of a scenario; the last one is cached, with its computed properties."""
     entry = ANTENNAS.entry(table.kind)
     key = content_key({"antenna": table}) if entry.origin == PACKAGE else None
     if key is not None:
-        kept: Antenna = _LAST.once(key, lambda: entry(table))
-        return kept
+        cached: Antenna = _LAST.once(key, lambda: entry(table))
+        return cached
     antenna: Antenna = entry(table)
     require(antenna, Antenna, str(entry))
     return antenna

@@ -1,4 +1,4 @@
-"""Arrays of a scenario: rectangular ones by their numbers, any planar one by a table of its elements.
+"""Arrays of a scenario: rectangular ones by element counts, any planar one by a table of its elements.
 
 Planar arrays with a Taylor taper are sized from their half-power beamwidths.
 """
@@ -29,7 +29,7 @@ REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.
 
 @register_antenna("array", ArrayAntennaTable)
 def array_antenna(table: ArrayAntennaTable) -> Antenna:
-    """Return the antenna of a scenario's table, its beam steered as it says.
+    """Return the antenna of a scenario's table, with its beam steered.
 
     Raises
     ------
@@ -39,19 +39,19 @@ def array_antenna(table: ArrayAntennaTable) -> Antenna:
         The array is too large, or its weights cancel.
 
     """
-    place, weight = read_elements(table.path) if table.path is not None else _rectangle(table)
-    size = np.ptp(place, axis=0) + 0.5
+    positions, weights = read_elements(table.path) if table.path is not None else _rectangle(table)
+    size = np.ptp(positions, axis=0) + 0.5
     if size.max() > LARGEST_WAVELENGTHS:
         message = f"{size.max():.0f} wavelengths are more than {LARGEST_WAVELENGTHS:g}; give fewer or closer elements"
         raise ScenarioError([Problem("radar.antenna", message)])
-    if abs(weight.sum()) < 0.1 * np.abs(weight).sum():
+    if abs(weights.sum()) < 0.1 * np.abs(weights).sum():
         message = "its weights nearly cancel toward the normal of its face; remove the steering from its phases"
         raise ScenarioError([Problem("radar.antenna", message)])
     element: Pattern = ElementPattern(table.element_exponent)
     if table.element_pattern is not None:
         element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
     broadside = antenna_of(
-        ArrayPattern(array_factor(place, weight), element, (float(size[0]), float(size[1]))),
+        ArrayPattern(array_factor(positions, weights), element, (float(size[0]), float(size[1]))),
         polarization=table.polarization,
         receives=table.receive_polarization,
         efficiency=from_db(table.efficiency_db),
@@ -103,7 +103,7 @@ def _taper(count: int, side_lobe_db: float | None) -> Float[np.ndarray, " elemen
 def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:
     """Return places (left, up) in wavelengths and complex weights of a table of elements.
 
-    Raises InputFileError for a file that is no such table.
+    Raises InputFileError for any other file.
     """
     name = f"{KEY} = {shown(path)}"
     rows = csv.DictReader(read_text(path, f"{KEY} =", REMEDY).splitlines())
@@ -112,21 +112,21 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
     if not set(COLUMNS) <= set(header) <= {*COLUMNS, *EXTRAS}:
         message = f"{name}: line 1 names {', '.join(header)[:120]}; {REMEDY}"
         raise InputFileError(message)
-    found: list[list[float]] = []
+    elements: list[list[float]] = []
     for row in rows:
         try:
             values = [float(row[column]) for column in COLUMNS]
-            values += [float(row[column]) if column in header else usual for column, usual in EXTRAS.items()]
+            values += [float(row[column]) if column in header else default for column, default in EXTRAS.items()]
         except (ValueError, TypeError):
             values = [np.nan]
-        if not np.isfinite(values).all() or len(found) >= MAX_ELEMENTS or max(map(abs, values)) > 1e6:
+        if not np.isfinite(values).all() or len(elements) >= MAX_ELEMENTS or max(map(abs, values)) > 1e6:
             message = f"{name}: line {rows.line_num} is no element, or one too many; give numbers, one for each column"
             raise InputFileError(message)
-        found.append(values)
-    if not found:
+        elements.append(values)
+    if not elements:
         message = f"{name}: has no element; {REMEDY}"
         raise InputFileError(message)
-    left, up, amplitude_db, phase_deg = np.array(found).T
+    left, up, amplitude_db, phase_deg = np.array(elements).T
     if len(np.unique(np.round(np.column_stack([left, up]), 3), axis=0)) < len(left):
         message = f"{name}: has several elements at one place; give each its own, in wavelengths"
         raise InputFileError(message)
@@ -136,7 +136,7 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
 # Low side lobes lengthen the array by up to 1.7 at the same number of elements: this keeps them within half a
 # wavelength, and leaves a wide beam enough elements to shape its side lobes.
 SPACING_WAVELENGTHS = 0.25
-# The side lobes of a taper are below its peak.
+# Highest design level of the side lobes.
 HIGHEST_DESIGN_DB = -3.0
 
 
@@ -169,18 +169,18 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     elements = max(4, int(np.ceil(1.05 / beamwidth_rad / SPACING_WAVELENGTHS)))
     weights = taylor(elements, nbar, -side_lobe_db)
     weights /= weights.sum()
-    place = (np.arange(elements) - (elements - 1) / 2) / elements
-    half = beamwidth_rad / 2
+    position = (np.arange(elements) - (elements - 1) / 2) / elements
+    half_width_rad = beamwidth_rad / 2
 
-    def miss(length: float) -> float:
-        voltage = weights @ np.cos(2 * np.pi * length * place * np.sin(half))
-        return float(voltage - np.sqrt(0.5 / np.cos(half)))
+    def error(length: float) -> float:
+        voltage = weights @ np.cos(2 * np.pi * length * position * np.sin(half_width_rad))
+        return float(voltage - np.sqrt(0.5 / np.cos(half_width_rad)))
 
-    length = brentq(miss, 0.1 / beamwidth_rad, 1.8 / beamwidth_rad)
+    length = brentq(error, 0.1 / beamwidth_rad, 1.8 / beamwidth_rad)
     # Odd, so that boresight is a sample; 256 samples per lobe keep linear interpolation within 1e-5.
     u = np.linspace(-1.0, 1.0, 2 * int(np.ceil(256 * length)) + 1)
     voltage = np.zeros(len(u))
-    for weight, x in zip(weights, length * place, strict=True):
+    for weight, x in zip(weights, length * position, strict=True):
         voltage += weight * np.cos(2 * np.pi * x * u)
     return Cut(voltage)
 

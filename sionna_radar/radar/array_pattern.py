@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
 
-# Samples of the array factor over the width of a beam, one over the array's size in wavelengths; and at most, a side.
+# Array-factor samples per beamwidth (1 / array size in wavelengths), and the largest number along an axis.
 SAMPLES_PER_BEAM, MAX_SAMPLES = 16, 6000
 # A difference of two direction cosines, and a margin for the last sample.
 REACH = 2.02
@@ -45,7 +45,7 @@ class ElementPattern:
 
     @property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
-        """The antenna looks along the normal of its face."""
+        """Identity: boresight is the normal of the face."""
         return np.eye(3)
 
 
@@ -97,7 +97,7 @@ class ArrayPattern:
 
     @cached_property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
-        """Turns components about the beam into components about the face."""
+        """Rotation from the frame of the beam to the frame of the face."""
         return steering(self.azimuth_rad, self.elevation_rad)
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
@@ -110,7 +110,7 @@ class ArrayPattern:
     @cached_property
     def directivity(self) -> float:
         """4 pi over the integral of the relative power, summed in direction cosines of the face."""
-        # Tilt and turn rather than u and v: dOmega = sin t dt dphi has no singular rim. Six nodes a beam.
+        # Polar angles instead of u and v: dOmega = sin t dt dphi is not singular at the rim. Six nodes per beam.
         nodes = int(np.clip(6 * np.pi * max(self.beam_wavelengths), 200, 4000))
         tilt = (np.arange(nodes) + 0.5) * (np.pi / nodes)
         turn = (np.arange(2 * nodes) + 0.5) * (np.pi / nodes)
@@ -130,17 +130,17 @@ class ArrayPattern:
 def steered(antenna: Antenna, azimuth_rad: float, elevation_rad: float = 0.0) -> Antenna:
     """Return an array with its beam steered from the normal of its face, in the frame of that beam.
 
-    Raises TypeError for an antenna that is no array.
+    Raises TypeError for an antenna that is not an array.
     """
     if not isinstance(antenna.transmit, ArrayPattern):
         message = "only an array can be steered; give radar.antenna.kind = 'array'"
         raise TypeError(message)
-    sent, heard = antenna.transmit, antenna.receive
+    transmit, receive = antenna.transmit, antenna.receive
     return antenna_of(
-        replace(sent, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad),
-        replace(heard, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad)
-        if isinstance(heard, ArrayPattern)
-        else heard,
+        replace(transmit, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad),
+        replace(receive, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad)
+        if isinstance(receive, ArrayPattern)
+        else receive,
         polarization=antenna.polarization,
         receives=antenna.receives,
         axial_ratio_db=antenna.axial_ratio_db,

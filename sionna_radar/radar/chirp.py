@@ -16,7 +16,7 @@ class Chirp:
 
     carrier_hz: the frequency in the middle of the sweep.
     centre_s: time from the pose of the pulse to the middle of the sweep; zero for a sawtooth.
-    propagation_mps: speed of the wave, which only a recording made in another medium than air has different.
+    propagation_mps: speed of the wave; differs from air's only for recordings in another medium.
     """
 
     carrier_hz: float
@@ -96,7 +96,7 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
-    whole = tuple(
+    full_sweeps = tuple(
         Chirp(
             carrier_hz=radar.carrier_hz,
             bandwidth_hz=radar.bandwidth_hz,
@@ -104,16 +104,20 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
             samples=radar.samples_per_chirp,
             sweep=direction,
             sampling=radar.sampling,
-            centre_s=(number - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
+            centre_s=(half - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
         )
-        for number, direction in enumerate(directions)
+        for half, direction in enumerate(directions)
     )
     first, last = radar.used_samples
-    return whole if last - first == radar.samples_per_chirp else tuple(used(chirp, first, last) for chirp in whole)
+    return (
+        full_sweeps
+        if last - first == radar.samples_per_chirp
+        else tuple(used(chirp, first, last) for chirp in full_sweeps)
+    )
 
 
 def used(chirp: Chirp, first: int, last: int) -> Chirp:
-    """Return the part of a sweep that some of its samples see, `last` excluded; its time counts from its own middle."""
+    """Return the part of a sweep between two samples (`last` excluded); its time counts from its own middle."""
     samples = last - first
     share, middle_s = samples / chirp.samples, chirp.sample_time_s[first] + (samples // 2) / chirp.sampling_rate_hz
     return replace(

@@ -10,7 +10,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.surfaces.backscatter import Backscatter
 
 NODES = 256
-# Nearer to the horizon the plane is too far to count.
+# Least cosine of the incidence: closer to the horizon the echo is negligible.
 MIN_DOWN = 1e-3
 
 
@@ -37,11 +37,13 @@ def plane_echo(
         Angle of the boresight from nadir.
 
     """
-    down, weight = _parts_of_beam(antenna, incidence_rad)
+    cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
     if not antenna.separable:
-        echo = weight @ (backscatter.sigma0(np.arccos(np.minimum(down, 1.0))) * down) / height_m**2
+        echo = weight @ (backscatter.sigma0(np.arccos(np.minimum(cos_incidence, 1.0))) * cos_incidence) / height_m**2
         return float(wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * echo)
-    integrand = backscatter.sigma0(np.arccos(down)) / ((height_m / down) ** 2 * down) * weight
+    integrand = (
+        backscatter.sigma0(np.arccos(cos_incidence)) / ((height_m / cos_incidence) ** 2 * cos_incidence) * weight
+    )
     beam = antenna.peak_gain**2 * antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral
     return float(wavelength_m**2 / (4 * np.pi) ** 3 * beam * integrand.sum() / NODES**2)
 
@@ -50,7 +52,7 @@ def plane_echo(
 class PlaneEcho:
     """The echo of a horizontal plane, by the parts of the beam.
 
-    range_m: of each part; power: received over transmitted; beam_share: of the two-way beam, those that meet the plane.
+    range_m: of each part; power: received over transmitted; beam_share: fraction of the two-way beam.
     """
 
     range_m: Float[np.ndarray, " part"]
@@ -62,13 +64,13 @@ def plane_echo_parts(
     antenna: Antenna, backscatter: Backscatter, wavelength_m: float, height_m: float, incidence_rad: float
 ) -> PlaneEcho:
     """Return the parts whose powers add up to `plane_echo`; see there."""
-    down, part = _parts_of_beam(antenna, incidence_rad)
-    whole_sr = two_way_beam_sr(antenna)
+    cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
+    beam_sr = two_way_beam_sr(antenna)
     if antenna.separable:
-        part = part * (antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral / NODES**2)
-    sigma0 = backscatter.sigma0(np.arccos(np.minimum(down, 1.0)))
-    power = wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * part * sigma0 * down / height_m**2
-    return PlaneEcho(range_m=height_m / down, power=power, beam_share=part / whole_sr)
+        weight = weight * (antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral / NODES**2)
+    sigma0 = backscatter.sigma0(np.arccos(np.minimum(cos_incidence, 1.0)))
+    power = wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * weight * sigma0 * cos_incidence / height_m**2
+    return PlaneEcho(range_m=height_m / cos_incidence, power=power, beam_share=weight / beam_sr)
 
 
 def two_way_beam_sr(antenna: Antenna) -> float:
@@ -86,7 +88,7 @@ def two_way_beam_sr(antenna: Antenna) -> float:
 def _parts_of_beam(
     antenna: Antenna, incidence_rad: float
 ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
-    """Return the cosine of the angle from nadir of each part of the beam that looks down, and its weight.
+    """Return the cosine of the angle from nadir and the weight of each downward part of the beam.
 
     The weight is (G/G0)^2 dOmega; of equal shares of a separable beam, the projected aperture: G^2 dOmega =
     G0^2 (A E)^4 cos^2 du dv / cos, and the shares integrate (A E)^4 du dv.
@@ -94,14 +96,14 @@ def _parts_of_beam(
     to_nadir = whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2]
     if not antenna.separable:
         grid = antenna.two_way
-        down, power_sr = grid.direction @ to_nadir, grid.power_sr.ravel()
-        seen = (down > MIN_DOWN) & (power_sr > 0)
-        return down[seen], power_sr[seen]
+        cos_incidence, power_sr = grid.direction @ to_nadir, grid.power_sr.ravel()
+        visible = (cos_incidence > MIN_DOWN) & (power_sr > 0)
+        return cos_incidence[visible], power_sr[visible]
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).ravel()
-    down = to_nadir @ np.array([cos, u.ravel(), v.ravel()])
-    seen = (down > MIN_DOWN) & (cos > 0)
-    return down[seen], cos[seen]
+    cos_incidence = to_nadir @ np.array([cos, u.ravel(), v.ravel()])
+    visible = (cos_incidence > MIN_DOWN) & (cos > 0)
+    return cos_incidence[visible], cos[visible]
 
 
 def _equal_shares(cut: Cut) -> Float[np.ndarray, " node"]:

@@ -1,8 +1,7 @@
 """The extent of the main lobe of an antenna.
 
-How far a lobe is followed depends on the use, so every use has its own level, as two-way power over the peak:
-`LIT` for what a survey could have mapped, `FOLDING` for echoes that must not alias into an image, `FOLLOWED` for models
-of the whole echo.
+Each use has its own level, as two-way power over the peak: `LIT` for the mappable ground of a survey, `FOLDING` for
+echoes that must not alias into an image, `FOLLOWED` for models of the whole echo.
 """
 
 from typing import Final, no_type_check
@@ -35,22 +34,22 @@ def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: f
     if not antenna.separable:
         return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
 
-    inside = np.empty(len(direction), dtype=np.bool_)
+    mask = np.empty(len(direction), dtype=np.bool_)
     cuts = (np.ascontiguousarray(cut.voltage, dtype=np.float64) for cut in (antenna.azimuth, antenna.elevation))
-    within(np.ascontiguousarray(direction, dtype=np.float64), *cuts, float(level), inside)
-    return inside
+    within(np.ascontiguousarray(direction, dtype=np.float64), *cuts, float(level), mask)
+    return mask
 
 
 def reach_of_power(antenna: Antenna, outside: float) -> tuple[float, float]:
-    """Return the direction cosines to the left and up, on either side, with all but a share of the two-way power."""
+    """Return half extents (left, up) in direction cosines that contain all but a fraction of the two-way power."""
     if not antenna.separable:
         return antenna.two_way.reach(outside)
     return _reach(antenna.azimuth, outside), _reach(antenna.elevation, outside)
 
 
-def _reach(cut: Cut, outside: float) -> float:
-    low, high = np.interp([outside / 2, 1 - outside / 2], cut.two_way_distribution, cut.cosine)
-    return float(max(-low, high))
+def _reach(cut: Cut, tail_power: float) -> float:
+    lower, upper = np.interp([tail_power / 2, 1 - tail_power / 2], cut.two_way_distribution, cut.cosine)
+    return float(max(-lower, upper))
 
 
 @compiled
@@ -58,9 +57,9 @@ def _reach(cut: Cut, outside: float) -> float:
 def voltage_at(voltage, cosine):
     """Return a `Cut` at a direction cosine."""
     position = (min(max(cosine, -1.0), 1.0) + 1.0) * ((len(voltage) - 1) / 2)
-    below = min(int(position), len(voltage) - 2)
-    share = position - below
-    return voltage[below] * (1 - share) + voltage[below + 1] * share
+    lower = min(int(position), len(voltage) - 2)
+    weight = position - lower
+    return voltage[lower] * (1 - weight) + voltage[lower + 1] * weight
 
 
 @compiled

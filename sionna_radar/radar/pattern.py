@@ -1,4 +1,4 @@
-"""Radiation patterns over the whole sphere of directions, as measured or computed ones are.
+"""Measured or computed radiation patterns over the whole sphere of directions.
 
 In the antenna's frame (x boresight, y left, z up) a direction has an azimuth, positive toward the left, and an
 elevation. Amplitudes are relative to the pattern's own peak; the directivity is 4 pi over the integral of their square,
@@ -22,8 +22,8 @@ MAX_SAMPLES = 30_000_000
 class ProductPattern:
     """The product of an azimuth and an elevation cut, G(az, el) = A(az) E(el): exact on both.
 
-    Between two measured cuts nothing is known; their product is the pattern of a rectangular aperture with separable
-    illumination, and what planning tools for antennas do with two cuts ("summing" in decibels).
+    Two measured cuts do not determine the pattern between them; their product is the pattern of a rectangular aperture
+    with separable illumination, and the usual rule of antenna planning tools ("summing" in decibels).
 
     azimuth: amplitudes at equally spaced azimuths from -pi to pi.
     elevation: amplitudes at equally spaced elevations from -pi/2 to pi/2.
@@ -47,7 +47,7 @@ class ProductPattern:
 
     @property
     def step_rad(self) -> float:
-        """The finer of the two angles between samples."""
+        """Smaller of the two sample spacings."""
         return float(min(2 * np.pi / (len(self.azimuth) - 1), np.pi / (len(self.elevation) - 1)))
 
     @property
@@ -99,10 +99,10 @@ class SphericalPattern:
         """4 pi over the integral of the relative power."""
         rows, columns = self.samples.shape
         elevation = np.linspace(-np.pi / 2, np.pi / 2, rows)
-        around = np.array(
+        azimuth_integral = np.array(
             [trapezoid(np.square(row, dtype=np.float64), dx=2 * np.pi / (columns - 1)) for row in self.samples]
         )
-        return float(4 * np.pi / trapezoid(around * np.cos(elevation), elevation))
+        return float(4 * np.pi / trapezoid(azimuth_integral * np.cos(elevation), elevation))
 
     @property
     def step_rad(self) -> float:

@@ -1,4 +1,4 @@
-"""A second receiver beside the first, and how its signal turns with the direction that an echo comes from.
+"""A second receiver beside the first, and the phase or amplitude of its signal against the direction of arrival.
 
 An interferometer's phase centre lies a baseline b along an axis of the antenna; with the direction cosine u along that
 axis its signal leads by k b u (k = 2 pi / wavelength). A phase-comparison monopulse antenna is the same aperture with
@@ -21,9 +21,9 @@ from sionna_radar.radar.main_lobe import lobe_samples, reach_of_power
 from sionna_radar.scenario.radar import RadarTable
 
 AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
-# Standard deviation of the phase over the two-way beam that a baseline of the program's own choice has. An echo of
-# many scatterers shows their mean direction as far as its phase is linear in it, with an error of second order in this
-# phase; the error from noise is inverse to it. Both are equal at some 25 dB of a point.
+# Standard deviation of the phase over the two-way beam with the default baseline. The phase of an echo of many
+# scatterers gives their mean direction with an error of second order in this phase; the error from noise is inverse to
+# it. Both are equal at some 25 dB of a point.
 SCATTER_RAD = 0.25
 # Two-way power down to which the phase must not wrap.
 UNAMBIGUOUS = 1e-2
@@ -34,9 +34,9 @@ LARGEST_RATIO = 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class DifferencePattern:
-    """Difference over sum of the antenna's halves along one axis, real once its quarter of a turn is taken out.
+    """Difference over sum of the antenna's halves along one axis, real after removal of its quarter-cycle phase.
 
-    cosine, ratio: samples over all directions; lobe: those around the peak, in which the ratio rises.
+    cosine, ratio: samples over all directions; lobe: those around the peak, where the ratio increases.
     """
 
     cosine: Float[np.ndarray, " n"]
@@ -45,13 +45,13 @@ class DifferencePattern:
 
     def at(self, cosine: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the ratio at direction cosines, linear between the samples."""
-        found: Float[np.ndarray, ...] = np.interp(cosine, self.cosine, self.ratio)
-        return found
+        ratios: Float[np.ndarray, ...] = np.interp(cosine, self.cosine, self.ratio)
+        return ratios
 
     def cosine_of(self, ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the direction cosine inside the main lobe that has a ratio; the lobe's edge for larger ones."""
-        found: Float[np.ndarray, ...] = np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
-        return found
+        """Return the direction cosine inside the main lobe for a ratio; the lobe's edge for larger ratios."""
+        cosines: Float[np.ndarray, ...] = np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
+        return cosines
 
     @property
     def slope(self) -> float:
@@ -66,8 +66,8 @@ class SideReceiver:
     """One receiver beside the first.
 
     axis: of the antenna's frame, 1 for left (azimuth), 2 for up (elevation).
-    baseline_m: as processing believes it; None for the difference of the antenna's halves.
-    true_baseline_m, phase_error_rad: what it is, and the phase that calibration has left.
+    baseline_m: as assumed in processing; None for the difference of the antenna's halves.
+    true_baseline_m, phase_error_rad: true baseline, and residual phase after calibration.
     difference: of the halves; None for an interferometer.
     """
 
@@ -101,7 +101,7 @@ def difference_pattern(cut: Cut) -> DifferencePattern:
 
 
 def baseline_of(spread: float, wavelength_m: float) -> float:
-    """Return the baseline over which the phase scatters by `SCATTER_RAD` in a beam, by its standard deviation."""
+    """Return the baseline for a phase standard deviation of `SCATTER_RAD` over a beam of given spread."""
     return SCATTER_RAD * wavelength_m / (2 * np.pi * spread)
 
 
@@ -122,7 +122,7 @@ def build_side_receivers(
     Raises
     ------
     ScenarioError
-        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna that has none.
+        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna without two cuts.
 
     """
     table = radar.second_receiver
@@ -135,27 +135,27 @@ def build_side_receivers(
             raise ScenarioError([Problem("radar.second_receiver.kind", message)])
         cuts = {1: antenna.azimuth, 2: antenna.elevation}
         return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
-    found, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
+    receivers, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
     for axis in axes:
-        # Of both axes the row is along the last one, the elevation, with one receiver beside it.
+        # With both axes, the row of receivers is along the last one, elevation.
         in_row = table.receivers is not None and axis == axes[-1]
-        given = None if table.receivers is not None and not in_row else table.baseline_wavelengths
-        longest = 1 / (2 * reach[axis - 1])
-        chosen_m = longest * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
-        baseline_m = chosen_m if given is None else given * wavelength_m
-        if baseline_m > longest * wavelength_m:
+        baseline_wavelengths = None if table.receivers is not None and not in_row else table.baseline_wavelengths
+        max_wavelengths = 1 / (2 * reach[axis - 1])
+        default_m = max_wavelengths * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
+        baseline_m = default_m if baseline_wavelengths is None else baseline_wavelengths * wavelength_m
+        if baseline_m > max_wavelengths * wavelength_m:
             message = (
                 f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
-                f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {longest:.3g}"
+                f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {max_wavelengths:.3g}"
             )
             raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
-        found += [
+        receivers += [
             SideReceiver(
                 axis=axis,
-                baseline_m=number * baseline_m,
-                true_baseline_m=number * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
+                baseline_m=multiple * baseline_m,
+                true_baseline_m=multiple * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
                 phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
             )
-            for number in range(1, (table.receivers or 2) if in_row else 2)
+            for multiple in range(1, (table.receivers or 2) if in_row else 2)
         ]
-    return tuple(found)
+    return tuple(receivers)

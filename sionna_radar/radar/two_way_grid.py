@@ -1,7 +1,7 @@
 """The two-way power of any antenna, on cells of direction cosines in front of it.
 
-The cells are narrow where the power is, so that a pencil beam, its side lobes and a grating lobe far off the axis are
-all resolved: half of the edges divide the power into equal shares, the others are equally spaced.
+The cells are narrow where the power is high, so that a pencil beam, its side lobes and a grating lobe far off the axis
+are all resolved: half of the edges divide the power into equal shares, the others are equally spaced.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Relative = Callable[[Float[np.ndarray, "k 3"]], Float[np.ndarray, " k"]]
 
 # Edges of either kind along each axis.
 EDGES = 200
-# Samples along each axis that find where the power is: one for a step of the pattern, but no fewer and no more.
+# Bounds on the samples along each axis that locate the power, one per step of the pattern.
 MIN_SEARCHED, MAX_SEARCHED = 400, 2000
 # Cells at the rim of the half sphere have no bound on their solid angle.
 MIN_COSINE = 0.02
@@ -28,8 +28,7 @@ class TwoWayGrid:
 
     left, up: edges of the cells, from -1 to 1, in the frame of the face.
     power_sr: integral of the two-way gain over the peak's in each cell, in steradians.
-    R_face_antenna: turns components in the antenna's frame into those in the frame of the face from which it radiates,
-        which differ for a steered array.
+    R_face_antenna: rotation from the antenna's frame to that of its radiating face; they differ for a steered array.
     """
 
     left: Float[np.ndarray, " column_edge"]
@@ -49,15 +48,15 @@ class TwoWayGrid:
         return face @ self.R_face_antenna
 
     def reach(self, outside: float) -> tuple[float, float]:
-        """Return the direction cosines to the left and up, on either side, with all but a share of the power ahead."""
+        """Return half extents (left, up) in direction cosines that contain all but a fraction of the forward power."""
         ahead = self.direction[:, 0] > 0
-        found, power = [], self.power_sr.ravel()[ahead]
+        reaches, power = [], self.power_sr.ravel()[ahead]
         for axis in (1, 2):
-            away = np.abs(self.direction[ahead, axis])
-            order = np.argsort(away)
-            below = np.cumsum(power[order])
-            found.append(float(away[order][np.searchsorted(below, (1 - outside) * below[-1])]))
-        return found[0], found[1]
+            offset = np.abs(self.direction[ahead, axis])
+            order = np.argsort(offset)
+            cumulative = np.cumsum(power[order])
+            reaches.append(float(offset[order][np.searchsorted(cumulative, (1 - outside) * cumulative[-1])]))
+        return reaches[0], reaches[1]
 
 
 def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarray, "3 3"]) -> TwoWayGrid:
@@ -74,13 +73,13 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
 
     """
     count = int(np.clip(2 / step_rad, MIN_SEARCHED, MAX_SEARCHED))
-    place, width = (np.arange(count) + 0.5) * (2 / count) - 1, np.full(count, 2 / count)
+    centre, width = (np.arange(count) + 0.5) * (2 / count) - 1, np.full(count, 2 / count)
 
     def facing(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
         return gain(direction @ R_face_antenna)
 
-    found = _power(facing, place, place, width, width)
-    left, up = (_edges(found.sum(axis=axis), count) for axis in (0, 1))
+    coarse_power = _power(facing, centre, centre, width, width)
+    left, up = (_edges(coarse_power.sum(axis=axis), count) for axis in (0, 1))
     centres = (left[1:] + left[:-1]) / 2, (up[1:] + up[:-1]) / 2
     return TwoWayGrid(
         left=left,
@@ -91,9 +90,9 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
 
 
 def _edges(share: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " edge"]:
-    below = np.concatenate([[0.0], np.cumsum(share)])
-    shares = np.interp(np.linspace(0, 1, EDGES + 1), below / below[-1], np.linspace(-1, 1, count + 1))
-    # As many for every antenna, so that all beams of an array share one compiled kernel; some cells have no width.
+    cumulative = np.concatenate([[0.0], np.cumsum(share)])
+    shares = np.interp(np.linspace(0, 1, EDGES + 1), cumulative / cumulative[-1], np.linspace(-1, 1, count + 1))
+    # The same number for every antenna, so that all beams share one compiled kernel; some cells have zero width.
     return np.sort(np.concatenate([shares[1:-1], np.linspace(-1.0, 1.0, EDGES + 1)]))
 
 
@@ -107,13 +106,13 @@ def _power(
     """Return the integral of the relative two-way gain over cells, by their midpoints; dOmega = du dv / cos."""
     power = np.zeros((len(up), len(left)))
     step = max(1, CELLS_AT_ONCE // len(left))
-    for first in range(0, len(up), step):
-        rows = slice(first, first + step)
+    for start in range(0, len(up), step):
+        rows = slice(start, start + step)
         direction = _directions(left, up[rows])
-        inside = direction[:, 0] > MIN_COSINE
-        found = np.zeros(len(direction))
-        found[inside] = gain(direction[inside]) ** 2 / direction[inside, 0]
-        power[rows] = found.reshape(-1, len(left)) * np.outer(height[rows], width)
+        visible = direction[:, 0] > MIN_COSINE
+        density = np.zeros(len(direction))
+        density[visible] = gain(direction[visible]) ** 2 / direction[visible, 0]
+        power[rows] = density.reshape(-1, len(left)) * np.outer(height[rows], width)
     return power
 
 

@@ -1,4 +1,4 @@
-"""What `processing.angle` needs of the rest of a scenario."""
+"""Conditions of `processing.angle` on the rest of a scenario."""
 
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import ElectronicScanTable, RadarTable
@@ -11,7 +11,7 @@ NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": 
 def check_angle(
     processing: ProcessingTable, radar: RadarTable, weather: WeatherTable, sensor: str, whole_echoes: str | None
 ) -> None:
-    """Refuse an angle of arrival that the rest of a scenario does not allow.
+    """Reject an angle of arrival that conflicts with the rest of a scenario.
 
     Parameters
     ----------

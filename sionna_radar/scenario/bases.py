@@ -1,4 +1,4 @@
-"""What the tables of all scans, antennas, navigation systems, terrains and materials share, ours and custom ones."""
+"""Base tables of all scans, antennas, navigation systems, terrains and materials, built-in and custom."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, CoverVector
 from sionna_radar.scenario.table import Point2, Real, Table
 
-# Products count places in whole millimetres, 32 bits of them; no navigation system errs by so much.
+# Products store positions as 32-bit millimetres; no navigation error is that large.
 Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
 
 

@@ -1,4 +1,4 @@
-"""How a scenario chooses registered parts: by a key inside a table, or by a name with a table beside it."""
+"""Selection of registered parts in a scenario: by a key inside a table, or by a name with a table beside it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sionna_radar.scenario.table import Table, refuse
 class ChosenBy:
     """Validation of a table of parameters by the registered part that one of its keys names.
 
-    tag: the key; default: the part without it, None where it must be given.
-    implied: parts that another key, given without the tag, stands for.
-    by_name: a name alone stands for the table of that part without parameters.
+    tag: the key; default: the part without it, None if it is required.
+    implied: parts implied by another key without the tag.
+    by_name: whether a name alone stands for the table of that part without parameters.
     """
 
     tag: str
@@ -41,8 +41,8 @@ class ChosenBy:
         if isinstance(value, base):
             name = getattr(value, self.tag)
         elif isinstance(value, Mapping):
-            meant = next((part for key, part in self.implied.items() if key in value), self.default)
-            name = value.get(self.tag, meant)
+            default = next((implied_part for key, implied_part in self.implied.items() if key in value), self.default)
+            name = value.get(self.tag, default)
         else:
             return base.model_validate(value)
         if name is None:
@@ -55,13 +55,13 @@ class ChosenBy:
         return checked
 
     def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        found = [handler(table.__pydantic_core_schema__) for table in self.tables()]
-        for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, found), strict=True):
+        schemas = [handler(table.__pydantic_core_schema__) for table in self.tables()]
+        for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, schemas), strict=True):
             self._say_what_chooses(table, schema)
-        return {"anyOf": [*found, *([{"enum": list(self.registry.known())}] if self.by_name else [])]}
+        return {"anyOf": [*schemas, *([{"enum": list(self.registry.known())}] if self.by_name else [])]}
 
     def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
-        """Put the names that choose a table into its schema; they must be given unless one is the default."""
+        """Add the names that select a table to its schema; required unless one is the default."""
         names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
         schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table."}
         if self.default not in names and not set(self.implied.values()) & set(names):
@@ -74,7 +74,7 @@ class ChosenBy:
 
 @dataclass(frozen=True)
 class NameIn:
-    """Validation of a key that names a registered part, or is one of some other words."""
+    """Validation of a key that names a registered part, or is one of `also`."""
 
     registry: Registry
     also: tuple[str, ...] = ()
@@ -83,7 +83,7 @@ class NameIn:
         return core_schema.no_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        # Text besides: a script may register more.
+        # Any text, since a script may register more.
         return {"anyOf": [{"enum": [*self.also, *self.registry.known()]}, {"type": "string"}]}
 
     def _check(self, name: str) -> str:
@@ -94,7 +94,7 @@ class NameIn:
 
 @dataclass(frozen=True)
 class ParametersOf:
-    """Validation of the parameters of the part that the key `name` of the same table names."""
+    """Validation of the parameters of the part named by the key `name` of the same table."""
 
     name: str
     registry: Registry
@@ -106,7 +106,7 @@ class ParametersOf:
 
     def _check(self, value: Any, info: Any) -> Table | None:
         name = info.data.get(self.name)
-        if name is None or (value is None and name not in self.registry):  # it is refused already, or chosen later
+        if name is None or (value is None and name not in self.registry):  # already rejected, or selected later
             return None
         if name not in self.registry:
             raise refuse("", f"{name!r} has no parameters; remove them, or name the {self.registry.kind}")

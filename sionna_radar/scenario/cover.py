@@ -1,4 +1,4 @@
-"""Tables of what covers the ground: covers by place, and vegetation."""
+"""Tables of land cover and vegetation."""
 
 from __future__ import annotations
 

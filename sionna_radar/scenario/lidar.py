@@ -41,7 +41,9 @@ class LidarTable(Table):
     @model_validator(mode="after")
     def _of_light(self) -> LidarTable:
         fields = type(self).model_fields
-        given = [k for k in fields if k != "range_noise_m" and getattr(self, k) != fields[k].default]
-        if given and self.wavelength_nm is None:
-            raise refuse(given[0], f"{getattr(self, given[0])} has no effect without wavelength_nm; give 905 or 1550")
+        changed = [k for k in fields if k != "range_noise_m" and getattr(self, k) != fields[k].default]
+        if changed and self.wavelength_nm is None:
+            raise refuse(
+                changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"
+            )
         return self

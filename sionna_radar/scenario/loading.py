@@ -1,7 +1,6 @@
-"""Reading scenarios: TOML files or shipped names, values beside them, and errors a person can act on.
+"""Reading of scenarios from TOML files or shipped names, with overrides and actionable errors.
 
-The files that a scenario is flown from are identified here as well: by them a resumed run knows that nothing has
-changed.
+Identifies the input files of a scenario as well, so that a resumed run can detect changes.
 """
 
 import copy
@@ -55,8 +54,8 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     path_or_name:
         A TOML file, or the name of a shipped scenario.
     overrides:
-        Values by dotted key; None takes a key out, a table replaces the whole table. What they contradict in a
-        shipped scenario gives way.
+        Values by dotted key; None removes a key, a table replaces the whole table. Conflicting keys of a shipped
+        scenario are removed.
 
     Raises
     ------
@@ -71,7 +70,7 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     4.0
 
     """
-    # A copy: what is put into the tables must not come back to the caller.
+    # A copy: the caller's tables must not change.
     path, overrides = find_scenario(path_or_name), copy.deepcopy(dict(overrides or {}))
     try:
         data = parse_toml(read_text(path, "scenario", "give a TOML file"))
@@ -116,7 +115,7 @@ def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
     data:
         The tables, as in a TOML file: degrees, dB and metres.
     source:
-        What an error calls the scenario.
+        Name of the scenario in errors.
 
     Raises
     ------
@@ -166,7 +165,7 @@ def to_toml(scenario: Scenario) -> str:
         raise TypeError(message) from error
 
 
-# Files that name other files, wherever these are.
+# Formats whose files refer to other files.
 NAMES_OTHERS = {".obj", ".gltf", ".xml", ".dae", ".vrt"}
 
 
@@ -191,11 +190,11 @@ def input_files(scenario: Scenario) -> dict[str, list[int]]:
 
 
 def content_key(tables: Mapping[str, Any]) -> str | None:
-    """Return a text that identifies the content of some tables: their values, and the files that they name.
+    """Return a text that identifies the content of some tables: their values and their files.
 
-    Two equal texts stand for the same content: of each file, and of those beside it whose names begin alike, size,
-    place on the disk, and the times of the last changes of content and of record, in nanoseconds. None where that
-    cannot be said: a file that names others, an address on the network.
+    For each file, and those beside it with the same stem, it contains size, inode, and the times of the last changes of
+    content and metadata in nanoseconds. None if the content cannot be identified: a file that refers to others, a
+    network address.
     """
     document = {name: _dumped(value) for name, value in tables.items()}
     if any(is_address(leaf) for leaf in _leaves(document) if isinstance(leaf, str)):
@@ -211,7 +210,7 @@ def content_key(tables: Mapping[str, Any]) -> str | None:
 
 
 def _dumped(value: Any) -> Any:
-    """Return a value with its tables, which are told with their classes, as plain ones."""
+    """Return a value with its tables as plain ones, including their class names."""
     if isinstance(value, Table):
         return type(value).__module__, type(value).__qualname__, value.model_dump()
     if isinstance(value, Mapping):

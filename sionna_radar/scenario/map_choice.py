@@ -1,4 +1,4 @@
-"""The DEM method that a scenario gets without naming one, and the echoes that go with it."""
+"""Default DEM method of a scenario, and its echoes."""
 
 import math
 from collections.abc import Mapping
@@ -9,18 +9,18 @@ from pydantic import BaseModel
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.radar import AntennaTable, ScanTable
 
-# Beside precipitation, whose echo fills the beam, parts of it would be taken for roofs.
+# Precipitation: its echo fills the beam and would be mistaken for roofs.
 FALLING = ("rain_rate_mm_per_h", "rain_cell", "rain_field", "snowfall_mm_per_h")
-# A two-way main lobe is hardly wider than two half-power widths. Between lines farther apart are strips that no main
-# lobe reaches, and a wall there is seen from one of its sides at most.
+# Largest line spacing, in footprints: a two-way main lobe is hardly wider than two half-power widths. Strips between
+# more distant lines are not illuminated, and walls there are seen from at most one side.
 FARTHEST_FOOTPRINTS = 2.0
 
 
 def with_map(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scenario with what it leaves open of its map chosen, and `processing.echoes`.
+    """Return the tables of a scenario with defaults of `dem.method` and `processing.echoes`.
 
-    Over buildings `dem.method` is "stepped", with all echoes of a pulse, if whole echoes are to be had and the lines of
-    the scan are near enough to each other; elsewhere "linear".
+    Over buildings `dem.method` is "stepped", with all echoes of a pulse, if whole echoes are available and the lines of
+    the scan are close enough; elsewhere "linear".
     """
     tables = dict(given)
     method = _value(tables, "dem", "method")
@@ -50,9 +50,9 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
 
 
 def _dense(tables: Mapping[str, Any]) -> bool:
-    """Return whether the lines of a whisk-broom scan are no farther apart than two footprints, as far as is known.
+    """Return whether the lines of a whisk-broom scan are at most two footprints apart; True if unknown.
 
-    A footprint is as long along the track as the beam in elevation makes it on level ground in the middle of the scan.
+    The footprint is the length along the track of the elevation beam on level ground in the middle of the scan.
     """
     radar = {key: _value(tables, "radar", key) for key in ("scan", "antenna")}
     scan = ScanTable.model_fields
@@ -61,34 +61,34 @@ def _dense(tables: Mapping[str, Any]) -> bool:
     if (_value(radar, "antenna", "kind") or "taylor") != "taylor":
         return True
     beam_deg = _value(radar, "antenna", "beamwidth_deg") or AntennaTable.model_fields["beamwidth_deg"].default
-    known = (
+    numbers = (
         _value(tables, "platform", "speed_mps"),
         _value(tables, "platform", "altitude_m"),
         _value(radar, "scan", "rotation_rpm") or scan["rotation_rpm"].default,
         _value(radar, "scan", "incidence_deg") or scan["incidence_deg"].default,
         beam_deg[-1] if isinstance(beam_deg, (list, tuple)) and beam_deg else beam_deg,
     )
-    if not all(isinstance(value, (int, float)) and 0 < value < math.inf for value in known):
+    if not all(isinstance(value, (int, float)) and 0 < value < math.inf for value in numbers):
         return True
-    speed_mps, altitude_m, rotation_rpm, incidence_deg, elevation_deg = known
+    speed_mps, altitude_m, rotation_rpm, incidence_deg, elevation_deg = numbers
     footprint_m = math.radians(elevation_deg) * altitude_m / math.cos(math.radians(min(incidence_deg, 89.0))) ** 2
     return bool(speed_mps * 60 / rotation_rpm <= FARTHEST_FOOTPRINTS * footprint_m)
 
 
 def _value(tables: Mapping[str, Any], table: str, key: str) -> Any:
-    """Return a value of a table, be it read from a file or a model; None where it is neither."""
-    found = tables.get(table)
-    return found.get(key) if isinstance(found, Mapping) else getattr(found, key, None)
+    """Return a value of a table, a mapping or a model; None for anything else."""
+    entry = tables.get(table)
+    return entry.get(key) if isinstance(entry, Mapping) else getattr(entry, key, None)
 
 
 def _has(tables: Mapping[str, Any], table: str, key: str) -> bool:
-    found = tables.get(table)
-    return key in found.model_fields_set if isinstance(found, BaseModel) else _value(tables, table, key) is not None
+    entry = tables.get(table)
+    return key in entry.model_fields_set if isinstance(entry, BaseModel) else _value(tables, table, key) is not None
 
 
 def _with(tables: Mapping[str, Any], table: str, key: str, value: str) -> dict[str, Any]:
-    """Return the tables with a value changed; a table that is none is left to be refused."""
-    found = tables.get(table, {})
-    if isinstance(found, BaseModel):
-        return {**tables, table: found.model_copy(update={key: value})}
-    return {**tables, table: {**found, key: value}} if isinstance(found, Mapping) else dict(tables)
+    """Return the tables with a value changed; an invalid table is left to validation."""
+    entry = tables.get(table, {})
+    if isinstance(entry, BaseModel):
+        return {**tables, table: entry.model_copy(update={key: value})}
+    return {**tables, table: {**entry, key: value}} if isinstance(entry, Mapping) else dict(tables)

@@ -180,9 +180,9 @@ class EmpiricalTable(SurfaceTable):
 
     @model_validator(mode="after")
     def _mirror(self) -> EmpiricalTable:
-        given = [k for k in ("permittivity", "medium", "rms_height_m") if getattr(self, k) is not None]
-        if not self.specular and given:
-            raise refuse(given[0], "has no effect here; remove it, or set specular = true")
+        mirror_keys = [k for k in ("permittivity", "medium", "rms_height_m") if getattr(self, k) is not None]
+        if not self.specular and mirror_keys:
+            raise refuse(mirror_keys[0], "has no effect here; remove it, or set specular = true")
         if self.specular:
             self.check_one_medium()
             if self.rms_height_m is None:

@@ -142,7 +142,7 @@ class PointTarget(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> PointTarget:
-        if sum(given is not None for given in (self.rcs_dbsm, self.rcs_table, self.mesh)) != 1:
+        if sum(source is not None for source in (self.rcs_dbsm, self.rcs_table, self.mesh)) != 1:
             raise refuse("rcs_dbsm", "give one of rcs_dbsm, rcs_table and mesh, not several and not none")
         if self.mesh is not None and self.swerling != 0:
             raise refuse("swerling", "a mesh fluctuates by its shape alone; remove swerling or the mesh")
@@ -152,7 +152,7 @@ class PointTarget(Table):
             raise refuse("closed", "has no effect without waypoints_m; give them")
         if self.waypoints_m and self.heading_deg != 0:
             raise refuse("heading_deg", "has no effect on a way, along which the target looks; remove it")
-        places = (self.position_m, *self.waypoints_m)
-        if any(a == b for a, b in pairwise(places)) or (self.closed and places[-1] == places[0]):
+        corners = (self.position_m, *self.waypoints_m)
+        if any(a == b for a, b in pairwise(corners)) or (self.closed and corners[-1] == corners[0]):
             raise refuse("waypoints_m", "two places in a row are the same; leave one out")
         return self

@@ -1,7 +1,7 @@
-"""Values given beside a scenario file: read from `KEY=VALUE` or a file, and put into the file's tables.
+"""Overrides of a scenario file: read from `KEY=VALUE` or a file, and merged into the file's tables.
 
-A key is dotted, with numbers for the entries of a list. The value None takes a key out, a table replaces the whole
-table. What such a value contradicts, and the user never wrote, gives way: see `give_way`.
+A key is dotted, with numbers for the entries of a list. The value None removes a key, a table replaces the whole
+table. Conflicting keys not written by the user are removed: see `give_way`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,12 +17,12 @@ from sionna_radar.scenario.registry import Registry
 UNSET_WORD = "none"
 LONGEST_ASSIGNMENT = 100_000
 
-# What a recorded flight takes from its log.
+# Keys replaced by the log of a recorded flight.
 PLANNED_KEYS = (
     *("altitude_m", "speed_mps", "start_m", "heading_deg", "length_m", "waypoints_m", "height", "profile"),
     *("bank_deg", "turn_radius_m", "wind", "lines"),
 )
-# Of each pair the keys on one side contradict those on the other.
+# Pairs of mutually exclusive sets of keys.
 EITHER_OR = (
     (("radar.transmit_power_dbm", "radar.noise_figure_db"), ("radar.snr_db",)),
     (("radar.receiver.amplifiers",), ("radar.noise_figure_db", "radar.snr_db")),
@@ -33,7 +33,7 @@ EITHER_OR = (
     (("weather.fog",), ("weather.liquid_water_g_per_m3", "weather.fog_visibility_m")),
 )
 EITHER_OR_OF_A_MATERIAL = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))
-# (key, value): what means nothing beside it.
+# Keys without effect, by key and value.
 MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
     ("weather.gases", False): ("weather.dry_pressure_hpa", "weather.vapour_g_per_m3"),
     ("radar.sweep", "triangular"): ("processing.echoes",),
@@ -42,10 +42,10 @@ MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
 }
 
 
-# Keys that say by themselves which antenna is meant.
+# Keys that imply the kind of antenna.
 IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
 
-# Keys that select what their table holds.
+# Keys that select the kind of their table.
 TAGS = {
     "terrain.kind": TERRAINS,
     "radar.scan.mode": SCANS,
@@ -125,7 +125,7 @@ def _flatten(table: Mapping[str, Any], prefix: str, flat: dict[str, Any], path: 
 
 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
-    """Put values at dotted keys into nested tables; None takes the key out.
+    """Set values at dotted keys of nested tables; None removes the key.
 
     Raises ScenarioError for a key that does not lead to a value.
     """
@@ -134,23 +134,23 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
 
 
 def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:
-    *tables, last = key.split(".")
+    *tables, final = key.split(".")
     node: Any = data
     for name in tables:
         node = node.setdefault(name, {}) if isinstance(node, dict) else _list_item(node, name, key)
     if isinstance(node, list):
-        _list_item(node, last, key)
+        _list_item(node, final, key)
         if value is None:
-            del node[int(last)]
+            del node[int(final)]
         else:
-            node[int(last)] = value
+            node[int(final)] = value
     elif not isinstance(node, dict):
         problem = Problem(shown(key)[1:-1], "passes through a value that is not a table; check the key")
         raise ScenarioError([problem], "overrides")
     elif value is None:
-        node.pop(last, None)
+        node.pop(final, None)
     else:
-        node[last] = value
+        node[final] = value
 
 
 def _list_item(node: Any, name: str, key: str) -> Any:
@@ -161,37 +161,37 @@ def _list_item(node: Any, name: str, key: str) -> Any:
 
 
 def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
-    """Take out of a shipped scene what the user's own values, which are in it already, contradict.
+    """Remove keys of a shipped scenario that conflict with user overrides already applied to it.
 
-    Whoever flies `hills` with a transmit power need not know that the scene is described by an `snr_db`.
+    For example, a transmit power for `hills` removes the scenario's `snr_db`.
     """
-    for one, other in EITHER_OR:
-        _give_way_to_either(data, overrides, one, other)
+    for side_1, side_2 in EITHER_OR:
+        _drop_contradicted(data, overrides, side_1, side_2)
     materials = data.get("materials")
     for name in materials if isinstance(materials, dict) else ():
-        for one, other in EITHER_OR_OF_A_MATERIAL:
-            keys = ([f"materials.{name}.{key}" for key in side] for side in (one, other))
-            _give_way_to_either(data, overrides, *keys)
+        for side_1, side_2 in EITHER_OR_OF_A_MATERIAL:
+            keys = ([f"materials.{name}.{key}" for key in side] for side in (side_1, side_2))
+            _drop_contradicted(data, overrides, *keys)
     for (key, value), meaningless in MEANINGLESS_BESIDE.items():
         if key in overrides and overrides[key] == value:
             _drop(data, overrides, meaningless)
-    antennas = [kind for own, kind in IMPLIED_ANTENNAS.items() if f"radar.antenna.{own}" in overrides]
+    antennas = [kind for antenna_key, kind in IMPLIED_ANTENNAS.items() if f"radar.antenna.{antenna_key}" in overrides]
     if antennas:
         _drop(data, overrides, ["radar.antenna.kind"])
     for key, value in [*(("radar.antenna.kind", kind) for kind in antennas), *overrides.items()]:
-        known = _keys_beside(key, value)
+        allowed = _keys_beside(key, value)
         table = _at(data, key.rpartition(".")[0])
-        if known and isinstance(table, dict):
-            unknown = [f"{key.rpartition('.')[0]}.{name}" for name in table if name not in known]
-            _drop(data, overrides, unknown)
+        if allowed and isinstance(table, dict):
+            foreign = [f"{key.rpartition('.')[0]}.{name}" for name in table if name not in allowed]
+            _drop(data, overrides, foreign)
 
 
-def _give_way_to_either(
-    data: dict[str, Any], overrides: Mapping[str, Any], one: Iterable[str], other: Iterable[str]
+def _drop_contradicted(
+    data: dict[str, Any], overrides: Mapping[str, Any], side_1: Iterable[str], side_2: Iterable[str]
 ) -> None:
-    one, other = list(one), list(other)
-    for given, contradicted in ((one, other), (other, one)):
-        if any(_at(data, key) is not None and _wrote(overrides, key) for key in given):
+    side_1, side_2 = list(side_1), list(side_2)
+    for written, contradicted in ((side_1, side_2), (side_2, side_1)):
+        if any(_at(data, key) is not None and _wrote(overrides, key) for key in written):
             _drop(data, overrides, contradicted)
 
 
@@ -204,8 +204,10 @@ def _drop(data: dict[str, Any], overrides: Mapping[str, Any], keys: Iterable[str
 
 
 def _wrote(overrides: Mapping[str, Any], key: str) -> bool:
-    """Whether the user wrote a key, a part of it, or the table that it is in."""
-    return any(key == own or key.startswith(f"{own}.") or own.startswith(f"{key}.") for own in overrides)
+    """Whether the user wrote a key, a part of it, or its table."""
+    return any(
+        key == override or key.startswith(f"{override}.") or override.startswith(f"{key}.") for override in overrides
+    )
 
 
 def _at(data: Any, key: str) -> Any:
@@ -215,13 +217,13 @@ def _at(data: Any, key: str) -> Any:
 
 
 def _keys_beside(key: str, value: Any) -> set[str]:
-    """Return the keys that a table may hold once the key that selects its kind has a value; none for any other key."""
-    place = key.split(".")
+    """Return the keys allowed in a table of the kind selected by a key's value; none for any other key."""
+    parts = key.split(".")
     if key in TAGS:
         return _fields_of_part(TAGS[key], value)
-    if place[0] == "materials" and len(place) == 3 and place[2] == "model":
+    if parts[0] == "materials" and len(parts) == 3 and parts[2] == "model":
         return _fields_of_part(MATERIALS, value)
-    if place[0] == "materials" and place[2:] == ["medium", "kind"]:
+    if parts[0] == "materials" and parts[2:] == ["medium", "kind"]:
         return _fields_of_kind(Medium, "kind", value)
     return set()
 
@@ -239,12 +241,12 @@ def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:
     return set()
 
 
-# Keys that name input files, in whatever table they stand.
+# Keys of input files in any table.
 PATH_KEYS = ("path", "log", "pattern", "receive_pattern", "element_pattern")
 
 
 def resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Take relative paths of input files as relative to a folder, or else to the working folder."""
+    """Resolve relative paths of input files against a folder, or else the working folder."""
     waiting: list[Any] = [data]
     while waiting:
         node = waiting.pop()
@@ -255,7 +257,7 @@ def resolve_paths(data: dict[str, Any], folder: Path) -> None:
 
 
 def _resolved(text: str, folder: Path) -> str:
-    """Return an absolute path; what no file system takes is left for the file's reader to refuse."""
+    """Return an absolute path; invalid paths are left to the file's reader."""
     if is_address(text):
         return text
     try:

@@ -1,6 +1,6 @@
-"""The registries of all parts that a scenario chooses by name.
+"""The registries of all parts selected by name in a scenario.
 
-To add a part of ours, write its file and add one line here.
+To add a built-in part, write its file and add one line here.
 """
 
 from __future__ import annotations
@@ -111,10 +111,10 @@ ALL = (
 
 
 def custom_parts() -> dict[str, list[str]]:
-    """Return the names of all parts that are not this package's own, by where they come from."""
-    found: dict[str, list[str]] = {}
+    """Return the names of all custom parts by origin."""
+    names: dict[str, list[str]] = {}
     for registry in ALL:
         for name, origin in registry.known().items():
             if origin != PACKAGE:
-                found.setdefault(origin, []).append(name)
-    return found
+                names.setdefault(origin, []).append(name)
+    return names

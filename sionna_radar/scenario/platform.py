@@ -231,12 +231,12 @@ class Platform(Table):
 
     @model_validator(mode="after")
     def _one_track(self) -> Platform:
-        given = self._given("start_m", "length_m", "heading_deg")
-        if self.waypoints_m and given:
-            raise refuse("waypoints_m", f"contradicts {', '.join(given)}; give the one or the other")
-        along = self._given("start_m", "length_m", "waypoints_m")
-        if self.lines is not None and along:
-            raise refuse("lines", f"contradicts {', '.join(along)}; give the one or the other")
+        conflicts = self._given("start_m", "length_m", "heading_deg")
+        if self.waypoints_m and conflicts:
+            raise refuse("waypoints_m", f"contradicts {', '.join(conflicts)}; give the one or the other")
+        line_conflicts = self._given("start_m", "length_m", "waypoints_m")
+        if self.lines is not None and line_conflicts:
+            raise refuse("lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other")
         if len(self.waypoints_m) == 1:
             raise refuse("waypoints_m", "one point makes no leg; give at least two")
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):

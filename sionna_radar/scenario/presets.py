@@ -1,4 +1,4 @@
-"""Published radars by name: `radar.preset`. Each figure has its source, and what was assumed is said."""
+"""Published radars by name: `radar.preset`, with sources and assumptions of their figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 class Preset:
     """A published radar.
 
-    summary: what it is. radar: keys of `[radar]`. sources: of its figures. assumed: what no source gives.
+    summary: description. radar: keys of `[radar]`. sources: of its figures. assumed: figures without a source.
     """
 
     summary: str
@@ -110,29 +110,29 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
     }
 )
 
-# Ways to describe the noise: whoever gives one does not want the preset's other.
+# Alternative descriptions of the noise: one of the user's replaces the preset's other.
 NOISE = ({"snr_db"}, {"transmit_power_dbm", "noise_figure_db"})
-# A table of another kind than the preset's stands alone.
+# A table of another kind than the preset's is not merged with it.
 KINDS = {"antenna": "kind", "scan": "mode"}
 
 
 def filled_in(values: Mapping[str, Any], implied: Mapping[str, str]) -> dict[str, Any]:
-    """Return keys of `[radar]` with those of its preset that it does not give itself.
+    """Return keys of `[radar]`, completed from its preset.
 
-    implied: antennas that a key of theirs stands for.
+    implied: kinds of antenna by the key that implies them.
     """
     preset = copy.deepcopy(dict(PRESETS[values["preset"]].radar))
-    for own, other in (NOISE, NOISE[::-1]):
-        if any(values.get(key) is not None for key in own):
-            preset = {key: value for key, value in preset.items() if key not in other}
+    for noise_keys, other_keys in (NOISE, NOISE[::-1]):
+        if any(values.get(key) is not None for key in noise_keys):
+            preset = {key: value for key, value in preset.items() if key not in other_keys}
     receiver = values.get("receiver")
     if isinstance(receiver, Mapping) and receiver.get("amplifiers"):
         preset.pop("noise_figure_db", None)
     merged = {**preset, **{key: value for key, value in values.items() if value is not None}}
     for table, tag in KINDS.items():
-        given, known = values.get(table), preset[table]
-        if isinstance(given, Mapping):
-            usual = next((kind for key, kind in implied.items() if key in given), known[tag])
-            alike = given.get(tag, usual) == known[tag]
-            merged[table] = {**known, **given} if alike else dict(given)
+        table_values, preset_table = values.get(table), preset[table]
+        if isinstance(table_values, Mapping):
+            default_kind = next((kind for key, kind in implied.items() if key in table_values), preset_table[tag])
+            same_kind = table_values.get(tag, default_kind) == preset_table[tag]
+            merged[table] = {**preset_table, **table_values} if same_kind else dict(table_values)
     return merged

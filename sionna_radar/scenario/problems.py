@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a scenario, in the words of somebody who writes TOML."""
+"""Translation of pydantic's validation errors into the terms of a TOML file."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -35,7 +35,7 @@ WORDS = {
     "too_long": "it has {actual_length} entries and may have at most {max_length}",
 }
 TABLE_TYPES = ("model_type", "model_attributes_type", "dict_type", "dataclass_type")
-# What pydantic puts into the place of an error when a key may hold several kinds of value.
+# Location entries that pydantic adds for a key with several kinds of value.
 KINDS_OF_VALUE = ("float", "int", "constrained-float", "constrained-int")
 
 
@@ -45,15 +45,15 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
     Parameters
     ----------
     errors:
-        What `ValidationError.errors()` returns.
+        Result of `ValidationError.errors()`.
     model:
-        The table that was validated; its keys are suggested for misspelt ones.
+        The validated table; its keys are suggested for misspelt ones.
 
     """
     problems: dict[str, Problem] = {}
     for error in errors:
         if error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]:
-            continue  # it counts only the entries that are right; what is wrong with the others is said of them
+            continue  # it counts only valid entries; the invalid ones have their own errors
         if _other_than_a_list(error, errors):
             continue
         problem = _problem(error, model)
@@ -62,30 +62,30 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
 
 
 def _other_than_a_list(error: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether an error only says that a list is no number, where a list may stand and its errors are told."""
-    place, kind = error["loc"][:-1], error["loc"][-1:]
+    """Return whether an error only rejects a list as a number, where a list is allowed and has its own errors."""
+    parent, kind = error["loc"][:-1], error["loc"][-1:]
     if not isinstance(error["input"], list | tuple) or not kind or kind[0] not in KINDS_OF_VALUE:
         return False
-    beside = (
-        other["loc"][len(place)] for other in errors if other["loc"][: len(place)] == place and other is not error
+    siblings = (
+        other["loc"][len(parent)] for other in errors if other["loc"][: len(parent)] == parent and other is not error
     )
-    return any(str(part).startswith("tuple[") for part in beside)
+    return any(str(sibling).startswith("tuple[") for sibling in siblings)
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """Return a question that suggests the known word nearest to one, with a space before it; empty if none is near."""
+    """Return a question that suggests the closest known word, with a leading space; empty without a close match."""
     folded = {name.lower(): name for name in known}
-    found = get_close_matches(word.lower()[:100], list(folded), n=1, cutoff=0.6)
-    return f" Did you mean {folded[found[0]]}?" if found else ""
+    matches = get_close_matches(word.lower()[:100], list(folded), n=1, cutoff=0.6)
+    return f" Did you mean {folded[matches[0]]}?" if matches else ""
 
 
 def unknown(word: object, known: Sequence[str]) -> str:
-    """Return the message for a word that is not a known one."""
+    """Return the message for an unknown word."""
     return f"{shown(word)} is unknown; give one of {', '.join(known)}.{nearest(str(word), known)}"
 
 
 def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
-    key, kind, given = _key(error["loc"]), error["type"], error["input"]
+    key, kind, value = _key(error["loc"]), error["type"], error["input"]
     context = error.get("ctx", {})
     match kind:
         case "scenario":
@@ -99,51 +99,51 @@ def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
             tag = context["discriminator"].strip("'")
             return Problem(".".join([*key, *([] if tag.endswith("()") else [tag])]), "required, but not given; add it")
         case "union_tag_invalid":
-            known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+            options = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
             tag = context["discriminator"].strip("'")
-            return Problem(".".join([*key, tag]), unknown(context["tag"], known))
+            return Problem(".".join([*key, tag]), unknown(context["tag"], options))
         case "literal_error":
-            said = f"give one of {context['expected'].replace(' or ', ', ')}"
-            known = [word.strip(" '") for word in context["expected"].replace(" or ", ",").split(",")]
-            said += f".{nearest(given, known)}" if isinstance(given, str) else ""
+            remedy = f"give one of {context['expected'].replace(' or ', ', ')}"
+            options = [word.strip(" '") for word in context["expected"].replace(" or ", ",").split(",")]
+            remedy += f".{nearest(value, options)}" if isinstance(value, str) else ""
         case _ if kind in TABLE_TYPES:
             name = ".".join(key)
-            said = f"give a table: [{name}] with its keys below" if name else "give tables of keys"
+            remedy = f"give a table: [{name}] with its keys below" if name else "give tables of keys"
         case _:
-            said = WORDS[kind].format(**context) if kind in WORDS else error["msg"].lower()
-    return Problem(".".join(key), f"{shown(given)} is refused: {said}")
+            remedy = WORDS[kind].format(**context) if kind in WORDS else error["msg"].lower()
+    return Problem(".".join(key), f"{shown(value)} is refused: {remedy}")
 
 
 def _key(location: Sequence[str | int]) -> list[str]:
-    """Return the key of a location as it appears in the file, without what pydantic adds to it."""
+    """Return the key of a location as it appears in the file, without pydantic's additions."""
     key = [shown(part)[1:-1] if isinstance(part, str) else str(part) for part in location]
-    first = 1
+    start = 1
     if key[:1] == ["materials"]:
-        first = 2
+        start = 2
         if key[2:3] == ["medium"] and len(key) > 3:
             del key[3]  # the kind of the medium is not a key of the file
-    return [*key[:first], *(p for p in key[first:] if p not in KINDS_OF_VALUE and not p.startswith("tuple["))]
+    return [*key[:start], *(p for p in key[start:] if p not in KINDS_OF_VALUE and not p.startswith("tuple["))]
 
 
 def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """Return a question that suggests the key meant by a misspelt or misplaced one; empty if there is none."""
-    *place, last = error["loc"]
+    """Return a question that suggests the intended key for a misspelt or misplaced one; empty without a match."""
+    *parents, wrong_key = error["loc"]
     tables: list[type[BaseModel]] = [model]
-    for part in place:
+    for part in parents:
         fields = [_allowed(t.model_fields[part]) for t in tables if part in t.model_fields]
         tagged = [t for t in tables if part in _tags(t)]
         tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
-    here = ".".join(map(str, error["loc"]))
-    owners = [t for t in tables if last in t.model_fields and _tag_values(t)]
+    full_key = ".".join(map(str, error["loc"]))
+    owners = [t for t in tables if wrong_key in t.model_fields and _tag_values(t)]
     if owners:  # of another part that may stand in the same place
         names = " or ".join(repr(value) for table in owners for value in _tag_values(table))
         return f" It belongs to {_tag_of(owners[0])} = {names}."
-    elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last and key != here]
-    if place[:1] == ["materials"]:  # of another model, which may stand in the same place
+    elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == wrong_key and key != full_key]
+    if parents[:1] == ["materials"]:  # of another model, which may stand in the same place
         elsewhere = [key for key in elsewhere if not key.startswith("materials.")]
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
-    return nearest(str(last), [name for table in tables for name in table.model_fields if name != last])
+    return nearest(str(wrong_key), [name for table in tables for name in table.model_fields if name != wrong_key])
 
 
 def _tag_of(table: type[BaseModel]) -> str:
@@ -177,10 +177,10 @@ def _tables(annotation: Any) -> list[type[BaseModel]]:
     return [table for part in get_args(annotation) for table in _tables(part)]
 
 
-def _all_keys(model: type[BaseModel], prefix: str = "", above: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
+def _all_keys(model: type[BaseModel], prefix: str = "", ancestors: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield prefix + name
         for table in _allowed(field):
-            if table not in (model, *above):  # a table may hold tables of its own kind
+            if table not in (model, *ancestors):  # a table may hold tables of its own kind
                 inner = f"{name}.NAME" if get_origin(field.annotation) is dict else name
-                yield from _all_keys(table, f"{prefix}{inner}.", (model, *above))
+                yield from _all_keys(table, f"{prefix}{inner}.", (model, *ancestors))

@@ -110,8 +110,8 @@ class ArrayAntennaTable(AntennaParameters):
     def _one_description(self) -> ArrayAntennaTable:
         if (self.elements is None) == (self.path is None):
             raise refuse("elements", "give either elements = [columns, rows] or path = a CSV of elements")
-        usual = type(self).model_fields["spacing_wavelengths"].default
-        if self.path is not None and (self.taper_db is not None or self.spacing_wavelengths != usual):
+        default = type(self).model_fields["spacing_wavelengths"].default
+        if self.path is not None and (self.taper_db is not None or self.spacing_wavelengths != default):
             raise refuse("path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them")
         return self
 
@@ -260,7 +260,7 @@ class RadarTable(Table):
         return self
 
     def _check_receiver(self, highest_hz: float) -> None:
-        """Refuse figures of the receiver that do not fit the sampling, or the way the noise is given."""
+        """Reject figures of the receiver that conflict with the sampling or the description of the noise."""
         receiver = self.receiver
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")
@@ -285,12 +285,12 @@ class RadarTable(Table):
                 "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
             )
         if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
-            given = "noise_figure_db" if self.noise_figure_db is not None else "snr_db"
-            raise refuse("receiver.amplifiers", f"contradicts {given}; describe the noise one way only")
+            noise_key = "noise_figure_db" if self.noise_figure_db is not None else "snr_db"
+            raise refuse("receiver.amplifiers", f"contradicts {noise_key}; describe the noise one way only")
 
     @property
     def system_noise_figure_db(self) -> float | None:
-        """The noise figure, of the amplifiers where these are given; None beside `snr_db`."""
+        """The noise figure, of the amplifiers if given; None with `snr_db`."""
         chain = self.receiver.noise_figure_db
         return self.noise_figure_db if chain is None else chain
 
@@ -320,7 +320,7 @@ def check_average(
     sensor: str,
     whole_echoes: str | None,
 ) -> None:
-    """Refuse an average of chirps that the rest of a scenario does not allow.
+    """Reject an average of chirps that conflicts with the rest of a scenario.
 
     Parameters
     ----------
@@ -368,12 +368,12 @@ def _of_powers(processing: ProcessingTable, whole_echoes: str | None) -> tuple[s
 
 
 def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
-    """Return the averaged powers of a pulse that have speckle of their own; that of still ground is taken for one."""
+    """Return the number of averaged powers of a pulse with independent speckle; one for static ground."""
     return processing.average.powers if tracing.speckle == "per_pulse" else 1
 
 
 def refuse_average(processing: ProcessingTable, what: str) -> None:
-    """Refuse averaged chirps where single ones are looked at, with ScenarioError; `what` is made of them."""
+    """Raise ScenarioError for averaged chirps where `what` needs single ones."""
     if processing.average.chirps > 1:
         message = f"{processing.average.chirps}: {what} knows single chirps alone; set 1"
         raise ScenarioError([Problem("processing.average.chirps", message)])

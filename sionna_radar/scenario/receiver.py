@@ -186,11 +186,11 @@ class ConverterTable(Table):
             "full_scale_over_noise_db": self.full_scale_over_noise_db,
             "agc_headroom_db": self.agc_headroom_db,
         }
-        given = [key for key, value in scales.items() if value is not None]
-        if len(given) > 1:
-            raise refuse(given[1], f"contradicts {given[0]}; give one of {', '.join(scales)}")
+        given_scales = [key for key, value in scales.items() if value is not None]
+        if len(given_scales) > 1:
+            raise refuse(given_scales[1], f"contradicts {given_scales[0]}; give one of {', '.join(scales)}")
         for key in ("bits", "dc_offset_db"):
-            if getattr(self, key) is not None and not given:
+            if getattr(self, key) is not None and not given_scales:
                 raise refuse(key, f"needs a full scale; give one of {', '.join(scales)}")
         if self.gain_db != 0 and self.full_scale_dbm is None:
             raise refuse("gain_db", "has no effect without full_scale_dbm; give it")
@@ -257,19 +257,21 @@ class ReceiverTable(Table):
     @model_validator(mode="after")
     def _consistent(self) -> ReceiverTable:
         for kind in ("high_pass", "anti_alias"):
-            order, usual = getattr(self, f"{kind}_order"), type(self).model_fields[f"{kind}_order"].default
-            if getattr(self, f"{kind}_corner_hz") == 0 and order != usual:
+            order, default = getattr(self, f"{kind}_order"), type(self).model_fields[f"{kind}_order"].default
+            if getattr(self, f"{kind}_corner_hz") == 0 and order != default:
                 message = f"{order} has no effect without {kind}_corner_hz; give it"
                 raise refuse(f"{kind}_order", message)
         gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
-        beyond = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
-        if beyond is not None:
-            message = f"their gains come to {beyond:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
+        excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
+        if excess_db is not None:
+            message = (
+                f"their gains come to {excess_db:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
+            )
             raise refuse("amplifiers", message)
-        for place, stage in self.stages.items():
-            if stage.stage != place and stage.stage in get_args(Place):
+        for slot, stage in self.stages.items():
+            if stage.stage != slot and stage.stage in get_args(Place):
                 message = f"{stage.stage!r} is the program's own, of another place; name one of a plug-in, or remove it"
-                raise refuse(f"stages.{place}", message)
+                raise refuse(f"stages.{slot}", message)
         return self
 
     @property
@@ -353,9 +355,9 @@ class SecondReceiverTable(Table):
             raise refuse("receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'")
         if self.kind != "monopulse":
             return self
-        given = {"baseline_wavelengths": None, "baseline_error_wavelengths": 0.0, "phase_error_deg": 0.0}
-        for name, usual in given.items():
-            if getattr(self, name) != usual:
+        defaults = {"baseline_wavelengths": None, "baseline_error_wavelengths": 0.0, "phase_error_deg": 0.0}
+        for name, default in defaults.items():
+            if getattr(self, name) != default:
                 message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
                 raise refuse(name, message)
         return self

@@ -1,4 +1,4 @@
-"""What may be chosen anew when recorded beat signals are processed, and what a recording says of its radar."""
+"""Adjustable settings for the processing of recorded beat signals, and the radar of a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
 
-# Tables of a scenario that a recording leaves open; and those that one without a scenario leaves open besides.
+# Adjustable tables of any recording; additional ones of a recording without a scenario.
 OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver", "radar.conjugate")
 SLOWEST_WAVE_MPS = 1e6
 
@@ -67,10 +67,10 @@ class RecordedReception(Table):
 
     @model_validator(mode="after")
     def _only_the_high_pass(self) -> RecordedReception:
-        given = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
-        if given:
+        unsupported = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
+        if unsupported:
             raise refuse(
-                f"receiver.{given[0]}",
+                f"receiver.{unsupported[0]}",
                 "has no effect on samples that are recorded already; only high-pass and range gain have",
             )
         return self
@@ -119,15 +119,15 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
         raise ScenarioError(translate(error.errors(), RecordedSettings), source) from error
 
 
-def _check_open(overrides: Mapping[str, Any], tables: tuple[str, ...], why: str) -> None:
+def _check_open(overrides: Mapping[str, Any], tables: tuple[str, ...], reason: str) -> None:
     closed = [key for key in overrides if not any(key == table or key.startswith(f"{table}.") for table in tables)]
     if closed:
-        known = [*Scenario.model_fields]
-        raise ScenarioError([_closed(key, why, known) for key in closed], "overrides")
+        options = [*Scenario.model_fields]
+        raise ScenarioError([_closed(key, reason, options) for key in closed], "overrides")
 
 
-def _closed(key: str, why: str, known: list[str]) -> Problem:
+def _closed(key: str, reason: str, options: list[str]) -> Problem:
     table = key.split(".")[0]
-    if table not in known:
-        return Problem(shown(key)[1:-1], f"unknown key; remove it or correct its spelling.{nearest(table, known)}")
-    return Problem(shown(key)[1:-1], why)
+    if table not in options:
+        return Problem(shown(key)[1:-1], f"unknown key; remove it or correct its spelling.{nearest(table, options)}")
+    return Problem(shown(key)[1:-1], reason)

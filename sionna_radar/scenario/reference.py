@@ -15,34 +15,34 @@ from pydantic_core import core_schema
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import LARGEST, summary, unit_of
 
-# How pydantic calls a bound that it checks after something else, and how the standard does.
+# Names of bounds in pydantic's function validators and in JSON Schema.
 BOUNDS = {"ge": "minimum", "le": "maximum", "gt": "exclusiveMinimum", "lt": "exclusiveMaximum"}
 
 
 class _WithMeanings(GenerateJsonSchema):
-    """Adds what the tables say of their keys, and leaves out bounds that no sensible value comes near."""
+    """Adds the meanings of keys, and omits the implausibly large default bounds."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         """Return the schema of a table with its description and those of its keys."""
-        found = super().model_schema(schema)
+        json_schema = super().model_schema(schema)
         table = schema["cls"]
         if issubclass(table, BaseModel):
-            found["description"] = summary(table)
-            for name, about in found.get("properties", {}).items():
+            json_schema["description"] = summary(table)
+            for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if "description" in about:
-                    about["description"] = " ".join(about["description"].split()) + unit
-                about.pop("title", None)
-        return found
+                if "description" in entry:
+                    entry["description"] = " ".join(entry["description"].split()) + unit
+                entry.pop("title", None)
+        return json_schema
 
     def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
-        """Return the schema of a number without the bounds of any number."""
-        found = super().float_schema(schema)
-        return {key: value for key, value in found.items() if key not in BOUNDS.values() or abs(value) < LARGEST}
+        """Return the schema of a number without the default bounds."""
+        json_schema = super().float_schema(schema)
+        return {key: value for key, value in json_schema.items() if key not in BOUNDS.values() or abs(value) < LARGEST}
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a scenario, with custom parts that are installed or registered.
+    """Return the JSON Schema (draft 2020-12) of a scenario, with installed or registered custom parts.
 
     Examples
     --------
@@ -51,8 +51,8 @@ def scenario_schema() -> dict[str, Any]:
     True
 
     """
-    found = _of_toml(Scenario.model_json_schema(schema_generator=_WithMeanings))
-    return {"$schema": GenerateJsonSchema.schema_dialect, **found, "title": "sionna_radar scenario"}
+    json_schema = _of_toml(Scenario.model_json_schema(schema_generator=_WithMeanings))
+    return {"$schema": GenerateJsonSchema.schema_dialect, **json_schema, "title": "sionna_radar scenario"}
 
 
 def _of_toml(schema: Any) -> Any:
@@ -61,14 +61,14 @@ def _of_toml(schema: Any) -> Any:
         return [_of_toml(entry) for entry in schema]
     if not isinstance(schema, dict):
         return schema
-    found = {
+    converted = {
         BOUNDS.get(key, key): _of_toml(value) for key, value in schema.items() if (key, value) != ("default", None)
     }
-    kinds = [kind for kind in found.get("anyOf", []) if kind != {"type": "null"}]
+    kinds = [kind for kind in converted.get("anyOf", []) if kind != {"type": "null"}]
     if len(kinds) == 1:
-        del found["anyOf"]
-        return kinds[0] | found
-    return found | ({"anyOf": kinds} if kinds else {})
+        del converted["anyOf"]
+        return kinds[0] | converted
+    return converted | ({"anyOf": kinds} if kinds else {})
 
 
 NONE = "-"
@@ -76,7 +76,7 @@ NONE = "-"
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """A key of a table: what it may hold, its unit, its default as TOML (both empty for none), and its meaning."""
+    """A key of a table: allowed values, unit, default as TOML (both empty for none), and meaning."""
 
     name: str
     values: str
@@ -88,7 +88,7 @@ class Key:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A table of a scenario, by the place that it has, such as `[radar.antenna]`, and what chooses it there."""
+    """A table of a scenario: its position, such as `[radar.antenna]`, and the key and values that select it."""
 
     place: str
     chosen: str
@@ -97,17 +97,19 @@ class Section:
 
 
 def sections() -> list[Section]:
-    """Return every table that a scenario may hold, the scenario itself first, each once in each place."""
+    """Return all tables of a scenario, the scenario itself first, each once per position."""
     schema = scenario_schema()
-    found = _walk(schema, "", "", schema["$defs"], ())
-    return list({(section.place, section.chosen): section for section in found}.values())
+    walked = _walk(schema, "", "", schema["$defs"], ())
+    return list({(section.place, section.chosen): section for section in walked}.values())
 
 
 def dotted_keys() -> list[str]:
-    """Return every key that `--set` takes, dotted; those of lists and of tables with names of the user's left out."""
-    places = [(section.place.strip("[]"), section) for section in sections() if not section.place.startswith("[[")]
-    found = [f"{place}.{key.name}".lstrip(".") for place, section in places for key in section.keys]
-    return list(dict.fromkeys(key for key in found if "NAME" not in key))
+    """Return all dotted keys of `--set`, without those of lists and of tables with user-defined names."""
+    named_sections = [
+        (section.place.strip("[]"), section) for section in sections() if not section.place.startswith("[[")
+    ]
+    keys = [f"{place}.{key.name}".lstrip(".") for place, section in named_sections for key in section.keys]
+    return list(dict.fromkeys(key for key in keys if "NAME" not in key))
 
 
 def reference() -> str:
@@ -120,14 +122,14 @@ def reference() -> str:
     True
 
     """
-    parts = []
+    lines = []
     for section in sections():
-        place = f"`{section.place}`" if section.place else "Top level"
+        heading = f"`{section.place}`" if section.place else "Top level"
         level = "##" if not section.chosen else "###"
-        parts.append(f"{level} {place}{' with ' + section.chosen if section.chosen else ''}\n\n{section.about}\n")
-        parts.append("| key | value | unit | default | meaning |\n|---|---|---|---|---|")
-        parts.append("\n".join(_row(key) for key in section.keys) + "\n")
-    return "\n".join(parts)
+        lines.append(f"{level} {heading}{' with ' + section.chosen if section.chosen else ''}\n\n{section.about}\n")
+        lines.append("| key | value | unit | default | meaning |\n|---|---|---|---|---|")
+        lines.append("\n".join(_row(key) for key in section.keys) + "\n")
+    return "\n".join(lines)
 
 
 def _row(key: Key) -> str:
@@ -137,7 +139,7 @@ def _row(key: Key) -> str:
 
 
 def _walk(
-    schema: Mapping[str, Any], place: str, chosen: str, defs: Mapping[str, Any], above: tuple[str, ...]
+    schema: Mapping[str, Any], place: str, chosen: str, defs: Mapping[str, Any], ancestors: tuple[str, ...]
 ) -> Iterator[Section]:
     required = schema.get("required", [])
     properties = schema.get("properties", {})
@@ -148,42 +150,42 @@ def _walk(
         keys=tuple(
             Key(
                 name=name,
-                values=_values(about, defs),
+                values=_values(entry, defs),
                 unit=unit_of(name),
-                default="" if name in required else _toml(about.get("default")),
-                meaning=about.get("description", "").removesuffix(f" ({unit_of(name)})"),
+                default="" if name in required else _toml(entry.get("default")),
+                meaning=entry.get("description", "").removesuffix(f" ({unit_of(name)})"),
                 required=name in required,
             )
-            for name, about in properties.items()
+            for name, entry in properties.items()
         ),
     )
-    for name, about in properties.items():
-        yield from _inside(name, about, place, defs, above)
+    for name, entry in properties.items():
+        yield from _inside(name, entry, place, defs, ancestors)
 
 
 def _inside(
-    name: str, about: Mapping[str, Any], place: str, defs: Mapping[str, Any], above: tuple[str, ...]
+    name: str, entry: Mapping[str, Any], place: str, defs: Mapping[str, Any], ancestors: tuple[str, ...]
 ) -> Iterator[Section]:
     """Yield the tables that a key may hold."""
     path = place.strip("[]")
     inner = f"{path}.{name}" if path else name
-    where = f"[{inner}]"
-    if "items" in about:
-        about, where = about["items"], f"[[{inner}]]"
-    elif "additionalProperties" in about and isinstance(about["additionalProperties"], dict):
-        about, where = about["additionalProperties"], f"[{inner}.NAME]"
-    tables = [_resolved(kind, defs) for kind in about.get("anyOf", about.get("oneOf", [about]))]
+    heading = f"[{inner}]"
+    if "items" in entry:
+        entry, heading = entry["items"], f"[[{inner}]]"
+    elif "additionalProperties" in entry and isinstance(entry["additionalProperties"], dict):
+        entry, heading = entry["additionalProperties"], f"[{inner}.NAME]"
+    tables = [_resolved(kind, defs) for kind in entry.get("anyOf", entry.get("oneOf", [entry]))]
     for table in tables:
         title = table.get("title", "")
-        if "properties" in table and title not in above:
-            yield from _walk(table, where, _chosen(table) if len(tables) > 1 else "", defs, (*above, title))
+        if "properties" in table and title not in ancestors:
+            yield from _walk(table, heading, _chosen(table) if len(tables) > 1 else "", defs, (*ancestors, title))
 
 
 def _chosen(table: Mapping[str, Any]) -> str:
     """Return the key and values that select a table among those of its place."""
     for tag in ("kind", "mode", "model"):
-        about = table["properties"].get(tag, {})
-        names = about.get("enum") or ([about["const"]] if "const" in about else [])
+        entry = table["properties"].get(tag, {})
+        names = entry.get("enum") or ([entry["const"]] if "const" in entry else [])
         if names:
             return f"`{tag}` = " + ", ".join(f'`"{name}"`' for name in names)
     return ""
@@ -193,49 +195,49 @@ def _resolved(schema: Mapping[str, Any], defs: Mapping[str, Any]) -> Mapping[str
     return defs[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
 
 
-def _values(about: Mapping[str, Any], defs: Mapping[str, Any]) -> str:
+def _values(entry: Mapping[str, Any], defs: Mapping[str, Any]) -> str:
     """Return the allowed values of a key, in words."""
-    about = _resolved(about, defs)
-    kinds = about.get("anyOf", about.get("oneOf"))
+    entry = _resolved(entry, defs)
+    kinds = entry.get("anyOf", entry.get("oneOf"))
     if kinds:
         return " or ".join(dict.fromkeys(_values(kind, defs) for kind in kinds))
-    if "enum" in about:
-        return ", ".join(f'`"{name}"`' if isinstance(name, str) else f"`{name}`" for name in about["enum"])
-    if "const" in about:
-        return f'`"{about["const"]}"`'
-    match about.get("type"):
+    if "enum" in entry:
+        return ", ".join(f'`"{name}"`' if isinstance(name, str) else f"`{name}`" for name in entry["enum"])
+    if "const" in entry:
+        return f'`"{entry["const"]}"`'
+    match entry.get("type"):
         case "number" | "integer":
-            kind = "number" if about["type"] == "number" else "whole number"
-            return f"{kind}{_range(about)}"
+            kind = "number" if entry["type"] == "number" else "whole number"
+            return f"{kind}{_range(entry)}"
         case "boolean":
             return "`true` or `false`"
         case "string":
-            return "file" if about.get("format") == "path" else "text"
-        case "array" if "prefixItems" in about:
-            return "[" + ", ".join(_values(entry, defs) for entry in about["prefixItems"]) + "]"
+            return "file" if entry.get("format") == "path" else "text"
+        case "array" if "prefixItems" in entry:
+            return "[" + ", ".join(_values(item, defs) for item in entry["prefixItems"]) + "]"
         case "array":
-            return f"list of {_values(about.get('items', {}), defs)}"
-    if "properties" not in about and isinstance(about.get("additionalProperties"), dict):
-        return f"table: names to {_values(about['additionalProperties'], defs)}"
+            return f"list of {_values(entry.get('items', {}), defs)}"
+    if "properties" not in entry and isinstance(entry.get("additionalProperties"), dict):
+        return f"table: names to {_values(entry['additionalProperties'], defs)}"
     return "table"
 
 
-def _range(about: Mapping[str, Any]) -> str:
-    low = about.get("minimum", about.get("exclusiveMinimum"))
-    high = about.get("maximum", about.get("exclusiveMaximum"))
-    if low is None and high is None:
+def _range(entry: Mapping[str, Any]) -> str:
+    lower = entry.get("minimum", entry.get("exclusiveMinimum"))
+    upper = entry.get("maximum", entry.get("exclusiveMaximum"))
+    if lower is None and upper is None:
         return ""
-    above = f"more than {low:g}" if "exclusiveMinimum" in about else f"{low:g}" if low is not None else ""
-    below = f"less than {high:g}" if "exclusiveMaximum" in about else f"{high:g}" if high is not None else ""
-    if not below:
-        return f", {above}" if "exclusiveMinimum" in about else f", at least {above}"
-    if not above:
-        return f", at most {below}"
-    return f", {above} to {below}"
+    lower_text = f"more than {lower:g}" if "exclusiveMinimum" in entry else f"{lower:g}" if lower is not None else ""
+    upper_text = f"less than {upper:g}" if "exclusiveMaximum" in entry else f"{upper:g}" if upper is not None else ""
+    if not upper_text:
+        return f", {lower_text}" if "exclusiveMinimum" in entry else f", at least {lower_text}"
+    if not lower_text:
+        return f", at most {upper_text}"
+    return f", {lower_text} to {upper_text}"
 
 
 def _toml(value: Any) -> str:
-    """Return a default as TOML; empty for none, and for a table, whose keys have their own."""
+    """Return a default as TOML; empty for none, and for a table, whose keys have defaults."""
     if value is None or isinstance(value, dict):
         return ""
     return json.dumps(value, ensure_ascii=False)

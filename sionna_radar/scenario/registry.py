@@ -1,8 +1,8 @@
-"""Registries: the parts of a survey that a scenario chooses by name, ours and those of others, through one door.
+"""Registries of the parts of a survey selected by name in a scenario, built-in and custom alike.
 
-A part is registered under a name with what builds it and, if it has parameters, the table of them. Names come from
-three places: this package, packages that are installed with the entry-point group `sionna_radar.plugins`, and
-whatever a script registers before it reads a scenario.
+A part is registered under a name with its builder and, if any, its table of parameters. Names come from
+three sources: this package, installed packages with the entry-point group `sionna_radar.plugins`, and
+registrations of a script before it reads a scenario.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Builder = TypeVar("Builder", bound=Callable[..., Any])
 class Entry:
     """A registered part.
 
-    kind: what it is, in words.
+    kind: its kind, in words.
     parameters: the table of its parameters; None for a part without any.
-    build: returns the part, from its parameters if it has any, and from what the seam hands it besides.
-    origin: where it comes from, in words.
+    build: returns the part from its parameters, if any, and the other arguments of its kind.
+    origin: its package or script, in words.
     provides_profiles: of a sensor: whether its observations have range profiles.
     """
 
@@ -76,11 +76,11 @@ class Registry:
     Parameters
     ----------
     kind:
-        What the parts are, in words.
+        Kind of the parts, in words.
     ours:
-        Names of this package's own parts, by the modules that register them, which are loaded when first asked for.
+        Names of the built-in parts by module; modules are loaded on first use.
     base:
-        Table that the parameters of every part derive from.
+        Base table of all parameters.
 
     """
 
@@ -92,14 +92,14 @@ class Registry:
     def register(
         self, name: str, parameters: type[Any] | None = None, *, provides_profiles: bool = False
     ) -> Callable[[Builder], Builder]:
-        """Return a decorator that registers what builds a part.
+        """Return a decorator that registers the builder of a part.
 
         Parameters
         ----------
         name:
-            What scenarios call it.
+            Name in scenarios.
         parameters:
-            The table of its parameters; what is decorated is called with one first.
+            The table of its parameters, the first argument of the builder.
         provides_profiles:
             See `Entry`.
 
@@ -138,16 +138,16 @@ class Registry:
         return add
 
     def _add(self, entry: Entry) -> None:
-        taken = self._entries.get(entry.name)
-        if taken is None and entry.name in self._ours and entry.origin != PACKAGE:
-            taken = self.entry(entry.name)
-        if taken is not None and _place(taken.build) != _place(entry.build):
-            message = f"{self.kind} {entry.name!r} is registered already, by {taken.origin}; choose another name"
+        existing = self._entries.get(entry.name)
+        if existing is None and entry.name in self._ours and entry.origin != PACKAGE:
+            existing = self.entry(entry.name)
+        if existing is not None and _place(existing.build) != _place(entry.build):
+            message = f"{self.kind} {entry.name!r} is registered already, by {existing.origin}; choose another name"
             raise PluginError(message)
         self._entries[entry.name] = entry
 
     def entry(self, name: str) -> Entry:
-        """Return a registered part; KeyError where there is none of that name."""
+        """Return a registered part; KeyError for an unknown name."""
         if name not in self._entries and name in self._ours:
             import_module(self._ours[name])
         if name not in self._entries:
@@ -161,18 +161,18 @@ class Registry:
         return name in self._entries
 
     def known(self) -> dict[str, str]:
-        """Return the names of all parts, and where each comes from."""
+        """Return the origins of all parts by name."""
         load_plugins()
-        others = {name: entry.origin for name, entry in self._entries.items() if name not in self._ours}
-        return dict.fromkeys(self._ours, PACKAGE) | others
+        custom = {name: entry.origin for name, entry in self._entries.items() if name not in self._ours}
+        return dict.fromkeys(self._ours, PACKAGE) | custom
 
     def unknown(self, name: object) -> str:
         """Return the message for a name that is not registered."""
-        known = self.known()
-        said = ", ".join(own for own, origin in known.items() if origin == PACKAGE)
-        said += "".join(f", {own} (from {origin})" for own, origin in known.items() if origin != PACKAGE)
+        origins = self.known()
+        listing = ", ".join(own_name for own_name, origin in origins.items() if origin == PACKAGE)
+        listing += "".join(f", {own_name} (from {origin})" for own_name, origin in origins.items() if origin != PACKAGE)
         broken = "".join(f"; {problem}" for problem in load_plugins())
-        return f"{shown(name)} is unknown; give one of {said}.{nearest(str(name), list(known))}{broken}"
+        return f"{shown(name)} is unknown; give one of {listing}.{nearest(str(name), list(origins))}{broken}"
 
     def tables(self) -> list[type[Table]]:
         """Return the tables of parameters of all parts, each once."""
@@ -198,12 +198,12 @@ Examples
 
 
 def registers(registry: Registry, table: str) -> Callable[[Builder], Builder]:
-    """Return a decorator that adds to the docstring of a function what all that register parts have in common.
+    """Return a decorator that adds the common sections to the docstring of a registering function.
 
-    table: the place of the parameters in a scenario.
+    table: position of the parameters in a scenario.
     """
-    none = "; None if it takes none" if registry.base is Table else ""
-    sections = SECTIONS.format(table=table, none=none, base=registry.base.__name__)
+    default_note = "; None if it takes none" if registry.base is Table else ""
+    sections = SECTIONS.format(table=table, none=default_note, base=registry.base.__name__)
 
     def add(function: Builder) -> Builder:
         function.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("\nExamples\n", sections, 1)
@@ -217,7 +217,7 @@ _loaded: dict[str, str] = {}
 
 
 def load_plugins() -> list[str]:
-    """Load the installed plug-ins that are not loaded yet, and return what is wrong with those that cannot be."""
+    """Load installed plug-ins not loaded yet, and return the problems of those that fail."""
     for point in metadata.entry_points(group=GROUP):
         if point.value in _loaded or point.value in _loading:
             continue
@@ -230,7 +230,7 @@ def load_plugins() -> list[str]:
         except (
             Exception,
             SystemExit,
-        ) as error:  # whatever it is, it must not stop a survey that does not use the plug-in
+        ) as error:  # no error may stop a survey that does not use the plug-in
             _loaded[point.value] = (
                 f"the plug-in {point.name!r} of {origin} cannot be loaded ({type(error).__name__}: {error}); "
                 "mend or uninstall it"
@@ -251,26 +251,26 @@ def _origin(build: Callable[..., Any]) -> str:
 
 
 def _place(build: Callable[..., Any]) -> tuple[str | None, str | None]:
-    """Return the module and name of a builder: a notebook's cell may run again and register it anew."""
+    """Return the module and name of a builder, so that a rerun notebook cell may register it again."""
     name = getattr(build, "__qualname__", "<nameless>")
-    # Nameless functions have no place by which one could be known again.
+    # Anonymous functions cannot be identified by name.
     return getattr(build, "__module__", None), f"{name} {id(build)}" if "<lambda>" in name or name[0] == "<" else name
 
 
 def require(part: object, protocol: type, what: str) -> None:
-    """Refuse what is not a part of a kind.
+    """Check that an object is a part of a kind.
 
     Parameters
     ----------
     part, protocol:
-        The part, and the protocol or class that it must be of.
+        The part, and its required protocol or class.
     what:
-        The part in words, as the message begins.
+        The part in words, the beginning of the message.
 
     Raises
     ------
     PluginError
-        The part lacks members of the protocol, or is a class where an instance is wanted.
+        The part lacks members of the protocol, or is a class instead of an instance.
 
     """
     if isinstance(part, type):

@@ -1,7 +1,7 @@
-"""The whole scenario, in the units a person writes (degrees, dB), and what its tables must agree on.
+"""The whole scenario, in user units (degrees, dB), and the consistency checks between its tables.
 
-Each table's own module checks its values alone and the contradictions visible within it. What needs the terrain
-or the flight to judge is checked when the survey is prepared (`sionna_radar.survey.preparation`).
+Each table's own module checks its values and its internal consistency. Checks that need the terrain
+or the flight are made when the survey is prepared (`sionna_radar.survey.preparation`).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from sionna_radar.weather.obscurants import FOG_SOURCE
 from sionna_radar.weather.snow import HIGHEST_FREQUENCY_HZ as HIGHEST_SNOW_FREQUENCY_HZ
 from sionna_radar.weather.snow import LOWEST_FREQUENCY_HZ as LOWEST_SNOW_FREQUENCY_HZ
 
-# Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
+# In wider beams the nearest point of a plane may lie inside the beam rather than at its edge.
 WIDEST_FITTED_DEG = 30.0
 NO_PLACE_ON_THE_MAP = (
     "needs terrain with a place on the map, and {!r} has none; set terrain.centre_lonlat_deg, or coordinates = 'local' "
@@ -61,9 +61,9 @@ LONGEST_CRS = 100_000
 
 
 def _literal(text: str) -> str:
-    found = next((c for c in text if unicodedata.category(c) == "Cc" and c not in "\n\t"), None)
-    if found is not None:
-        raise refuse("", f"holds the control character {found!r}, which a terminal would obey; remove it")
+    control = next((c for c in text if unicodedata.category(c) == "Cc" and c not in "\n\t"), None)
+    if control is not None:
+        raise refuse("", f"holds the control character {control!r}, which a terminal would obey; remove it")
     return text
 
 
@@ -135,7 +135,7 @@ class Scenario(Table):
 
     @cached_property
     def source(self) -> str:
-        """The file or shipped name that it was read from, which leads its errors; "scenario" without one."""
+        """Its file or shipped name, which begins its errors; "scenario" without one."""
         return UNNAMED
 
     @property
@@ -144,10 +144,10 @@ class Scenario(Table):
         return self.terrain.kind in ("raster", "points", "mesh")
 
     def read_from(self, source: str) -> Scenario:
-        """Return the scenario with the name of its file; scenarios that differ by it alone are equal."""
-        named = self.model_copy()
-        named.__dict__["source"] = source  # as `cached_property` keeps it: no field, so neither compared nor written
-        return named
+        """Return the scenario with the name of its file, which is ignored in comparisons."""
+        copied = self.model_copy()
+        copied.__dict__["source"] = source  # as `cached_property` keeps it: no field, so neither compared nor written
+        return copied
 
     def replace(self, changes: Mapping[str, Any]) -> Scenario:
         """Return a copy with values of dotted keys replaced, validated anew.
@@ -165,7 +165,7 @@ class Scenario(Table):
         4.0
 
         """
-        # A copy: what is put into the tables must not come back to the caller.
+        # A copy: the caller's tables must not change.
         changes, data = copy.deepcopy(dict(changes)), self.model_dump(mode="json", exclude_none=True)
         apply_overrides(data, changes)
         give_way(data, changes)
@@ -177,12 +177,12 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _materials_exist(self) -> Scenario:
-        known = self.all_materials
+        defined = self.all_materials
         for field, name in self._used_materials():
-            if name not in known:
-                near = nearest(name, sorted(known))
+            if name not in defined:
+                suggestion = nearest(name, sorted(defined))
                 message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
-                raise refuse(field, f"{message}{', '.join(sorted(known))}.{near}")
+                raise refuse(field, f"{message}{', '.join(sorted(defined))}.{suggestion}")
         return self
 
     @model_validator(mode="after")
@@ -206,8 +206,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _cfar_fits(self) -> Scenario:
         radar, cfar = self.radar, self.processing.cfar
-        first, last = radar.used_samples
-        cells = (last - first) // (2 if radar.sampling == "real" else 1)
+        start, stop = radar.used_samples
+        cells = (stop - start) // (2 if radar.sampling == "real" else 1)
         if 2 * (cfar.guard + cfar.training) >= cells:
             raise refuse(
                 "processing.cfar.guard",
@@ -236,8 +236,8 @@ class Scenario(Table):
         weather, carrier_hz = self.weather, self.radar.carrier_hz
         if LOWEST_SNOW_FREQUENCY_HZ <= carrier_hz <= HIGHEST_SNOW_FREQUENCY_HZ:
             return self
-        given = [key for key in ("haze", "dust", "smoke") if getattr(weather, f"{key}_visibility_m") is not None]
-        keys = ["snowfall_mm_per_h"] * (weather.snowfall_mm_per_h > 0) + [f"{key}_visibility_m" for key in given]
+        obscurants = [key for key in ("haze", "dust", "smoke") if getattr(weather, f"{key}_visibility_m") is not None]
+        keys = ["snowfall_mm_per_h"] * (weather.snowfall_mm_per_h > 0) + [f"{key}_visibility_m" for key in obscurants]
         if keys:
             raise refuse(
                 f"weather.{keys[0]}",
@@ -282,15 +282,15 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _angle_is_measured(self) -> Scenario:
         method = self.dem.method
-        whole = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
-        check_angle(self.processing, self.radar, self.weather, self.sensor, method if whole else None)
+        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
+        check_angle(self.processing, self.radar, self.weather, self.sensor, method if needs_profiles else None)
         return self
 
     @model_validator(mode="after")
     def _average_is_measured(self) -> Scenario:
         method = self.dem.method
-        whole = getattr(DEM_METHODS.entry(method).build, "profiles", "unused") != "unused"
-        chosen = method if whole else None
+        uses_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", "unused") != "unused"
+        chosen = method if uses_profiles else None
         check_average(self.processing, self.radar, self.weather, self.tracing, self.sensor, chosen)
         return self
 
@@ -309,33 +309,33 @@ class Scenario(Table):
         return self
 
     def _used_materials(self) -> list[tuple[str, str]]:
-        used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
-        used += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]
-        for number, thing in enumerate(self.objects):
-            used.append((f"objects.{number}.material", thing.material))
-            used += [(f"objects.{number}.materials.{key}", name) for key, name in thing.materials.items()]
-        for number, file in enumerate(self.footprints):
-            used.append((f"footprints.{number}.material", file.material))
-            used += [(f"footprints.{number}.materials.{key}", name) for key, name in file.materials.items()]
+        references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
+        references += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]
+        for index, item in enumerate(self.objects):
+            references.append((f"objects.{index}.material", item.material))
+            references += [(f"objects.{index}.materials.{key}", name) for key, name in item.materials.items()]
+        for index, file in enumerate(self.footprints):
+            references.append((f"footprints.{index}.material", file.material))
+            references += [(f"footprints.{index}.materials.{key}", name) for key, name in file.materials.items()]
         if isinstance(self.terrain, MeshTerrain):
-            used += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
+            references += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
         if isinstance(self.terrain, CityTerrain):
             mapped = self.terrain.materials.items()
-            used += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
+            references += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
         if isinstance(self.terrain, CoveredTerrain):
-            used += [("terrain.material", self.terrain.material)]
-            used += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
+            references += [("terrain.material", self.terrain.material)]
+            references += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
             raster = self.terrain.cover_raster
             classes = raster.classes.items() if raster else ()
-            used += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
+            references += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
             vector = self.terrain.cover_vector
             classes = vector.classes.items() if vector else ()
-            used += [(f"terrain.cover_vector.classes.{key}", name) for key, name in classes]
+            references += [(f"terrain.cover_vector.classes.{key}", name) for key, name in classes]
         if isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain):
-            used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
-        return used
+            references += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
+        return references
 
     @property
     def all_materials(self) -> dict[str, MaterialParameters]:
-        """The scenario's materials and the built-in ones they do not replace."""
+        """The scenario's materials and the built-in ones not replaced by them."""
         return {**DEFAULT_MATERIALS, **self.materials}

@@ -15,13 +15,13 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import is_address, shown
 from sionna_radar.scenario.problems import translate
 
-# Far beyond anything a survey can mean, and far within what its products and powers can reach without an overflow.
+# Bounds of all numbers: far beyond plausible values, and small enough that products and powers do not overflow.
 LARGEST, SMALLEST = 1e15, 1e-15
 LONGEST_PATH = 4096
 
 
 def refuse(field: str, message: str) -> PydanticCustomError:
-    """Return the error of a check that spans fields, bound to the dotted key it names."""
+    """Return the error of a check across fields, for a dotted key."""
     return PydanticCustomError("scenario", "{message}", {"message": message, "field": field})
 
 
@@ -32,7 +32,7 @@ def _not_vanishing(value: float) -> float:
 
 
 def _a_source(source: Any) -> Any:
-    """Keep an address as it is written: as a path it would lose a slash."""
+    """Keep an address as text: a path would lose a slash."""
     return Path(source) if isinstance(source, str) and not is_address(source) else source
 
 
@@ -45,14 +45,14 @@ def _a_path(path: Path) -> Path:
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 NonNegative = Annotated[Real, Field(ge=0)]
-# None, or enough of it to compute with.
+# Zero, or not too small to compute with.
 NoneOrSome = Annotated[Real, Field(ge=0), AfterValidator(lambda value: value and _not_vanishing(value))]
 Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_vanishing)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Point2 = tuple[Real, Real]
 Point3 = tuple[Real, Real, Real]
 InputPath = Annotated[Path, AfterValidator(_a_path)]
-# A file, or an address on the network, which is refused unless the user allows it.
+# A file, or a network address, which is rejected unless the user allows it.
 Address = Annotated[str, Field(max_length=LONGEST_PATH)]
 InputSource = Annotated[InputPath | Address, BeforeValidator(_a_source)]
 
@@ -77,7 +77,7 @@ class Table(BaseModel):
 
 
 class Parameters(Table):
-    """Parameters of a custom part: a frozen pydantic model that refuses unknown keys, as the scenario's own tables do.
+    """Parameters of a custom part: a frozen pydantic model that rejects unknown keys, like the built-in tables.
 
     Units belong into the names of the fields. `Real`, `Positive` and `NonNegative` of `sionna_radar.scenario` are
     numbers as the scenario's own tables take them: finite, and neither true nor text. Raises ScenarioError, with every
@@ -125,7 +125,7 @@ UNITS = {
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the end of a key's name stands for; empty for none."""
+    """Return the unit from the suffix of a key's name; empty for none."""
     return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
 
 

@@ -190,8 +190,8 @@ class PointsTerrain(CoveredTerrain):
 
     @model_validator(mode="after")
     def _percentile_is_used(self) -> PointsTerrain:
-        usual = type(self).model_fields["percentile"].default
-        if self.statistic != "percentile" and self.percentile != usual:
+        default = type(self).model_fields["percentile"].default
+        if self.statistic != "percentile" and self.percentile != default:
             raise refuse("percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it")
         return self
 

@@ -102,9 +102,9 @@ class WeatherTable(Table):
                 "north and up",
             )
         fields = type(self).model_fields
-        given = [k for k in ("dry_pressure_hpa", "vapour_g_per_m3") if getattr(self, k) != fields[k].default]
-        if given and not self.gases:
-            raise refuse("gases", f"false, so {', '.join(given)} would go unused; set gases = true or remove them")
+        gas_keys = [k for k in ("dry_pressure_hpa", "vapour_g_per_m3") if getattr(self, k) != fields[k].default]
+        if gas_keys and not self.gases:
+            raise refuse("gases", f"false, so {', '.join(gas_keys)} would go unused; set gases = true or remove them")
         return self
 
     @property

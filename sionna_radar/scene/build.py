@@ -25,18 +25,18 @@ from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter, motions_of
 
-# After each of them `build_scene` reports.
+# Progress steps reported by `build_scene`.
 BUILDING_STEPS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltScene:
-    """A scene with what the survey needs from it.
+    """A scene and its derived quantities for a survey.
 
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
-    may_overhang: there may be air under some of them.
-    posting_m: distance of the heights of the terrain's file; see `Landscape`.
+    may_overhang: whether there may be air under some of them.
+    posting_m: posting of the terrain's file; see `Landscape`.
     """
 
     scene: Scene
@@ -52,14 +52,14 @@ def build_scene(
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     materials: Mapping[str, Backscatter] | None = None,
 ) -> BuiltScene:
-    """Build the scene of a scenario, or take what the last survey built of the same one; see `shared_ground`.
+    """Build the scene of a scenario, or reuse parts of the last survey's scene; see `shared_ground`.
 
     Parameters
     ----------
     scenario:
         The scenario.
     window_m:
-        Extent that the survey can see (west, south, east, north); no more of a file is read.
+        Extent visible to the survey (west, south, east, north); files are read only within it.
     terrain, materials:
         A custom terrain and custom materials instead of the scenario's.
 
@@ -71,21 +71,21 @@ def build_scene(
 
     """
     radar = scenario.radar
-    given = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
-    known = _materials(scenario, materials or {})
+    inputs = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
+    scene_materials = _materials(scenario, materials or {})
     share = terrain is None and not materials
-    ground = shared_ground(scenario, given) if share else build_ground(scenario, given, terrain)
+    ground = shared_ground(scenario, inputs) if share else build_ground(scenario, inputs, terrain)
     land = ground.land
-    _check_materials(land, known)
+    _check_materials(land, scene_materials)
     advance()
     motions = motions_of(scenario.all_materials)
-    # Of the files that these tables name, too: a mesh that was written anew is another target.
-    standing = content_key({"targets": scenario.targets, "vegetation": scenario.vegetation})
+    # Includes the identity of the tables' files: a rewritten mesh is another target.
+    contents_key = content_key({"targets": scenario.targets, "vegetation": scenario.vegetation})
 
     def build() -> Scene:
         return Scene(
             surfaces=ground.surfaces,
-            materials=known | land.materials,
+            materials=scene_materials | land.materials,
             targets=_targets(scenario, land),
             ground_material=land.ground_material,
             georeference=land.georeference,
@@ -95,11 +95,11 @@ def build_scene(
             motions=motions,
         )
 
-    if standing is None:
+    if contents_key is None:
         scene = build()
     else:
-        place = (standing, repr((window_m if scenario.vegetation else (), motions)), Same(known))
-        scene = ground.caster.once("scene", place, build)
+        key = (contents_key, repr((window_m if scenario.vegetation else (), motions)), Same(scene_materials))
+        scene = ground.caster.once("scene", key, build)
     advance()
     advance()
     return BuiltScene(
@@ -112,7 +112,7 @@ def build_scene(
 
 
 def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[str, Backscatter]:
-    """Return the materials of a scenario and custom ones; those of the last scenario are kept."""
+    """Return the materials of a scenario and custom ones; those of the last scenario are cached."""
     for name, model in custom.items():
         if name not in scenario.all_materials:
             message = (
@@ -133,9 +133,9 @@ def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[st
 _MATERIALS = KeptValues(1)
 
 
-def _check_materials(land: Landscape, known: Mapping[str, Backscatter]) -> None:
+def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> None:
     used = {land.ground_material, *(surface.material for surface in land.surfaces)}
-    missing = sorted(used - set(known) - set(land.materials))
+    missing = sorted(used - set(defined) - set(land.materials))
     if missing:
         message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
         raise ScenarioError([Problem("terrain", message)])

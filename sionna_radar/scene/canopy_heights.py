@@ -1,4 +1,4 @@
-"""Heights of plants over the ground from files: rasters of them, and point clouds with classes."""
+"""Plant heights above ground from rasters and classified point clouds."""
 
 from collections.abc import Callable
 
@@ -28,7 +28,7 @@ def plant_heights(
     key: str,
     point_m: Float[np.ndarray, "n 2"],
 ) -> Float[np.ndarray, " n"]:
-    """Return the heights of a stand's plants over the ground at horizontal positions; NaN where its file has none.
+    """Return the heights of a stand's plants above ground at horizontal positions; NaN without data.
 
     Parameters
     ----------
@@ -50,10 +50,10 @@ def plant_heights(
     assert stand.path is not None
     if stand.of_cloud:
         return _of_cloud(georeference, ground_m, stand, key, point_m)
-    found = np.full(len(point_m), np.nan)
-    inside, cells = raster_at(stand.path, f"{key}.path", "heights of plants in metres", point_m, georeference)
-    found[inside] = np.ma.filled(cells.astype(np.float64), np.nan)
-    return found
+    heights_m = np.full(len(point_m), np.nan)
+    covered, cells = raster_at(stand.path, f"{key}.path", "heights of plants in metres", point_m, georeference)
+    heights_m[covered] = np.ma.filled(cells.astype(np.float64), np.nan)
+    return heights_m
 
 
 def _of_cloud(
@@ -63,7 +63,7 @@ def _of_cloud(
     key: str,
     point_m: Float[np.ndarray, "n 2"],
 ) -> Float[np.ndarray, " n"]:
-    """Return the highest of the points of the stand's classes in each cell, over the ground there."""
+    """Return the height above ground of the highest point of the stand's classes in each cell."""
     assert stand.path is not None
     frame = frame_of(georeference)
     grid = _grid(point_m, stand.cloud_spacing_m)
@@ -100,11 +100,11 @@ def _of_cloud(
             f"{', '.join(map(str, stand.classes))} there; give those of its plants, or another file"
         )
         raise InputFileError(message)
-    row, column, inside = grid.cell_of(point_m)
-    # The ground where the points are, not at the edge of a cell.
+    row, column, in_grid = grid.cell_of(point_m)
+    # Ground height at the cell centres.
     base_m = ground_m(grid.centres_m).reshape(grid.shape)
     height = top.height_m - lowest_m - base_m
-    return np.where(inside, height[row, column], np.nan)
+    return np.where(in_grid, height[row, column], np.nan)
 
 
 def _grid(point_m: Float[np.ndarray, "n 2"], spacing_m: float) -> Grid:

@@ -1,4 +1,4 @@
-"""The ground of a survey with all that stands on it, kept for the next survey over the same."""
+"""The ground of a survey and the objects on it, cached for the next survey of the same scene."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ Window = tuple[float, float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """A landscape with all that stands on it, and rays against its surfaces; nothing of it may be changed."""
+    """A landscape with the objects on it, and rays against its surfaces; immutable."""
 
     land: Landscape
     surfaces: tuple[Surface, ...]
@@ -44,7 +44,7 @@ def build_ground(
     *,
     shared: bool = False,
 ) -> Ground:
-    """Return the ground of a scenario, or a custom one, with what stands on it.
+    """Return the ground of a scenario, or a custom one, with the objects on it.
 
     Raises
     ------
@@ -69,20 +69,20 @@ _LAST = KeptValues(1)
 
 
 def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
-    """Return the ground of a scenario, the same object for all surveys in a row that see the same.
+    """Return the ground of a scenario, the same object for consecutive surveys with equal inputs.
 
-    Its key is the content of all that it is made from, the identity of input files included, and those of the survey's
-    window, carrier and channel on which it depends. Only the last one is kept, and none of a terrain that others
-    registered, which may depend on anything.
+    Its key is the content of all its inputs, including the identity of files and, if it depends on them, the survey's
+    window, carrier and channel. Only the last one is cached; custom registered terrains, with unknown dependencies,
+    are not.
     """
     kind = scenario.terrain.kind
     if TERRAINS.entry(kind).origin != PACKAGE:
         return build_ground(scenario, given)
     # Footprints are read within the window.
-    used = set(inputs_used(kind)) | ({"window_m"} if scenario.footprints else set())
+    fields = set(inputs_used(kind)) | ({"window_m"} if scenario.footprints else set())
     key = content_key(
         {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
-        | {name: getattr(given, name) for name in sorted(used)}
+        | {name: getattr(given, name) for name in sorted(fields)}
     )
     if key is None:
         return build_ground(scenario, given)
@@ -94,9 +94,9 @@ def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
     return build_objects(scenario.objects, land.ground_m, datum_m)
 
 
-def _footprints(scenario: Scenario, land: Landscape, given: TerrainInputs) -> tuple[Surface, ...]:
+def _footprints(scenario: Scenario, land: Landscape, inputs: TerrainInputs) -> tuple[Surface, ...]:
     if not scenario.footprints:
         return ()
     frame = frame_of(land.georeference)
-    built = [build_footprints(f, i, frame, given.window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
+    built = [build_footprints(f, i, frame, inputs.window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
     return tuple(surface for surfaces in built for surface in surfaces)

@@ -1,12 +1,12 @@
-"""The ground's mesh split by land cover, the bare ground under what stands on it, and air under overhangs.
+"""The ground's mesh split by land cover, the bare ground under objects, and air under overhangs.
 
 Covers are rectangles, polygons, and files of classes. A face belongs to the cover that contains its centre, so borders
 follow the mesh: its spacing is their accuracy. Later covers override earlier ones: the raster's classes, then those of
 the vector file, then `fields`, then `cover`, each in the order given.
 
 Surfaces may lie over one another. A vertical ray from below meets undersides, which face down, and tops, which face up.
-From a top to the next underside is air; from an underside to the next top is not, nor is what a top without an
-underside covers: a roof on walls alone.
+From a top to the next underside is air; from an underside to the next top is solid, as is the space below a top without
+an underside (a roof on walls).
 """
 
 from dataclasses import dataclass
@@ -69,44 +69,47 @@ def cover_ground(
         owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
         names.append(field.material)
     for index, polygon in enumerate(terrain.cover):
-        inside = _inside(np.array(polygon.polygon_m), middle)
-        if len(inside) == 0:
+        covered = _inside(np.array(polygon.polygon_m), middle)
+        if len(covered) == 0:
             message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
             raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
-        owner[inside] = len(names)
+        owner[covered] = len(names)
         names.append(polygon.material)
     count = np.bincount(owner, minlength=len(names))
     if np.count_nonzero(count) == 1:
-        number = int(np.argmax(count))
-        return (Surface(name=f"terrain-{number}", vertices_m=vertices_m, faces=faces, material=names[number]),)
-    parts = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
+        cover = int(np.argmax(count))
+        return (Surface(name=f"terrain-{cover}", vertices_m=vertices_m, faces=faces, material=names[cover]),)
+    groups = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
     return tuple(
-        _part(vertices_m, faces[part], number, names[number]) for number, part in enumerate(parts) if len(part)
+        _part(vertices_m, faces[face_rows], cover, names[cover])
+        for cover, face_rows in enumerate(groups)
+        if len(face_rows)
     )
 
 
 def _part(
-    vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], number: int, material: str
+    vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], cover: int, material: str
 ) -> Surface:
-    """Return some faces of the ground as a surface, with only the vertices they need."""
-    used, index = np.unique(faces, return_inverse=True)
-    return Surface(name=f"terrain-{number}", vertices_m=vertices_m[used], faces=index.reshape(-1, 3), material=material)
+    """Return some faces of the ground as a surface, with only their vertices."""
+    kept_vertices, index = np.unique(faces, return_inverse=True)
+    return Surface(
+        name=f"terrain-{cover}", vertices_m=vertices_m[kept_vertices], faces=index.reshape(-1, 3), material=material
+    )
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
     """Return the indices of points in a polygon; only those in its bounding box are tested against its sides."""
-    low, high = corner_m.min(axis=0), corner_m.max(axis=0)
-    near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
-    return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near
+    lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
+    in_box = np.flatnonzero(np.all((point_m >= lower) & (point_m <= upper), axis=1))
+    return in_box[Outline(corner_m).contains_points(point_m[in_box])] if len(in_box) else in_box
 
 
 def vector_classes_at(
     cover: CoverVector, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
-    """Return the class at each horizontal position, by its number in the table; -1 where there is none.
+    """Return the class at each horizontal position, by its number in the table; -1 without one.
 
-    Of polygons over one another the last in the file counts, of whatever class: one that is not in the table keeps
-    what is under it.
+    The last of overlapping polygons in the file counts; polygons of classes outside the table are ignored.
 
     Raises
     ------
@@ -121,25 +124,27 @@ def vector_classes_at(
     key = "terrain.cover_vector"
     (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
     window_m = (float(west), float(south), float(east), float(north))
-    found = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
-    numbers = {name: number for number, name in enumerate(cover.classes)}
-    number = np.array([numbers.get(_class_name(v), -1) for v in found.values[cover.attribute]], dtype=np.int64)
-    shape, number = found.shape[number >= 0], number[number >= 0]
+    polygons = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
+    class_index = {name: polygon_class for polygon_class, name in enumerate(cover.classes)}
+    polygon_class = np.array(
+        [class_index.get(_class_name(v), -1) for v in polygons.values[cover.attribute]], dtype=np.int64
+    )
+    shape, polygon_class = polygons.shape[polygon_class >= 0], polygon_class[polygon_class >= 0]
     point, polygon = shapely.STRtree(shapely.points(point_m)).query(shape, predicate="covers")[::-1]
     if len(point) == 0:
-        known = sorted({_class_name(v) for v in found.values[cover.attribute]})
+        options = sorted({_class_name(v) for v in polygons.values[cover.attribute]})
         message = (
             f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.classes))} lies "
-            f"over the terrain; those over it are {', '.join(map(shown, known[:50])) or 'none'}"
+            f"over the terrain; those over it are {', '.join(map(shown, options[:50])) or 'none'}"
         )
         raise InputFileError(message)
-    last = np.full(len(point_m), -1, dtype=np.int64)
-    np.maximum.at(last, point, polygon)  # polygons are in the order of the file
-    return np.where(last >= 0, number[last], -1)
+    last_polygon = np.full(len(point_m), -1, dtype=np.int64)
+    np.maximum.at(last_polygon, point, polygon)  # polygons are in the order of the file
+    return np.where(last_polygon >= 0, polygon_class[last_polygon], -1)
 
 
 def _class_name(value: Any) -> str:
-    """Return the class that an attribute's value states: numbers as a table writes them, 3 for 3.0."""
+    """Return an attribute's value as a class name: integers without decimals, 3 for 3.0."""
     if isinstance(value, float | np.floating) and float(value).is_integer():
         return str(int(value))
     return "" if value is None else str(value)
@@ -158,10 +163,10 @@ def classes_at(
         Only one of the raster and the terrain is georeferenced.
 
     """
-    key, wanted = "terrain.cover_raster.path", "class values; give a GeoTIFF of whole numbers"
-    inside, cells = raster_at(cover.path, key, wanted, point_m, georeference)
+    key, content = "terrain.cover_raster.path", "class values; give a GeoTIFF of whole numbers"
+    covered, cells = raster_at(cover.path, key, content, point_m, georeference)
     value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
-    value[inside] = _whole(cells)
+    value[covered] = _whole(cells)
     return value
 
 
@@ -173,9 +178,9 @@ def raster_at(
     Parameters
     ----------
     path, key, wanted:
-        The file, its dotted key, and what it should hold, for messages.
+        The file, its dotted key, and its expected content, for messages.
     point_m, georeference:
-        The positions, and the place of the local frame.
+        The positions, and the georeference of the local frame.
 
     Raises
     ------
@@ -194,7 +199,7 @@ def raster_at(
             message = f"{path}: does not overlap the terrain; check its position and CRS"
             raise InputFileError(message)
         column, row = (c[inside].astype(np.int64) for c in (column, row))
-        # Only the part of the file that covers the ground is read.
+        # Read only the part of the file over the ground.
         window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
         if window.width * window.height > MAX_CELLS_READ:
             message = (
@@ -214,21 +219,21 @@ def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, " n"]:
     return np.where(np.abs(stored) < -NO_CLASS, stored, NO_CLASS).astype(np.int64)
 
 
-# Air less high than this is a gap between things that stand on one another.
+# Smaller gaps are contact between stacked objects, not air.
 MIN_AIR_M = 0.1
-# A ray goes on from this far behind the last surface; the ray tracer counts in float32.
+# Restart offset of a ray behind the last surface; the ray tracer computes in float32.
 STEP_M = 0.002
 MAX_LAYERS = 32
 RAYS_AT_ONCE = 1_000_000
 
 
-# Of the places with an overhang, so many are named.
+# Largest number of listed places with an overhang.
 MAX_PLACES = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class OverhungPlace:
-    """Cells side by side with air under a surface: how many, and their extent (west, south, east, north), local."""
+    """Connected cells with air under a surface: their number and local extent (west, south, east, north)."""
 
     cells: int
     extent_m: tuple[float, float, float, float]
@@ -238,7 +243,7 @@ class OverhungPlace:
 class Overhang:
     """Cells of a DEM above which there is more than one surface.
 
-    cells: how many. share: of all cells that have a surface. places: where, the largest first, at most `MAX_PLACES`.
+    cells: number. share: of all cells with a surface. places: the largest first, at most `MAX_PLACES`.
     """
 
     cells: int
@@ -249,80 +254,80 @@ class Overhang:
 def bare_ground(
     caster: RayCaster, point_m: Float[np.ndarray, "n 2"], bottom_m: float, top_m: float
 ) -> Float[np.ndarray, " n"]:
-    """Return the height of the lowest surface that faces up at horizontal positions; NaN where there is none."""
-    first = _lowest_top(caster, point_m, bottom_m, top_m)
-    # A ray along the edge of two triangles may slip between them; a slightly offset one then decides.
-    aside = _lowest_top(caster, point_m + EDGE_STEP_M, bottom_m, top_m)
-    slipped = np.nan_to_num(first - aside, nan=np.inf) > EDGE_JUMP_M
-    return np.where(slipped & np.isfinite(aside), aside, first)
+    """Return the height of the lowest upward-facing surface at horizontal positions; NaN without one."""
+    lowest_m = _lowest_top(caster, point_m, bottom_m, top_m)
+    # A ray may slip through the edge between two triangles; a slightly offset one then decides.
+    offset_m = _lowest_top(caster, point_m + EDGE_STEP_M, bottom_m, top_m)
+    slipped = np.nan_to_num(lowest_m - offset_m, nan=np.inf) > EDGE_JUMP_M
+    return np.where(slipped & np.isfinite(offset_m), offset_m, lowest_m)
 
 
 def _lowest_top(
     caster: RayCaster, point_m: Float[np.ndarray, "n 2"], bottom_m: float, top_m: float
 ) -> Float[np.ndarray, " n"]:
-    found = np.full(len(point_m), np.nan)
+    lowest_m = np.full(len(point_m), np.nan)
     height = np.full(len(point_m), bottom_m)
-    going = np.arange(len(point_m))
+    active = np.arange(len(point_m))
     for _ in range(MAX_LAYERS):
-        if len(going) == 0:
+        if len(active) == 0:
             break
-        met, up = _next_above(caster, point_m[going], height[going])
-        found[going[up]] = met[up]
-        height[going] = met + STEP_M
-        going = going[np.isfinite(met) & ~up & (met < top_m)]
-    return found
+        hit_m, upward = _next_above(caster, point_m[active], height[active])
+        lowest_m[active[upward]] = hit_m[upward]
+        height[active] = hit_m + STEP_M
+        active = active[np.isfinite(hit_m) & ~upward & (hit_m < top_m)]
+    return lowest_m
 
 
 def overhang(caster: RayCaster, grid: Grid, bottom_m: float) -> Overhang:
     """Return the cells of a grid where air lies between two surfaces, at their centres."""
     centre_m = grid.centres_m
-    over, seen = np.zeros((2, len(centre_m)), dtype=bool)
+    overhung, covered = np.zeros((2, len(centre_m)), dtype=bool)
     for start in range(0, len(centre_m), RAYS_AT_ONCE):
-        part = slice(start, start + RAYS_AT_ONCE)
-        over[part], seen[part] = _air_below(caster, centre_m[part], bottom_m)
-    cells = int(over.sum())
-    places = _places(over.reshape(grid.shape), grid)
-    return Overhang(cells=cells, share=cells / int(seen.sum()) if seen.any() else 0.0, places=places)
+        rows = slice(start, start + RAYS_AT_ONCE)
+        overhung[rows], covered[rows] = _air_below(caster, centre_m[rows], bottom_m)
+    cells = int(overhung.sum())
+    places = _places(overhung.reshape(grid.shape), grid)
+    return Overhang(cells=cells, share=cells / int(covered.sum()) if covered.any() else 0.0, places=places)
 
 
-def _places(over: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungPlace, ...]:
+def _places(overhung: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungPlace, ...]:
     """Return the 8-connected groups of cells, the largest first."""
-    number, _ = label(over, structure=np.ones((3, 3)))
-    count = np.bincount(number.ravel())[1:]
-    found = []
-    for own, (rows, columns) in enumerate(find_objects(number)):
+    labels, _ = label(overhung, structure=np.ones((3, 3)))
+    count = np.bincount(labels.ravel())[1:]
+    places = []
+    for group, (rows, columns) in enumerate(find_objects(labels)):
         west, east, south, north = grid.cut(rows, columns).extent_m
-        found.append(OverhungPlace(cells=int(count[own]), extent_m=(west, south, east, north)))
-    return tuple(sorted(found, key=lambda place: -place.cells)[:MAX_PLACES])
+        places.append(OverhungPlace(cells=int(count[group]), extent_m=(west, south, east, north)))
+    return tuple(sorted(places, key=lambda place: -place.cells)[:MAX_PLACES])
 
 
 def _air_below(
     caster: RayCaster, point_m: Float[np.ndarray, "n 2"], bottom_m: float
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return masks of the places with air under a surface, and of those with any surface."""
+    """Return masks of the positions with air under a surface, and of those with any surface."""
     airy, met_any = np.zeros((2, len(point_m)), dtype=bool)
     height = np.full(len(point_m), bottom_m)
     top = np.full(len(point_m), np.nan)  # the last surface met, if it faces up
-    going = np.arange(len(point_m))
+    active = np.arange(len(point_m))
     for _ in range(MAX_LAYERS):
-        if len(going) == 0:
+        if len(active) == 0:
             break
-        met, up = _next_above(caster, point_m[going], height[going])
-        hit = np.isfinite(met)
-        met_any[going] |= hit
-        airy[going] |= hit & ~up & (met - top[going] > MIN_AIR_M)
-        top[going] = np.where(up, met, np.nan)
-        height[going] = met + STEP_M
-        going = going[hit & ~airy[going]]
+        hit_m, upward = _next_above(caster, point_m[active], height[active])
+        hit = np.isfinite(hit_m)
+        met_any[active] |= hit
+        airy[active] |= hit & ~upward & (hit_m - top[active] > MIN_AIR_M)
+        top[active] = np.where(upward, hit_m, np.nan)
+        height[active] = hit_m + STEP_M
+        active = active[hit & ~airy[active]]
     return airy, met_any
 
 
 def _next_above(
     caster: RayCaster, point_m: Float[np.ndarray, "n 2"], from_m: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the height of the next surface over each place, NaN if there is none, and whether it faces up."""
+    """Return the height of the next surface above each point, NaN without one, and whether it faces up."""
     origin = np.column_stack([point_m, from_m])
-    found = caster.intersect(caster.prepare(origin, np.broadcast_to([0.0, 0.0, 1.0], origin.shape)))
-    hit = found.is_valid().numpy()
-    distance = np.where(hit, found.t.numpy(), np.nan).astype(np.float64)
-    return from_m + distance, hit & (found.n.numpy()[2] > 0)
+    hits = caster.intersect(caster.prepare(origin, np.broadcast_to([0.0, 0.0, 1.0], origin.shape)))
+    hit = hits.is_valid().numpy()
+    distance = np.where(hit, hits.t.numpy(), np.nan).astype(np.float64)
+    return from_m + distance, hit & (hits.n.numpy()[2] > 0)

@@ -1,6 +1,6 @@
-"""The ground of a survey, whatever its source, and how to add a source.
+"""The ground of a survey from any source, and the registry of sources.
 
-Ground from a file has its georeference; any other has one if its scenario says where it lies. Everything is in the
+Ground from a file has its georeference; any other has one if its scenario states its position. Everything is in the
 local frame: metres, x east, y north, z up.
 """
 
@@ -32,7 +32,7 @@ Builder = TypeVar("Builder", bound=Callable[..., "Landscape"])
 class TerrainInputs:
     """Inputs of a terrain, besides its parameters.
 
-    window_m: extent that the survey can see (west, south, east, north); ground beyond it is not needed.
+    window_m: extent visible to the survey (west, south, east, north); ground beyond it is not needed.
     carrier_hz, channel: of the radar, for terrain with its own materials.
     """
 
@@ -50,14 +50,14 @@ class Landscape:
 
     surfaces: its triangles.
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
-    standing_m: height on which objects stand: that of the triangles themselves.
+    standing_m: height of the ground under objects: that of the triangles themselves.
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the ground is not georeferenced.
-    materials: those that come with the terrain.
-    heights: the raster from which the triangles were made, if any.
-    may_overhang: there may be air under some of it.
-    posting_m: distance of the heights of the file or array that it was made from, between which it has no detail; None
-        if it was made from none, or has detail of its own there.
+    materials: those defined by the terrain.
+    heights: the raster of the triangles, if any.
+    may_overhang: whether there may be air under some of it.
+    posting_m: posting of the source file or array, below which it has no detail; None without a source, or with
+        synthetic detail.
     """
 
     surfaces: tuple[Surface, ...]
@@ -105,12 +105,12 @@ def landscape_of_heights(
 
 
 def landscape_of_raster(raster: Raster, terrain: TerrainParameters, given: TerrainInputs) -> Landscape:
-    """Return ground of heights that a caller gives in local metres, with the material and the covers of a table.
+    """Return ground from a raster in local metres, with the material and the covers of a table.
 
-    Raises ScenarioError where the survey sees nothing of it.
+    Raises ScenarioError if it lies outside the survey's window.
     """
-    (west, east, south, north), seen = raster.grid.extent_m, given.window_m
-    if west > seen[2] or east < seen[0] or south > seen[3] or north < seen[1]:
+    (west, east, south, north), window_m = raster.grid.extent_m, given.window_m
+    if west > window_m[2] or east < window_m[0] or south > window_m[3] or north < window_m[1]:
         message = (
             f"it spans {west:.0f} to {east:.0f} m east and {south:.0f} to {north:.0f} m north, of which the survey "
             "sees nothing; give the path of its file, or Raster.from_array(raster.height_m, spacing_m)"
@@ -145,7 +145,7 @@ def register_terrain(
     parameters:
         Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` also has the keys of land cover.
     frame:
-        Returns, from the parameters, the local frame of a terrain that has a place of its own on the map, or None.
+        Returns, from the parameters, the local frame of a terrain with a map position of its own, or None.
     uses:
         The `TerrainInputs` on which the landscape depends; surveys that differ in others share it.
 
@@ -194,16 +194,16 @@ _USES: dict[str, tuple[str, ...]] = {}
 
 def inputs_used(kind: str) -> tuple[str, ...]:
     """Return the names of the `TerrainInputs` on which a kind of terrain depends."""
-    TERRAINS.entry(kind)  # its module says
+    TERRAINS.entry(kind)  # loads its module, which registers them
     return _USES[kind]
 
 
 def map_frame(table: TerrainParameters) -> MapFrame | None:
-    """Return the local frame of a scenario's terrain on the map; None for ground that is on no map.
+    """Return the local frame of a scenario's terrain on the map; None without a map position.
 
     Raises ScenarioError or InputFileError if its file cannot be read or georeferenced.
     """
-    TERRAINS.entry(table.kind)  # its module says whether it has a frame of its own
+    TERRAINS.entry(table.kind)  # loads its module, which registers its frame
     if table.kind in _FRAMES:
         return _FRAMES[table.kind](table)
     return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None

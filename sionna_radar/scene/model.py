@@ -1,6 +1,6 @@
-"""The contents of a scene, in plain arrays that any engine can use, and triangle meshes of elevation rasters.
+"""The contents of a scene, in plain arrays for any engine, and triangle meshes of elevation rasters.
 
-Bodies of targets are shapes in axes of their own, to the right, forward and up.
+Bodies of targets are shapes in their own axes: right, forward and up.
 """
 
 from collections.abc import Mapping
@@ -20,13 +20,13 @@ from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
 
 
-# Known by identity: arrays have no hash.
+# Hashed by identity: arrays have no hash.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
-    """Triangles, each so small that a wave is plane over it.
+    """Triangles small enough for the plane-wave approximation.
 
     vertices_m: right, forward and up.
-    faces: counter-clockwise seen from outside. two_sided: those of sheets, which have two outsides.
+    faces: counter-clockwise seen from outside. two_sided: mask of the faces of open sheets.
     reflectivity: of its surface, power over that of a perfect conductor.
     """
 
@@ -40,9 +40,9 @@ class Body:
 class Surface:
     """A triangle mesh of one material, world frame; triangles are counter-clockwise seen from outside.
 
-    two_sided: it encloses nothing, so that both of its sides are an outside.
-    relief: the heights of which it has all triangles, in the order of `mesh.mesh_of`; None for any other surface.
-    divided: its walls may be of triangles of any size, as in a mesh file; those of others are as high as they are.
+    two_sided: whether it is open, so that both of its sides are outside.
+    relief: the raster whose triangles it consists of, in the order of `mesh_of`; None for any other surface.
+    divided: whether walls may consist of triangles of any size, as in a mesh file; otherwise they span the full height.
     """
 
     name: str
@@ -65,10 +65,10 @@ class Target:
     """A point target: its position, mean radar cross-section, and fluctuation.
 
     swerling: 0 for a constant one, 1 to 4 for Swerling's cases (see `tracing.effects.targets`).
-    way: along which it moves; None for one that stands at its position.
-    heading_rad: of one that stands, clockwise from north.
+    way: its path; None for a static target.
+    heading_rad: of a static target, clockwise from north.
     rcs_table: its cross-section by angle; None for `rcs_m2` in all directions.
-    rotors: blades that turn on it.
+    rotors: its rotating blades.
     body: its shape; None for a point.
     """
 
@@ -84,13 +84,13 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Everything the radar can see.
+    """Everything visible to the radar.
 
     materials: how each scatters; one that distinguishes V, H and specular reflection is a `RadarMaterial`.
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the scene is not georeferenced.
-    vegetation: None if nothing grows.
-    motions: what the wind moves, by material; others stand still.
+    vegetation: None without plants.
+    motions: motions in the wind by material; others are static.
     """
 
     surfaces: tuple[Surface, ...]
@@ -104,12 +104,12 @@ class Scene:
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of the box around all surfaces."""
-        low, high = zip(*(surface.bounds_m for surface in self.surfaces), strict=True)
-        return np.array([np.min(low, axis=0), np.max(high, axis=0)])
+        lower, upper = zip(*(surface.bounds_m for surface in self.surfaces), strict=True)
+        return np.array([np.min(lower, axis=0), np.max(upper, axis=0)])
 
 
 def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """Return vertices and triangles of a raster: two triangles for every four filled neighbours.
+    """Return vertices and triangles of a raster: two triangles per four filled neighbours.
 
         c---d
         | / |      counter-clockwise seen from above: a b d, a d c
@@ -122,25 +122,25 @@ def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarr
         return _whole(raster)
     index = np.arange(raster.height_m.size).reshape(raster.grid.shape)
     corners = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
-    whole = filled[:-1, :-1] & filled[:-1, 1:] & filled[1:, :-1] & filled[1:, 1:]
-    faces = _two_triangles([corner[whole] for corner in corners])
+    complete = filled[:-1, :-1] & filled[:-1, 1:] & filled[1:, :-1] & filled[1:, 1:]
+    faces = _two_triangles([corner[complete] for corner in corners])
 
-    used = np.zeros(index.size, dtype=bool)
-    used[faces] = True
-    renumbered = np.cumsum(used) - 1
-    vertices = np.column_stack([raster.grid.centres_m[used], raster.height_m.ravel()[used]])
+    referenced = np.zeros(index.size, dtype=bool)
+    referenced[faces] = True
+    renumbered = np.cumsum(referenced) - 1
+    vertices = np.column_stack([raster.grid.centres_m[referenced], raster.height_m.ravel()[referenced]])
     return vertices.astype(np.float64), renumbered[faces]
 
 
 def _whole(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """Return vertices and triangles of a raster without empty cells: millions, so by compiled loops."""
+    """Return vertices and triangles of a raster without empty cells, by compiled loops for speed."""
     rows, columns = raster.grid.shape
     height = np.ascontiguousarray(raster.height_m, dtype=np.float64)
     vertices = np.empty((rows * columns, 3))
     faces = np.empty((2 * (rows - 1) * (columns - 1), 3), dtype=np.int32 if rows * columns < 2**31 else np.int64)
-    place = raster.grid.x_m, raster.grid.y_m
-    over_rows(lambda low, high: vertices_of_rows(low, high, *place, height, vertices), rows)
-    over_rows(lambda low, high: triangles_of_rows(low, high, columns, faces), rows - 1)
+    axes = raster.grid.x_m, raster.grid.y_m
+    over_rows(lambda start, stop: vertices_of_rows(start, stop, *axes, height, vertices), rows)
+    over_rows(lambda start, stop: triangles_of_rows(start, stop, columns, faces), rows - 1)
     return vertices, faces
 
 
@@ -148,10 +148,10 @@ def _two_triangles(corners: list[Int[np.ndarray, "..."]]) -> Int[np.ndarray, "fa
     """Return two triangles for each square of corners a, b, c, d."""
     a, b, c, d = (corner.ravel() for corner in corners)
     faces = np.empty((len(a), 2, 3), dtype=np.int64)
-    for place, corner in enumerate((a, b, d)):
-        faces[:, 0, place] = corner
-    for place, corner in enumerate((a, d, c)):
-        faces[:, 1, place] = corner
+    for column, corner in enumerate((a, b, d)):
+        faces[:, 0, column] = corner
+    for column, corner in enumerate((a, d, c)):
+        faces[:, 1, column] = corner
     return faces.reshape(-1, 3)
 
 

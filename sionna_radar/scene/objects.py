@@ -1,4 +1,4 @@
-"""Placing mesh files in the scene: units, axes, heading, materials, and the ground that they stand on."""
+"""Placement of mesh files in the scene: units, axes, heading, materials, and the ground below."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,14 +21,14 @@ Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 LARGEST_M, SMALLEST_M = 100_000.0, 1e-3
 SIONNA_PREFIX = "mat-"
-# Places along each side of the box around an outline where the ground under it is looked up.
+# Ground samples along each side of the bounding box of an outline.
 GROUND_SAMPLES = 21
 
 
 def upright(table: MeshShape, key: str) -> tuple[MeshPart, ...]:
-    """Return a mesh file in metres, z up, turned to its heading, about its own origin.
+    """Return a mesh file in metres, z up, rotated to its heading about its own origin.
 
-    Raises InputFileError if it cannot be read or is of no size that a survey can see.
+    Raises InputFileError if it cannot be read or its size is implausible.
     """
     parts = read_mesh(table.path, f"{key}.path")
     turn = np.eye(3)
@@ -37,18 +37,18 @@ def upright(table: MeshShape, key: str) -> tuple[MeshPart, ...]:
     heading = np.deg2rad(table.heading_deg)
     cos, sin = np.cos(heading), np.sin(heading)
     turn = table.metres_per_unit * np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ turn
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no place by then is found below
+    with np.errstate(over="ignore", invalid="ignore"):  # non-finite vertices are detected below
         placed = tuple(MeshPart(name=p.name, vertices=p.vertices @ turn.T, faces=p.faces) for p in parts)
         _check_size(placed, table, key)
     return placed
 
 
 def about_box(parts: Sequence[MeshPart], table: MeshFile) -> tuple[MeshPart, ...]:
-    """Return an upright mesh about what of it stands at its position."""
+    """Return an upright mesh about its reference point: its origin or the middle of its base."""
     if table.centre == "origin":
         return tuple(parts)
-    low, high = corners_of(parts)
-    middle = np.array([*(low + high)[:2] / 2, low[2]])
+    lower, upper = corners_of(parts)
+    middle = np.array([*(lower + upper)[:2] / 2, lower[2]])
     return tuple(MeshPart(name=p.name, vertices=p.vertices - middle, faces=p.faces) for p in parts)
 
 
@@ -70,36 +70,36 @@ def placed_boxes(surfaces: Sequence[Surface]) -> dict[str, str]:
 
 
 def _far_from_origin(place_m: Float[np.ndarray, "n 3"]) -> str:
-    """Return the note on a mesh that lies farther from its own origin than it is large; empty for others."""
-    low, high = place_m.min(axis=0), place_m.max(axis=0)
-    away_m = float(np.linalg.norm((low + high)[:2] / 2))
-    if away_m <= float(np.max(high - low)):
+    """Return a note on a mesh farther from its origin than its size; empty for others."""
+    lower, upper = place_m.min(axis=0), place_m.max(axis=0)
+    distance_m = float(np.linalg.norm((lower + upper)[:2] / 2))
+    if distance_m <= float(np.max(upper - lower)):
         return ""
-    return f"; its file's origin lies {away_m:,.0f} m from the middle of its box: set centre = 'box'"
+    return f"; its file's origin lies {distance_m:,.0f} m from the middle of its box: set centre = 'box'"
 
 
 def _check_size(parts: Sequence[MeshPart], table: MeshShape, key: str) -> None:
-    low, high = corners_of(parts)
-    largest = float(np.max(high - low))
-    named = f"{key}.path = {shown(table.path)}"
+    lower, upper = corners_of(parts)
+    largest = float(np.max(upper - lower))
+    label = f"{key}.path = {shown(table.path)}"
     if not np.isfinite(largest):
-        message = f"{named}: none of its vertices is a place; export the mesh again"
+        message = f"{label}: none of its vertices is a place; export the mesh again"
         raise InputFileError(message)
     if largest > LARGEST_M:
-        message = f"{named}: is {largest / 1000:,.0f} km across in units = '{table.units}'; set units = 'mm' or a scale"
+        message = f"{label}: is {largest / 1000:,.0f} km across in units = '{table.units}'; set units = 'mm' or a scale"
         raise InputFileError(message)
     if largest < SMALLEST_M:
-        message = f"{named}: is {largest * 1000:.3g} mm across in units = '{table.units}'; set units = 'km' or a scale"
+        message = f"{label}: is {largest * 1000:.3g} mm across in units = '{table.units}'; set units = 'km' or a scale"
         raise InputFileError(message)
 
 
 def corners_of(parts: Sequence[MeshPart]) -> Float[np.ndarray, "2 3"]:
-    """Return the lowest and highest corner of the box around the faces of a mesh; NaN if it has no place."""
-    used = np.concatenate([p.vertices[np.unique(p.faces)] for p in parts])
-    used = used[np.isfinite(used).all(axis=1)]
-    if len(used) == 0:
+    """Return the lowest and highest corner of the bounding box of a mesh's faces; NaN without finite vertices."""
+    referenced = np.concatenate([p.vertices[np.unique(p.faces)] for p in parts])
+    referenced = referenced[np.isfinite(referenced).all(axis=1)]
+    if len(referenced) == 0:
         return np.full((2, 3), np.nan)
-    return np.array([used.min(axis=0), used.max(axis=0)])
+    return np.array([referenced.min(axis=0), referenced.max(axis=0)])
 
 
 def material_of_parts(parts: Sequence[MeshPart], table: MeshFile, key: str) -> list[str]:
@@ -107,30 +107,32 @@ def material_of_parts(parts: Sequence[MeshPart], table: MeshFile, key: str) -> l
 
     Raises ScenarioError for a table of materials with names that the mesh does not have.
     """
-    wanted = {name.removeprefix(SIONNA_PREFIX): material for name, material in table.materials.items()}
-    own = [part.name.removeprefix(SIONNA_PREFIX) for part in parts]
-    unknown = sorted(set(wanted) - set(own))
-    if unknown:
-        known = ", ".join(shown(name) for name in sorted(set(own) - {""})) or "no names at all; use material alone"
-        message = f"the mesh has no {', '.join(shown(name) for name in unknown)}; it has {known[:1000]}"
+    assigned = {name.removeprefix(SIONNA_PREFIX): material for name, material in table.materials.items()}
+    part_names = [part.name.removeprefix(SIONNA_PREFIX) for part in parts]
+    missing = sorted(set(assigned) - set(part_names))
+    if missing:
+        options = (
+            ", ".join(shown(name) for name in sorted(set(part_names) - {""})) or "no names at all; use material alone"
+        )
+        message = f"the mesh has no {', '.join(shown(name) for name in missing)}; it has {options[:1000]}"
         raise ScenarioError([Problem(f"{key}.materials", message)])
-    return [wanted.get(name, table.material) for name in own]
+    return [assigned.get(name, table.material) for name in part_names]
 
 
 def surfaces_of(mesh: RepairedMesh, materials: Sequence[str], name: str) -> tuple[Surface, ...]:
-    """Return a mesh as surfaces: one for the closed and one for the open parts of each material, in their order."""
+    """Return a mesh as surfaces: one each for the closed and open parts of each material, in order."""
     names = list(dict.fromkeys(materials))
-    number = np.array([names.index(m) for m in materials])[mesh.owner] * 2 + mesh.two_sided
+    group_of_face = np.array([names.index(m) for m in materials])[mesh.owner] * 2 + mesh.two_sided
     surfaces = []
-    for which in np.unique(number):
-        used, index = np.unique(mesh.faces[number == which], return_inverse=True)
+    for group in np.unique(group_of_face):
+        kept_vertices, index = np.unique(mesh.faces[group_of_face == group], return_inverse=True)
         surfaces.append(
             Surface(
-                name=f"{name}-{which}",
-                vertices_m=mesh.vertices_m[used],
+                name=f"{name}-{group}",
+                vertices_m=mesh.vertices_m[kept_vertices],
                 faces=index.reshape(-1, 3).astype(np.int64),
-                material=names[which // 2],
-                two_sided=bool(which % 2),
+                material=names[group // 2],
+                two_sided=bool(group % 2),
                 divided=True,
             )
         )
@@ -146,7 +148,7 @@ class ReadObject:
 
 
 def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
-    """Return objects as surfaces, one or two for each material of each; copies of one file are read once.
+    """Return objects as surfaces, one or two per material of each; copies of one file are read once.
 
     Parameters
     ----------
@@ -163,13 +165,13 @@ def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: floa
         One stands beyond the terrain, names materials that its file does not have, or its file cannot be used.
 
     """
-    known: dict[str, ReadObject] = {}
+    cache: dict[str, ReadObject] = {}
     surfaces: list[Surface] = []
     for index, table in enumerate(tables):
-        same = table.model_dump_json(exclude={"position_m", "on_ground"})
-        if same not in known:
-            known[same] = _read(table, f"objects.{index}")
-        surfaces += _placed(table, index, known[same], ground_m, datum_m)
+        key = table.model_dump_json(exclude={"position_m", "on_ground"})
+        if key not in cache:
+            cache[key] = _read(table, f"objects.{index}")
+        surfaces += _placed(table, index, cache[key], ground_m, datum_m)
     return tuple(surfaces)
 
 
@@ -179,32 +181,32 @@ def _read(table: MeshObject, key: str) -> ReadObject:
     return ReadObject(mesh=repair(parts, f"{key}.path = {shown(table.path)}"), materials=materials)
 
 
-def _placed(table: MeshObject, index: int, found: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
-    """Return an object where it stands."""
-    mesh, key = found.mesh, f"objects.{index}.position_m"
+def _placed(table: MeshObject, index: int, item: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
+    """Return an object at its position in the scene."""
+    mesh, key = item.mesh, f"objects.{index}.position_m"
     east, north, *height = table.position_m
-    used = mesh.vertices_m[np.unique(mesh.faces)]
+    kept_vertices = mesh.vertices_m[np.unique(mesh.faces)]
     if table.on_ground:
-        ground = float(np.min(ground_m(_under(used[:, :2]) + np.array([east, north]))))
+        ground = float(np.min(ground_m(_under(kept_vertices[:, :2]) + np.array([east, north]))))
         if not np.isfinite(ground):
-            box = box_text(used + np.array([east, north, 0.0])).rsplit(", z", 1)[0]
+            box = box_text(kept_vertices + np.array([east, north, 0.0])).rsplit(", z", 1)[0]
             message = (
                 f"the object at {table.position_m}, {box}, extends beyond the terrain; move it or enlarge the terrain"
-                f"{_far_from_origin(used)}"
+                f"{_far_from_origin(kept_vertices)}"
             )
             raise ScenarioError([Problem(key, message)])
-        up = ground - float(used[:, 2].min())
+        lift_m = ground - float(kept_vertices[:, 2].min())
     else:
-        up = height[0] - datum_m
-    placed = replace(mesh, vertices_m=mesh.vertices_m + np.array([east, north, up]))
+        lift_m = height[0] - datum_m
+    placed = replace(mesh, vertices_m=mesh.vertices_m + np.array([east, north, lift_m]))
     check_reach(placed.vertices_m[np.unique(placed.faces)], key, table.path)
-    return surfaces_of(placed, found.materials, f"object-{index}")
+    return surfaces_of(placed, item.materials, f"object-{index}")
 
 
 def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None:
-    """Refuse a mesh so far from the local origin that float32 loses its shape.
+    """Reject a mesh so far from the local origin that float32 distorts its shape.
 
-    Raises ScenarioError for the key that places it.
+    Raises ScenarioError for the key of its position.
     """
     farthest = float(np.abs(place_m).max())
     if farthest > LARGEST_M:
@@ -216,13 +218,15 @@ def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None
 
 
 def _under(plan_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
-    """Return places within the convex outline of a mesh in plan: its corners, and samples inside."""
-    low, high = plan_m.min(axis=0), plan_m.max(axis=0)
+    """Return points within the convex hull of a mesh in plan: its corners, and samples inside."""
+    lower, upper = plan_m.min(axis=0), plan_m.max(axis=0)
     share = np.linspace(0.0, 1.0, GROUND_SAMPLES)
-    grid = np.stack(np.meshgrid(*(a + share * (b - a) for a, b in zip(low, high, strict=True))), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*(a + share * (b - a) for a, b in zip(lower, upper, strict=True))), axis=-1).reshape(
+        -1, 2
+    )
     try:
         hull = ConvexHull(plan_m)
     except QhullError:  # a line in plan, or a point
         return np.unique(plan_m, axis=0)
-    inside = np.all(grid @ hull.equations[:, :2].T + hull.equations[:, 2] <= 1e-9, axis=1)
-    return np.concatenate([plan_m[hull.vertices], grid[inside]])
+    in_hull = np.all(grid @ hull.equations[:, :2].T + hull.equations[:, 2] <= 1e-9, axis=1)
+    return np.concatenate([plan_m[hull.vertices], grid[in_hull]])

@@ -1,4 +1,4 @@
-"""Casting rays against the meshes of a scene: the truth seen from above, and visibility."""
+"""Ray casting against the meshes of a scene: true heights from above, and visibility."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from sionna_radar.scene.relief import Relief
 
 Value = TypeVar("Value")
 
-# Offset of the second vertical ray that detects slips between triangles, and the least difference that is a slip.
+# Offset of the second vertical ray that detects slips between triangles, and the least difference of a slip.
 EDGE_STEP_M = np.array([7e-4, 4e-4])
 EDGE_JUMP_M = 0.01
 
@@ -36,7 +36,7 @@ class Hits:
 
     @property
     def hit(self) -> Bool[np.ndarray, " ray"]:
-        """Rays that hit something."""
+        """Mask of rays with a hit."""
         return np.isfinite(self.distance_m)
 
 
@@ -54,7 +54,7 @@ def mitsuba_mesh(surface: Surface) -> Any:
 class _Meshes:
     """Some surfaces as a scene of Mitsuba.
 
-    surface_of_shape: the number of the surface that each shape pointer, as an integer, stands for; -1 for none.
+    surface_of_shape: surface number by shape pointer (as an integer); -1 for none.
     """
 
     @flushed_denormals()
@@ -72,7 +72,7 @@ class _Meshes:
 class RayCaster:
     """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba.
 
-    shared: by the surveys of a scene; then what depends on the surfaces is kept with it, see `once`.
+    shared: between the surveys of a scene; values derived from the surfaces are then cached, see `once`.
     """
 
     def __init__(self, surfaces: Sequence[Surface], *, shared: bool = False) -> None:
@@ -88,8 +88,8 @@ class RayCaster:
     def _others(self) -> _Meshes | None:
         if not self._reliefs:
             return self._whole
-        others = {n: s for n, s in self._surfaces.items() if n not in self._reliefs}
-        return _Meshes(others) if others else None
+        meshes = {n: s for n, s in self._surfaces.items() if n not in self._reliefs}
+        return _Meshes(meshes) if meshes else None
 
     @property
     def mi_scene(self) -> Any:
@@ -98,33 +98,33 @@ class RayCaster:
 
     @property
     def surface_of_shape(self) -> Int[np.ndarray, " shape"]:
-        """The surface that each shape pointer of `mi_scene`, as an integer, stands for; -1 for none."""
+        """Surface number by shape pointer (as an integer) of `mi_scene`; -1 for none."""
         return self._whole.surface_of_shape
 
     def once(self, what: str, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return something made from the surfaces and what the key says; the last one is kept if they are shared."""
+        """Return a value derived from the surfaces and the key; the last one is cached if they are shared."""
         if self._kept is None:
             return make()
         return self._kept.setdefault(what, KeptValues(1)).once(key, make)
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""
-        none = np.full(len(origin_m), -1)
-        found = Hits(distance_m=np.full(len(none), np.inf), surface=none, face=none, cosine=np.zeros(len(none)))
+        misses = np.full(len(origin_m), -1)
+        hits = Hits(distance_m=np.full(len(misses), np.inf), surface=misses, face=misses, cosine=np.zeros(len(misses)))
         if len(origin_m) == 0:  # Dr.Jit crashes on empty arrays
-            return found
+            return hits
         if self._others is not None:
-            found = self._cast_meshes(self._others, origin_m, direction)
-        for number, relief in self._reliefs.items():
+            hits = self._cast_meshes(self._others, origin_m, direction)
+        for surface, relief in self._reliefs.items():
             distance, face, cosine = relief.first_hits(origin_m, direction)
-            nearer = distance < found.distance_m
-            found = Hits(
-                distance_m=np.where(nearer, distance, found.distance_m),
-                surface=np.where(nearer, number, found.surface),
-                face=np.where(nearer, face, found.face),
-                cosine=np.where(nearer, cosine, found.cosine),
+            nearer = distance < hits.distance_m
+            hits = Hits(
+                distance_m=np.where(nearer, distance, hits.distance_m),
+                surface=np.where(nearer, surface, hits.surface),
+                face=np.where(nearer, face, hits.face),
+                cosine=np.where(nearer, cosine, hits.cosine),
             )
-        return found
+        return hits
 
     @flushed_denormals()
     def _cast_meshes(
@@ -134,16 +134,16 @@ class RayCaster:
         import drjit as dr
 
         ray = self.prepare(origin_m, direction)
-        found = meshes.mi_scene.ray_intersect(ray)
-        dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
-        hit = found.is_valid()
-        distance = dr.select(hit, found.t, np.inf)
-        shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
-        cosine = dr.minimum(dr.abs(dr.dot(found.n, ray.d)), 1.0)
+        interaction = meshes.mi_scene.ray_intersect(ray)
+        dr.eval(interaction.t, interaction.p, interaction.n, interaction.prim_index, interaction.shape)
+        hit = interaction.is_valid()
+        distance = dr.select(hit, interaction.t, np.inf)
+        shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, interaction.shape), 0)
+        cosine = dr.minimum(dr.abs(dr.dot(interaction.n, ray.d)), 1.0)
         return Hits(
             distance_m=distance.numpy().astype(np.float64),
             surface=np.where(hit.numpy(), meshes.surface_of_shape[shape.numpy()], -1),
-            face=found.prim_index.numpy().astype(np.int64),
+            face=interaction.prim_index.numpy().astype(np.int64),
             cosine=cosine.numpy().astype(np.float64),
         )
 
@@ -161,10 +161,10 @@ class RayCaster:
         """Return Mitsuba's surface interactions of prepared rays, fully evaluated."""
         import drjit as dr
 
-        found = self.mi_scene.ray_intersect(ray)
-        dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
+        interaction = self.mi_scene.ray_intersect(ray)
+        dr.eval(interaction.t, interaction.p, interaction.n, interaction.prim_index, interaction.shape)
         dr.sync_thread()
-        return found
+        return interaction
 
     def visible(
         self,
@@ -173,9 +173,9 @@ class RayCaster:
         tolerance_m: float = 0.01,
     ) -> Bool[np.ndarray, " ray"]:
         """Return whether points are visible from origins; a point may lie on a surface within the tolerance."""
-        away = point_m - origin_m
-        distance = np.linalg.norm(away, axis=1)
-        return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
+        offset_m = point_m - origin_m
+        distance = np.linalg.norm(offset_m, axis=1)
+        return self.cast(origin_m, offset_m / distance[:, None]).distance_m >= distance - tolerance_m
 
     @flushed_denormals()
     def hides(
@@ -187,7 +187,7 @@ class RayCaster:
     ) -> Bool[np.ndarray, " ray"]:
         """Return whether anything is between points and the origins in given rows.
 
-        The last share `short` of the way is not looked at.
+        The last fraction `short` of the path is ignored.
         """
         hidden = np.zeros(len(row), dtype=bool)
         if len(row) == 0:
@@ -196,9 +196,9 @@ class RayCaster:
             mi = load_mitsuba()
 
             origin = origin_m[row]
-            away = point_m - origin
-            distance = np.linalg.norm(away, axis=1)
-            ray = self.prepare(origin, away / distance[:, None])
+            offset_m = point_m - origin
+            distance = np.linalg.norm(offset_m, axis=1)
+            ray = self.prepare(origin, offset_m / distance[:, None])
             ray.maxt = mi.Float((distance * (1 - short)).astype(np.float32))
             hidden |= self._others.mi_scene.ray_test(ray).numpy()
         for relief in self._reliefs.values():
@@ -213,17 +213,17 @@ class RayCaster:
         """Return the height of the lowest surface at horizontal positions, seen from `bottom_m`."""
         return self._vertical(point_m, bottom_m, 1.0)
 
-    def _vertical(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
-        first = self._plumb(point_m, start_m, up)
-        # A ray along the edge of two triangles may slip between them; a slightly offset one then decides.
-        aside = self._plumb(point_m + EDGE_STEP_M, start_m, up)
-        slipped = np.nan_to_num(up * (first - aside), nan=np.inf) > EDGE_JUMP_M
-        return np.where(slipped & np.isfinite(aside), aside, first)
+    def _vertical(self, point_m: Float[np.ndarray, "n 2"], start_m: float, direction: float) -> Float[np.ndarray, " n"]:
+        height_m = self._plumb(point_m, start_m, direction)
+        # A ray may slip through the edge between two triangles; a slightly offset one then decides.
+        offset_height_m = self._plumb(point_m + EDGE_STEP_M, start_m, direction)
+        slipped = np.nan_to_num(direction * (height_m - offset_height_m), nan=np.inf) > EDGE_JUMP_M
+        return np.where(slipped & np.isfinite(offset_height_m), offset_height_m, height_m)
 
-    def _plumb(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
+    def _plumb(self, point_m: Float[np.ndarray, "n 2"], start_m: float, direction: float) -> Float[np.ndarray, " n"]:
         origin = np.column_stack([point_m, np.full(len(point_m), start_m)])
-        hits = self.cast(origin, np.broadcast_to([0.0, 0.0, up], origin.shape))
-        return np.where(hits.hit, start_m + up * np.where(hits.hit, hits.distance_m, 0.0), np.nan)
+        hits = self.cast(origin, np.broadcast_to([0.0, 0.0, direction], origin.shape))
+        return np.where(hits.hit, start_m + direction * np.where(hits.hit, hits.distance_m, 0.0), np.nan)
 
 
 def truth_dem(caster: RayCaster, grid: Grid, top_m: float) -> Raster:

@@ -22,27 +22,27 @@ MAX_ROWS = 1_000_000
 
 
 def read_rcs(path: Path) -> RcsTable:
-    """Return the table in a file; raises InputFileError for a file that holds none."""
+    """Return the table in a file; raises InputFileError for any other file."""
     rows = [line for line in read_text(path, "rcs_table", REMEDY).splitlines() if line.strip() and line[0] != "#"]
     try:
         header = [name.strip() for name in next(csv.reader(rows[:1]), [])]
-        numbers = [[float(cell) for cell in row] for row in csv.reader(rows[1:])]
-        _check(header, numbers)
-        return _table(header, np.array(numbers))
+        values = [[float(cell) for cell in row] for row in csv.reader(rows[1:])]
+        _check(header, values)
+        return _table(header, np.array(values))
     except (ValueError, csv.Error) as error:
         message = f"{shown(path)} holds no radar cross-section by angle ({error}); {REMEDY}"
         raise InputFileError(message) from error
 
 
-def _check(header: list[str], numbers: list[list[float]]) -> None:
-    """Raise ValueError for other columns, for too many rows or none, and for what is not finite."""
+def _check(header: list[str], values: list[list[float]]) -> None:
+    """Raise ValueError for other columns, for too many rows or none, and for non-finite values."""
     if set(header) not in ({AZIMUTH, RCS}, {AZIMUTH, ELEVATION, RCS}) or len(set(header)) != len(header):
         message = f"its header is {shown(','.join(header))}"
         raise ValueError(message)
-    if not 1 <= len(numbers) <= MAX_ROWS or any(len(row) != len(header) for row in numbers):
+    if not 1 <= len(values) <= MAX_ROWS or any(len(row) != len(header) for row in values):
         message = f"its rows are not from 1 to {MAX_ROWS:,} of {len(header)} numbers each"
         raise ValueError(message)
-    if not np.all(np.isfinite(numbers)):
+    if not np.all(np.isfinite(values)):
         message = "not all of its numbers are finite"
         raise ValueError(message)
 
@@ -63,8 +63,8 @@ def _table(header: list[str], values: Float[np.ndarray, "row column"]) -> RcsTab
     return RcsTable(azimuth_rad=np.deg2rad(columns), elevation_rad=np.deg2rad(heights), rcs_m2=rcs_m2)
 
 
-# Over a face of the side s at the range r a plane wave is wrong by pi s^2 / (2 wavelength r) in phase, both ways and at
-# its corners: by pi / 8 for this range.
+# Over a face of side s at range r the two-way phase error of the plane-wave approximation is pi s^2 / (2 wavelength r)
+# at its corners: pi / 8 at this range.
 NEAREST_M = 10.0
 MAX_FACES = 200_000
 
@@ -77,14 +77,14 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
     InputFileError
         The mesh cannot be used.
     ScenarioError
-        It is so large that it would be of too many faces.
+        It is so large that it would have too many faces.
 
     """
     mesh = repair(upright(table, key), f"{key}.path = {shown(table.path)}")
     longest_m = np.sqrt(wavelength_m * NEAREST_M / 4)
     corner = mesh.vertices_m[mesh.faces]
     side_m = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    # Halving all sides makes four of a face.
+    # Halving all sides makes four faces of one.
     halvings = np.ceil(np.log2(np.maximum(side_m / longest_m, 1.0)))
     needed = float((4.0**halvings).sum())
     if needed > MAX_FACES:
@@ -107,7 +107,7 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 
 AXES = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
-# A way follows the ground in steps no longer than this, and in no more of them.
+# Largest step, and largest number of steps, in which a path follows the ground.
 STEP_M, MAX_STEPS = 2.0, 20_000
 
 
@@ -125,11 +125,11 @@ def target_of(
     table, key:
         The target in the scenario, and its dotted key.
     ground_m:
-        Height of the ground where it stands.
+        Height of the ground at its position.
     standing_m:
-        Returns that at other places.
+        Returns the ground height at horizontal positions.
     wavelength_m:
-        Of the carrier, which decides how finely a body is divided.
+        Of the carrier; sets the subdivision of a body.
 
     Raises
     ------
@@ -159,14 +159,14 @@ def _way(
 ) -> Way | None:
     if table.speed_mps is None:
         return None
-    places = np.array([table.position_m, *table.waypoints_m, *([table.position_m] if table.closed else [])])
-    length_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    waypoints = np.array([table.position_m, *table.waypoints_m, *([table.position_m] if table.closed else [])])
+    length_m = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     step_m = max(STEP_M, float(length_m.sum()) / MAX_STEPS)
     pieces = [
         np.linspace(a, b, max(1, int(np.ceil(leg / step_m))), endpoint=False)
-        for a, b, leg in zip(places, places[1:], length_m, strict=False)
+        for a, b, leg in zip(waypoints, waypoints[1:], length_m, strict=False)
     ]
-    corner = np.vstack([*pieces, places[-1:]])
+    corner = np.vstack([*pieces, waypoints[-1:]])
     height = standing_m(corner)
     if not np.all(np.isfinite(height)):
         message = "its way leaves the terrain; keep it over ground, or enlarge the terrain"

@@ -1,7 +1,7 @@
-"""Reading of polygons from all vector files, of footprints and of land cover: GeoJSON, GeoPackage, Shapefile.
+"""Reading of polygons from vector files of footprints and land cover: GeoJSON, GeoPackage, Shapefile.
 
-GDAL opens far more than files, and follows small files to others, whatever their suffix. A file is therefore what its
-first bytes and its name both say. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
+GDAL opens far more than files, and follows references in small files regardless of their suffix. A file's first bytes
+must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
 """
 
 import json
@@ -31,9 +31,9 @@ REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.
 SHAPE_MAGIC, SQLITE_MAGIC, GPKG_IDS = b"\0\0\x27\x0a", b"SQLite format 3\0", (b"GPKG", b"GP10", b"GP11")
 SIDE_CARS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".sbn", ".sbx")
 WGS84 = CRS(4326)
-# Polygons of a map in metres are wider than this, and those of one in degrees narrower.
+# Width that separates polygons in metres (wider) from polygons in degrees (narrower).
 DEGREES = 0.01
-# Places along each side of a window that bound it in another projection.
+# Samples along each side of a window for its bounds in another projection.
 WINDOW_SAMPLES = 21
 
 
@@ -41,9 +41,9 @@ WINDOW_SAMPLES = 21
 class Polygons:
     """The polygons of a vector file that touch a window, in local metres.
 
-    number: running number of the feature that each polygon is of.
-    values: of the attributes asked for, each with one value for each polygon; None where it has none.
-    repaired, dropped: how many were not valid and were made so, and how many are no polygons.
+    number: feature index of each polygon.
+    values: of the requested attributes, one per polygon; None if missing.
+    repaired, dropped: numbers of repaired invalid polygons, and of features that are not polygons.
     """
 
     shape: Any
@@ -57,7 +57,7 @@ class Polygons:
 class _Features:
     """Geometries of a file (shapely) with some attributes.
 
-    crs: that the file states, or None. default: what it is by its format where it states none.
+    crs: stated by the file, or None. default: of its format, used if it states none.
     """
 
     geometry: np.ndarray
@@ -79,29 +79,29 @@ def read_polygons(
     Parameters
     ----------
     path, layer:
-        The file, and its layer, which one of several must name.
+        The file, and its layer, required if there are several.
     key:
         The scenario's table that names them, for messages.
     attributes:
         Names of the attributes to read.
     frame:
-        Place of the local frame on the map; None for ground on no map: coordinates are then local metres.
+        Position of the local frame on the map; None without one: coordinates are then local metres.
     window_m:
-        West, south, east and north of what is of interest.
+        West, south, east and north of the region of interest.
 
     Raises
     ------
     InputFileError
-        It is no such file, is too large or broken, or has no such attribute or layer.
+        It is of another format, too large or damaged, or lacks the attribute or layer.
     ScenarioError
-        Only one of file and terrain has a place on the map.
+        Only one of file and terrain is georeferenced.
 
     """
     name = f"{key}.path = {shown(path)}"
     kind = _kind(path, f"{key}.path =")
     try:
         with warnings.catch_warnings():
-            # Of lines with measures, and of numbers that overflow where a projection ends: neither is a polygon.
+            # Warnings about lines with measures and overflow beyond a projection, neither of which are polygons.
             warnings.simplefilter("ignore")
             if kind == "geojson":
                 if layer is not None:
@@ -117,8 +117,17 @@ def read_polygons(
         from pyogrio.errors import DataSourceError
         from shapely.errors import ShapelyError
 
-        known = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, OSError, RuntimeError)
-        if not isinstance(error, (*known, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
+        expected_errors = (
+            ValueError,
+            TypeError,
+            KeyError,
+            IndexError,
+            AttributeError,
+            OverflowError,
+            OSError,
+            RuntimeError,
+        )
+        if not isinstance(error, (*expected_errors, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
             raise
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
         message = f"{name} cannot be read as a vector file ({reason}); {REMEDY}"
@@ -126,7 +135,7 @@ def read_polygons(
 
 
 def _kind(path: Path, name: str) -> str:
-    """Return the format of a file by its name and its first bytes, which must agree."""
+    """Return the format of a file; its name and first bytes must agree."""
     size = regular_file(path, name, REMEDY, MAX_BYTES)
     with path.open("rb") as file:
         head = file.read(4096)
@@ -170,17 +179,17 @@ def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features
         features = [{"geometry": features[0], "properties": {}}]
     texts = [json.dumps(f.get("geometry")) for f in features]
     geometry = shapely.from_geojson(np.array(texts, dtype=object), on_invalid="ignore")
-    found = [f.get("properties") if isinstance(f.get("properties"), dict) else {} for f in features]
+    properties = [f.get("properties") if isinstance(f.get("properties"), dict) else {} for f in features]
     values = {}
     for attribute in attributes:
-        if not any(attribute in given for given in found):
-            _refuse_attribute(name, attribute, sorted({key for given in found[:1000] for key in given}))
-        values[attribute] = np.array([given.get(attribute) for given in found], dtype=object)
+        if not any(attribute in entry for entry in properties):
+            _refuse_attribute(name, attribute, sorted({key for entry in properties[:1000] for key in entry}))
+        values[attribute] = np.array([entry.get(attribute) for entry in properties], dtype=object)
     return _Features(geometry=np.atleast_1d(geometry), values=values, crs=_stated_crs(document, name), default=WGS84)
 
 
 def _stated_crs(document: dict[str, Any], name: str) -> CRS | None:
-    """Return the CRS that a GeoJSON document names, as its standard of 2008 had it; that of 2016 knows WGS 84 alone."""
+    """Return the CRS named in a GeoJSON document (standard of 2008; that of 2016 allows only WGS 84)."""
     stated = document.get("crs")
     if stated is None:
         return None
@@ -205,12 +214,12 @@ def _read_by_gdal(
     if path.suffix.lower() == ".gpkg":
         _check_tables(path, name)
     source = str(path.absolute())
-    known = [str(entry[0]) for entry in pyogrio.list_layers(source)]
-    if layer is None and len(known) != 1:
-        message = f"{name} has {len(known)} layers; name one as layer: {', '.join(map(shown, known[:50]))}"
+    layers = [str(entry[0]) for entry in pyogrio.list_layers(source)]
+    if layer is None and len(layers) != 1:
+        message = f"{name} has {len(layers)} layers; name one as layer: {', '.join(map(shown, layers[:50]))}"
         raise InputFileError(message)
-    if layer is not None and layer not in known:
-        message = f"{name} has no layer {shown(layer)}; it has {', '.join(map(shown, known[:50]))}"
+    if layer is not None and layer not in layers:
+        message = f"{name} has no layer {shown(layer)}; it has {', '.join(map(shown, layers[:50]))}"
         raise InputFileError(message)
     info = pyogrio.read_info(source, layer=layer, force_feature_count=True)
     for attribute in attributes:
@@ -228,13 +237,13 @@ def _read_by_gdal(
 
 
 def _check_tables(path: Path, name: str) -> None:
-    """Refuse a GeoPackage whose layers are not plain tables: a view may take for ever, or reach other files."""
+    """Reject a GeoPackage whose layers are not plain tables: a view may never end, or access other files."""
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         layers = [row[0] for row in database.execute("SELECT table_name FROM gpkg_contents LIMIT 1000")]
-        made = dict(database.execute("SELECT name, type || ' ' || coalesce(sql, '') FROM sqlite_master"))
+        definitions = dict(database.execute("SELECT name, type || ' ' || coalesce(sql, '') FROM sqlite_master"))
     for layer in layers:
-        how = str(made.get(layer, "nothing"))
-        if not how.lower().startswith("table create table"):
+        definition = str(definitions.get(layer, "nothing"))
+        if not definition.lower().startswith("table create table"):
             message = f"{name} has the layer {shown(layer)}, which is no plain table; copy the layer with ogr2ogr"
             raise InputFileError(message)
 
@@ -242,16 +251,16 @@ def _check_tables(path: Path, name: str) -> None:
 def _window_in(
     crs: CRS | None, frame: MapFrame | None, window_m: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float] | None:
-    """Return the bounds of a window in a file's CRS; None where it has none there."""
+    """Return the bounds of a window in a file's CRS; None if undefined there."""
     west, south, east, north = window_m
     if crs is None or frame is None:
         return window_m
     x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
-    found = reproject(frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
-    if not np.isfinite(found).all() or (crs.is_geographic and np.ptp(found[0]) > 180):
+    projected = reproject(frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
+    if not np.isfinite(projected).all() or (crs.is_geographic and np.ptp(projected[0]) > 180):
         return None
-    (low_x, low_y), (high_x, high_y) = np.min(found, axis=1), np.max(found, axis=1)
-    # The sides of a window are curves in another projection: a little more than the sampled places.
+    (low_x, low_y), (high_x, high_y) = np.min(projected, axis=1), np.max(projected, axis=1)
+    # The sides of a window are curved in another projection: add a margin to the samples.
     over_x, over_y = 0.02 * (high_x - low_x), 0.02 * (high_y - low_y)
     return float(low_x - over_x), float(low_y - over_y), float(high_x + over_x), float(high_y + over_y)
 
@@ -259,52 +268,52 @@ def _window_in(
 def _local(
     features: _Features, name: str, key: str, frame: MapFrame | None, window_m: tuple[float, float, float, float]
 ) -> Polygons:
-    """Return valid polygons in local metres, those of multipolygons one by one, that touch a window."""
+    """Return valid polygons in local metres that touch a window, with multipolygons split."""
     import shapely
 
     flat = shapely.force_2d(features.geometry)
     solid = np.isin(shapely.get_type_id(flat), (3, 6)) & ~shapely.is_empty(flat)
-    shape, number = shapely.get_parts(flat[solid], return_index=True)
-    number = np.flatnonzero(solid)[number]
+    shape, feature = shapely.get_parts(flat[solid], return_index=True)
+    feature = np.flatnonzero(solid)[feature]
     vertices = int(shapely.get_num_coordinates(shape).sum())
     if vertices > MAX_VERTICES:
         message = f"{name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
         raise InputFileError(message)
-    place, owner = shapely.get_coordinates(shape, return_index=True)
-    local = _transformed(place, features, frame, name, key)
+    coordinates, owner = shapely.get_coordinates(shape, return_index=True)
+    local = _transformed(coordinates, features, frame, name, key)
     if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
         message = "its polygons measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
         raise ScenarioError([Problem(f"{key}.path", message)])
     broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
     shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
     window = shapely.box(*window_m)
-    wrong = ~shapely.is_valid(shape)
-    near = wrong.copy()
-    near[~wrong] = shapely.intersects(shape[~wrong], window)
-    near &= ~broken
-    shape, number, wrong = shape[near], number[near], wrong[near]
-    if wrong.any():
-        shape[wrong] = shapely.make_valid(shape[wrong])
-        shape, part = shapely.get_parts(shape, return_index=True)
-        shape, again = shapely.get_parts(shape, return_index=True)  # collections hold multipolygons
-        number = number[part][again]
-        kept = (shapely.get_type_id(shape) == 3) & shapely.intersects(shape, window)
-        shape, number = shape[kept], number[kept]
+    invalid = ~shapely.is_valid(shape)
+    touching = invalid.copy()
+    touching[~invalid] = shapely.intersects(shape[~invalid], window)
+    touching &= ~broken
+    shape, feature, invalid = shape[touching], feature[touching], invalid[touching]
+    if invalid.any():
+        shape[invalid] = shapely.make_valid(shape[invalid])
+        shape, parent = shapely.get_parts(shape, return_index=True)
+        shape, subparent = shapely.get_parts(shape, return_index=True)  # collections hold multipolygons
+        feature = feature[parent][subparent]
+        selected = (shapely.get_type_id(shape) == 3) & shapely.intersects(shape, window)
+        shape, feature = shape[selected], feature[selected]
     return Polygons(
         shape=shape,
-        number=number,
-        values={attribute: column[number] for attribute, column in features.values.items()},
-        repaired=int(wrong.sum()),
+        number=feature,
+        values={attribute: column[feature] for attribute, column in features.values.items()},
+        repaired=int(invalid.sum()),
         dropped=int(np.count_nonzero(~solid)) + int(broken.sum()),
     )
 
 
 def _transformed(
-    place: Float[np.ndarray, "n 2"], features: _Features, frame: MapFrame | None, name: str, key: str
+    coordinates: Float[np.ndarray, "n 2"], features: _Features, frame: MapFrame | None, name: str, key: str
 ) -> Float[np.ndarray, "n 2"]:
     if frame is None:
         if features.crs is None:
-            return place
+            return coordinates
         message = (
             f"the file is in {features.crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or "
             "remove the file's CRS, so that its coordinates are local metres"
@@ -314,16 +323,16 @@ def _transformed(
     if crs is None:
         message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
         raise ScenarioError([Problem(f"{key}.path", message)])
-    own = horizontal_part(crs)
-    if not (own.is_projected or own.is_geographic):
-        message = f"{name} is in {own.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"
+    file_crs = horizontal_part(crs)
+    if not (file_crs.is_projected or file_crs.is_geographic):
+        message = f"{name} is in {file_crs.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"
         raise InputFileError(message)
     try:
-        return np.column_stack(frame.local_of(own, *place.T))
+        return np.column_stack(frame.local_of(file_crs, *coordinates.T))
     except ProjError as error:
         message = (
-            f"{name} is in {own.name!r}, which cannot be transformed to {frame.crs.name!r} ({error}); convert it with "
-            "ogr2ogr -t_srs"
+            f"{name} is in {file_crs.name!r}, which cannot be transformed to {frame.crs.name!r} ({error}); convert it "
+            "with ogr2ogr -t_srs"
         )
         raise InputFileError(message) from error
 
@@ -334,7 +343,7 @@ def _check_count(count: int, name: str) -> None:
         raise InputFileError(message)
 
 
-def _refuse_attribute(name: str, attribute: str, known: list[str]) -> None:
-    given = ", ".join(known[:50]) or "none"
-    message = f"{name} has no attribute {shown(attribute)}; it has {given[:1000]}"
+def _refuse_attribute(name: str, attribute: str, available: list[str]) -> None:
+    listed = ", ".join(available[:50]) or "none"
+    message = f"{name} has no attribute {shown(attribute)}; it has {listed[:1000]}"
     raise InputFileError(message)

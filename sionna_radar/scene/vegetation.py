@@ -1,4 +1,4 @@
-"""Stands of vegetation over the ground, on a grid that rays are followed through."""
+"""Stands of vegetation over the ground, on a grid traversed by rays."""
 
 import logging
 import math
@@ -17,15 +17,15 @@ from sionna_radar.scenario.cover import VegetationTable
 
 logger = logging.getLogger("sionna_radar")
 
-# Borders of stands follow the cells of this grid: so fine, unless it would have too many.
+# Spacing of the grid, which limits the accuracy of the borders of stands; coarser above the number of cells.
 SPACING_M, MAX_CELLS = 0.25, 4_000_000
-# A decibel of power is so many nepers of it.
+# Nepers of power per decibel.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
-# What a file calls higher than this is no plant, but a value for none that it does not declare.
+# Larger heights in a file are undeclared nodata values.
 NO_PLANT_M = 1000.0
 
-# Returns heights of plants at horizontal positions from a raster file; NaN where it has none.
+# Returns heights of plants at horizontal positions from a raster file; NaN without data.
 CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
@@ -33,11 +33,11 @@ CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float
 class PlantCover:
     """All stands of a scene.
 
-    grid: cells in which they stand; stand: the number of the stand in each, -1 for none.
-    plant_m, top_m: heights of plants over the ground, NaN where none stand, and of their tops in the world frame, minus
-        infinity there.
-    extinction_per_m, backscatter_per_m: of each stand: of power, one way, in nepers per metre; cross-section per
-        volume.
+    grid: cells of the stands; stand: index of the stand in each, -1 for none.
+    plant_m, top_m: heights of plants above ground, NaN without plants, and of their tops in the world frame, minus
+        infinity without plants.
+    extinction_per_m, backscatter_per_m: of each stand: one-way extinction of power in nepers per metre; cross-section
+        per volume.
     """
 
     grid: Grid
@@ -49,18 +49,18 @@ class PlantCover:
 
     @property
     def highest_m(self) -> float:
-        """Height of the tallest plants over the ground."""
+        """Height of the tallest plants above ground."""
         return float(np.nanmax(self.plant_m, initial=0.0))
 
     def tops_m(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return the heights of the plants' tops at horizontal positions; minus infinity where none stand."""
-        row, column, inside = self.grid.cell_of(point_m)
-        return np.where(inside, self.top_m[row, column], -np.inf)
+        """Return the heights of the plants' tops at horizontal positions; minus infinity without plants."""
+        row, column, in_grid = self.grid.cell_of(point_m)
+        return np.where(in_grid, self.top_m[row, column], -np.inf)
 
     def over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
-        """Return the height of the plants over the cells of a map; NaN where none stand."""
-        row, column, inside = self.grid.cell_of(grid.centres_m)
-        return np.where(inside, self.plant_m[row, column], np.nan).reshape(grid.shape)
+        """Return the height of the plants in the cells of a map; NaN without plants."""
+        row, column, in_grid = self.grid.cell_of(grid.centres_m)
+        return np.where(in_grid, self.plant_m[row, column], np.nan).reshape(grid.shape)
 
 
 def vegetation_of(
@@ -78,53 +78,55 @@ def vegetation_of(
     ground_m:
         Returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
     window_m:
-        Extent that the survey can see (west, south, east, north), for stands without an outline; large ones are cut
-        down to it.
+        Extent visible to the survey (west, south, east, north), for stands without an outline; large ones are
+        clipped to it.
     heights:
         Reads the heights of a stand from its raster.
 
     Raises
     ------
     ScenarioError
-        A stand holds no ground.
+        A stand covers no ground.
     InputFileError
-        A raster of heights cannot be read, or holds what no plant reaches.
+        A raster of heights cannot be read, or has implausible heights.
 
     """
     if not tables:
         return None
     west, south, east, north = window_m
-    whole = np.array([[west, south], [east, south], [east, north], [west, north]])
-    corners = [whole if table.polygon_m is None else np.array(table.polygon_m) for table in tables]
+    window_corners = np.array([[west, south], [east, south], [east, north], [west, north]])
+    corners = [window_corners if table.polygon_m is None else np.array(table.polygon_m) for table in tables]
     grid = _grid(corners, window_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
-    for number, (table, corner) in enumerate(zip(tables, corners, strict=True)):
-        inside = _inside(grid, corner)
-        place = grid.centres_m[inside.ravel()]
-        height = np.full(len(place), table.height_m)
+    for index, (table, corner) in enumerate(zip(tables, corners, strict=True)):
+        in_stand = _inside(grid, corner)
+        points = grid.centres_m[in_stand.ravel()]
+        height = np.full(len(points), table.height_m)
         if table.path is not None:
-            height = heights(table, f"vegetation.{number}", place) if len(place) else np.zeros(0)
+            height = heights(table, f"vegetation.{index}", points) if len(points) else np.zeros(0)
             if np.any(height > NO_PLANT_M):
                 message = (
-                    f"vegetation.{number}.path = {shown(table.path)}: holds plants {np.nanmax(height):g} m high; give "
+                    f"vegetation.{index}.path = {shown(table.path)}: holds plants {np.nanmax(height):g} m high; give "
                     "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
                 )
                 raise InputFileError(message)
             too_tall = int(np.sum(height > TALLEST_M))
             if too_tall:
                 message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
-                logger.warning(message, number, shown(table.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
+                logger.warning(message, index, shown(table.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
             height = np.where(height >= table.least_height_m, np.minimum(height, TALLEST_M), np.nan)
-        if len(place) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
+        if len(points) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
             continue
-        if not np.any(np.isfinite(ground_m(place)) & np.isfinite(height)):
-            field, least = "polygon_m", ""
+        if not np.any(np.isfinite(ground_m(points)) & np.isfinite(height)):
+            field, threshold = "polygon_m", ""
             if table.path is not None:
-                field, least = "path", f" of least_height_m = {table.least_height_m:g} or more"
-            message = f"holds no plants{least} over the terrain that is seen; move or enlarge the stand, or the terrain"
-            raise ScenarioError([Problem(f"vegetation.{number}.{field}", message)])
-        stand[inside] = np.where(np.isfinite(height), number, stand[inside])
-        plant_m[inside] = np.where(np.isfinite(height), height, plant_m[inside])
+                field, threshold = "path", f" of least_height_m = {table.least_height_m:g} or more"
+            message = (
+                f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
+            )
+            raise ScenarioError([Problem(f"vegetation.{index}.{field}", message)])
+        stand[in_stand] = np.where(np.isfinite(height), index, stand[in_stand])
+        plant_m[in_stand] = np.where(np.isfinite(height), height, plant_m[in_stand])
     base_m = np.full(grid.shape, np.nan)
     base_m[stand >= 0] = ground_m(grid.centres_m[(stand >= 0).ravel()])
     stand[~np.isfinite(base_m)] = -1
@@ -139,7 +141,7 @@ def vegetation_of(
 
 
 def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, float, float, float]) -> Grid:
-    """Return cells that hold some outlines, or of those that would take too many what a window holds of them."""
+    """Return cells that cover the outlines, clipped to a window if there would be too many."""
     corner_m = np.vstack(corners_m)
     width_m, height_m = np.ptp(corner_m, axis=0)
     if (width_m / SPACING_M + 2) * (height_m / SPACING_M + 2) > MAX_CELLS:
@@ -151,16 +153,16 @@ def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, 
 
 def _beyond(corner_m: Float[np.ndarray, "corner 2"], window_m: tuple[float, float, float, float]) -> bool:
     """Return whether an outline lies outside a window."""
-    low, high = corner_m.min(axis=0), corner_m.max(axis=0)
-    return bool(np.any(low > window_m[2:]) or np.any(high < window_m[:2]))
+    lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
+    return bool(np.any(lower > window_m[2:]) or np.any(upper < window_m[:2]))
 
 
 def _inside(grid: Grid, corner_m: Float[np.ndarray, "corner 2"]) -> Bool[np.ndarray, "row column"]:
     """Return the cells whose centres lie in a polygon."""
-    low, high = corner_m.min(axis=0), corner_m.max(axis=0)
-    near = np.ix_((grid.y_m >= low[1]) & (grid.y_m <= high[1]), (grid.x_m >= low[0]) & (grid.x_m <= high[0]))
-    inside = np.zeros(grid.shape, dtype=bool)
-    x, y = np.meshgrid(grid.x_m[near[1][0]], grid.y_m[near[0][:, 0]])
+    lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
+    in_box = np.ix_((grid.y_m >= lower[1]) & (grid.y_m <= upper[1]), (grid.x_m >= lower[0]) & (grid.x_m <= upper[0]))
+    mask = np.zeros(grid.shape, dtype=bool)
+    x, y = np.meshgrid(grid.x_m[in_box[1][0]], grid.y_m[in_box[0][:, 0]])
     if x.size:
-        inside[near] = Outline(corner_m).contains_points(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
-    return inside
+        mask[in_box] = Outline(corner_m).contains_points(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    return mask

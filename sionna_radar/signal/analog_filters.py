@@ -6,8 +6,8 @@ the ranges of interest, order n weights powers by r^2n, so that order 1 compensa
 and order 2 the r^-4 of points. The benefit is dynamic range of the ADC and less transmitter leakage; calibrated spectra
 are the same with and without it.
 
-A gain over range does so between two frequencies alone: zeros at the lower one and poles at the upper one, for each
-order ((jf + f1) / (jf + f2)), so that nothing is lost at the nearest ranges but what the ratio of both says.
+A gain over range acts only between two frequencies: zeros at the lower one and poles at the upper one, for each
+order ((jf + f1) / (jf + f2)), so that the attenuation of the nearest ranges is limited to the ratio of both.
 
 Each path's beat is a steady tone, which the filter multiplies by its complex response at that frequency; a chirp
 is much longer than the filter's settling time. Thermal noise enters before the filter and is shaped like the echoes, so
@@ -30,7 +30,7 @@ from sionna_radar.tracing.paths import Paths
 class AntiAlias:
     """A Butterworth low-pass: power response 1 / (1 + (f / corner)^(2 order)).
 
-    With I/Q samples, which see beats from zero to the sampling rate, f counts from the middle of that band.
+    With I/Q samples, whose band is zero to the sampling rate, f counts from the middle of that band.
     """
 
     corner_hz: float
@@ -55,7 +55,7 @@ class AntiAlias:
         return float(2 * np.pi * self.corner_hz * np.sin(np.pi / (2 * self.order)))
 
     def left(self, oversampling: int) -> float:
-        """Return the power that passes at the end of a band so many times as wide as that of the samples."""
+        """Return the power response at the edge of a band `oversampling` times as wide as that of the samples."""
         edge_hz = oversampling * self.chirp.sampling_rate_hz / 2
         return float(1 / (1 + (edge_hz / self.corner_hz) ** (2 * self.order)))
 
@@ -69,7 +69,7 @@ def build_anti_alias(table: ReceiverTable, chirp: Chirp) -> AntiAlias | None:
 
 @dataclass(frozen=True, kw_only=True)
 class RangeGain:
-    """A gain that rises by 6 dB an octave and order between two frequencies, to one."""
+    """A gain that rises to one by 6 dB per octave and order between two frequencies."""
 
     from_hz: float
     to_hz: float

@@ -7,9 +7,9 @@ received wave is (t from the middle of the sweep, S its slope)
 
 c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross terms, and c2 the drift of the
 beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
-exactly, and the differences from it as a power series, as far as they matter.
+exactly, and the differences from it as a truncated power series.
 
-A receiver's beat is made on a finer and longer grid of times before it is filtered and sampled.
+A receiver's beat is synthesised on a finer and longer grid of times before it is filtered and sampled.
 """
 
 from dataclasses import dataclass, replace
@@ -82,35 +82,35 @@ def analytic_beats(
 ) -> Complex[np.ndarray, "pulse sample"]:
     """Return the beat signals of `synthesise` in complex form: a path of gain a is an exponential of magnitude |a|.
 
-    band_hz: the lowest beat that passes, and that from which on none does; without it those of the sampled band.
+    band_hz: lower (inclusive) and upper (exclusive) limit of the pass band; by default the sampled band.
     """
     # Numba takes half a second to import.
     from sionna_radar.signal.beat_sum import exponential_sums, weigh
 
-    first = np.searchsorted(paths.pulse, pulses.index, side="left")
-    last = np.searchsorted(paths.pulse, pulses.index, side="right")
+    begin = np.searchsorted(paths.pulse, pulses.index, side="left")
+    end = np.searchsorted(paths.pulse, pulses.index, side="right")
     frequency, excess, weight = np.empty(len(paths)), np.empty(len(paths)), np.empty(len(paths), dtype=np.complex128)
     mean, total, scattered = np.empty((3, len(pulses)))
     columns = (frequency, weight, excess, mean, total, scattered)
     sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
     sampled = (*(band_hz or sampled_band_hz(chirp)), chirp.sampling_rate_hz, speed_of_light)
     table = (paths.delay_s, paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
-    over_rows(lambda low, high: weigh(low, high, first, last, *table), len(pulses))
+    over_rows(lambda start, stop: weigh(start, stop, begin, end, *table), len(pulses))
     bend = mean / chirp.sampling_rate_hz**2
-    beat = exponential_sums(first, last, frequency, weight, bend, chirp.samples)
+    beat = exponential_sums(begin, end, frequency, weight, bend, chirp.samples)
     # Phase added by each path's individual drift at the ends of the sweep, in radians.
     ends = 2 * np.pi * (chirp.duration_s / 2) ** 2
     # The root mean square of (2 t / T)^(2 n) over the sweep is 1 / sqrt(4 n + 1).
-    more = np.flatnonzero(ends * np.sqrt(scattered) > DRIFT_ACCURACY * np.sqrt(5 * total))
-    if len(more):
-        terms = _Drift(first[more], last[more], frequency, weight, ends * excess, bend[more])
-        beat[more] += terms.beats(total[more], chirp)
+    drifting = np.flatnonzero(ends * np.sqrt(scattered) > DRIFT_ACCURACY * np.sqrt(5 * total))
+    if len(drifting):
+        terms = _Drift(begin[drifting], end[drifting], frequency, weight, ends * excess, bend[drifting])
+        beat[drifting] += terms.beats(total[drifting], chirp)
     return beat
 
 
 @dataclass(frozen=True)
 class _Drift:
-    """What paths whose beats drift unlike the mean of their pulse's add: a power series in that difference.
+    """Correction for paths whose beat drift differs from the mean of their pulse: a power series in the difference.
 
     excess: the difference in phase at the ends of the sweep.
     """
@@ -123,36 +123,36 @@ class _Drift:
     bend: Float[np.ndarray, " row"]
 
     def beats(self, total: Float[np.ndarray, " row"], chirp: Chirp) -> Complex[np.ndarray, "row sample"]:
-        """Return all terms that matter beside the total power of each row."""
+        """Return the sum of all terms above `DRIFT_ACCURACY` relative to the total power of each row."""
         from sionna_radar.signal.beat_sum import exponential_sums
 
-        out = np.zeros((len(total), chirp.samples), dtype=np.complex128)
+        beat = np.zeros((len(total), chirp.samples), dtype=np.complex128)
         share, order = (2 * chirp.sample_time_s / chirp.duration_s) ** 2, 1
         term, rows = self.weight * (1j * self.excess), np.arange(len(total))
         while len(rows):
-            first, last = self.first[rows], self.last[rows]
-            out[rows] += (
-                exponential_sums(first, last, self.frequency, term, self.bend[rows], chirp.samples) * share**order
+            begin, end = self.first[rows], self.last[rows]
+            beat[rows] += (
+                exponential_sums(begin, end, self.frequency, term, self.bend[rows], chirp.samples) * share**order
             )
             order += 1
             term = term * (1j * self.excess / order)
-            size = np.array([np.linalg.norm(term[a:b]) for a, b in zip(first, last, strict=True)])
-            rows = rows[size > DRIFT_ACCURACY * np.sqrt((4 * order + 1) * total[rows])]
-        return out
+            amplitude = np.array([np.linalg.norm(term[a:b]) for a, b in zip(begin, end, strict=True)])
+            rows = rows[amplitude > DRIFT_ACCURACY * np.sqrt((4 * order + 1) * total[rows])]
+        return beat
 
 
 def sampled_band_hz(chirp: Chirp) -> tuple[float, float]:
     """Return the lowest and the highest beat in the sampled band."""
-    half = chirp.sampling_rate_hz / 2
+    nyquist_hz = chirp.sampling_rate_hz / 2
     # Complex samples cover 0 to the sampling rate; a real signal folds negative frequencies onto positive.
-    return (0.0, 2 * half) if chirp.sampling == "iq" else (-half, half)
+    return (0.0, 2 * nyquist_hz) if chirp.sampling == "iq" else (-nyquist_hz, nyquist_hz)
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """The samples of a sweep, a whole number of times as dense, and going on beyond both of its ends.
+    """An oversampled grid of a sweep's samples, extended beyond both of its ends.
 
-    The sweep goes on before its first sample, so that filters have settled by then.
+    The sweep begins before its first sample, so that filters have settled by then.
     oversampling: points per sample.
     guard: samples before the first one, and after the last one.
     """
@@ -163,32 +163,32 @@ class SampleGrid:
 
     @cached_property
     def wide(self) -> Chirp:
-        """The sweep as if all points of the grid were its samples: same slope, same middle, other ends."""
-        long = (self.chirp.samples + 2 * self.guard) / self.chirp.samples
+        """The sweep extended to all points of the grid: same slope and middle, other ends."""
+        stretch = (self.chirp.samples + 2 * self.guard) / self.chirp.samples
         return replace(
             self.chirp,
-            bandwidth_hz=self.chirp.bandwidth_hz * long,
-            rate_hz=self.chirp.rate_hz / long,
+            bandwidth_hz=self.chirp.bandwidth_hz * stretch,
+            rate_hz=self.chirp.rate_hz / stretch,
             samples=self.oversampling * (self.chirp.samples + 2 * self.guard),
         )
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """The lowest beat that the points hold, and the end of their band, in whose middle that of the samples is."""
-        # Complex samples cover 0 to the sampling rate, real ones both signs of beats alike.
-        middle = self.chirp.sampling_rate_hz / 2 if self.chirp.sampling == "iq" else 0.0
-        half = self.oversampling * self.chirp.sampling_rate_hz / 2
-        return middle - half, middle + half
+        """Lower and upper limit of the points' band, centred on that of the samples."""
+        # Complex samples cover 0 to the sampling rate, real ones both signs of beats equally.
+        centre_hz = self.chirp.sampling_rate_hz / 2 if self.chirp.sampling == "iq" else 0.0
+        half_band_hz = self.oversampling * self.chirp.sampling_rate_hz / 2
+        return centre_hz - half_band_hz, centre_hz + half_band_hz
 
     @property
     def first(self) -> int:
-        """The point of the first sample."""
+        """Index of the point of the first sample."""
         return self.wide.samples // 2 - self.oversampling * (self.chirp.samples // 2)
 
     def sampled(self, points: Inexact[np.ndarray, "pulse point"]) -> Inexact[np.ndarray, "pulse sample"]:
         """Return the samples of a signal given on all points of the grid."""
-        last = self.first + self.oversampling * self.chirp.samples
-        return points[:, self.first : last : self.oversampling]
+        stop = self.first + self.oversampling * self.chirp.samples
+        return points[:, self.first : stop : self.oversampling]
 
     @cached_property
     def taper(self) -> Float[np.ndarray, " point"]:

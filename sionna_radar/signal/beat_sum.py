@@ -1,4 +1,4 @@
-"""The sums of many complex exponentials that a block of beat signals consists of, by a non-uniform Fourier transform.
+"""Sums of complex exponentials for a block of beat signals, by a non-uniform Fourier transform.
 
 Each exponential of u cycles per sample is spread over a few points of a fine grid of frequencies, around its own; an
 ordinary Fourier transform of the grid then gives the samples, after division by the transform of the spreading function
@@ -19,9 +19,9 @@ from scipy.fft import ifft, next_fast_len
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.threads import cores, over_rows
 
-# The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
+# Oversampling of the frequency grid, and width of the spreading function in points.
 OVERSAMPLING, WIDTH = 2.0, 10
-# Of the spreading function, for this oversampling.
+# Shape parameter of the spreading function for this oversampling.
 SHARPNESS = 2.30 * WIDTH
 # Pieces of the spreading function between two points of the grid; in each it is a cubic polynomial.
 PIECES = 128
@@ -43,62 +43,62 @@ def exponential_sums(
     Parameters
     ----------
     first, last:
-        Where the paths of each row begin, and end.
+        Begin and end of the paths of each row.
     frequency:
         Cycles per sample; whole cycles change nothing.
     weight:
         Of each path.
     bend:
-        Cycles per square of a sample, of all paths of a row.
+        Cycles per sample squared, of all paths of a row.
     samples:
-        In a row.
+        Number per row.
 
     """
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
     grid = np.empty((len(first), points), dtype=np.complex128)
     pieces, correction = _pieces(), _correction(samples, points)
-    over_rows(lambda low, high: _spread(low, high, first, last, frequency, weight, pieces, grid), len(first))
-    found = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=cores())
-    out = np.empty((len(first), samples), dtype=np.complex128)
-    over_rows(lambda low, high: _finish(low, high, found, correction, bend, out), len(first))
-    return out
+    over_rows(lambda start, stop: _spread(start, stop, first, last, frequency, weight, pieces, grid), len(first))
+    transform = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=cores())
+    sums = np.empty((len(first), samples), dtype=np.complex128)
+    over_rows(lambda start, stop: _finish(start, stop, transform, correction, bend, sums), len(first))
+    return sums
 
 
-def _spreading(place: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Return the exponential of a semicircle, at places in units of the grid."""
-    inside = np.maximum(1 - (2 * place / WIDTH) ** 2, 0.0)
-    return np.exp(SHARPNESS * (np.sqrt(inside) - 1))
+def _spreading(offset: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Return the exponential of a semicircle, at offsets in units of the grid."""
+    semicircle = np.maximum(1 - (2 * offset / WIDTH) ** 2, 0.0)
+    return np.exp(SHARPNESS * (np.sqrt(semicircle) - 1))
 
 
 @cache
 def _correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
-    """Return one over the transform of the spreading function at each sample, by Gaussian quadrature."""
+    """Return the inverse of the spreading function's transform at each sample, by Gaussian quadrature."""
     node, weight = np.polynomial.legendre.leggauss(NODES)
-    place = node * WIDTH / 2
-    number = np.arange(samples) - samples // 2
-    wave = np.cos(2 * np.pi * np.outer(number / points, place))
-    return 1 / (wave @ (weight * WIDTH / 2 * _spreading(place)))
+    offset = node * WIDTH / 2
+    sample = np.arange(samples) - samples // 2
+    wave = np.cos(2 * np.pi * np.outer(sample / points, offset))
+    return 1 / (wave @ (weight * WIDTH / 2 * _spreading(offset)))
 
 
 @cache
 def _pieces() -> Float[np.ndarray, "piece 4 point"]:
-    """Return the cubic polynomials, in the share of a piece, of what each of the points gets.
+    """Return the cubic polynomials of the spreading function at each point, in the fraction of a piece.
 
-    The first point lies t - WIDTH / 2 from the exponential, with t from 0 to 1 in all pieces. Each polynomial meets
-    the function at the Chebyshev nodes of its piece.
+    The first point lies t - WIDTH / 2 from the exponential, with t from 0 to 1 in all pieces. Each polynomial
+    interpolates the function at the Chebyshev nodes of its piece.
     """
-    share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
-    place = (np.arange(PIECES)[:, None] + share) / PIECES
-    value = _spreading(place[..., None] - WIDTH / 2 + np.arange(WIDTH))
-    return np.ascontiguousarray(np.einsum("kn,pnj->pkj", np.linalg.inv(np.vander(share, 4, increasing=True)), value))
+    fraction = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
+    offset = (np.arange(PIECES)[:, None] + fraction) / PIECES
+    value = _spreading(offset[..., None] - WIDTH / 2 + np.arange(WIDTH))
+    return np.ascontiguousarray(np.einsum("kn,pnj->pkj", np.linalg.inv(np.vander(fraction, 4, increasing=True)), value))
 
 
 @compiled
 @no_type_check
-def _spread(low, high, first, last, frequency, weight, pieces, grid):
+def _spread(start, stop, first, last, frequency, weight, pieces, grid):
     points = grid.shape[1]
     real, imaginary = np.empty(points + WIDTH), np.empty(points + WIDTH)
-    for row in range(low, high):
+    for row in range(start, stop):
         real[:] = 0.0
         imaginary[:] = 0.0
         for path in range(first[row], last[row]):
@@ -112,28 +112,28 @@ def _spread(low, high, first, last, frequency, weight, pieces, grid):
             t = (begin - x) * PIECES
             piece = min(int(t), PIECES - 1)
             t -= piece
-            at = min(int(begin), points)
+            index = min(int(begin), points)
             c = pieces[piece]
             for j in range(WIDTH):
                 value = ((c[3, j] * t + c[2, j]) * t + c[1, j]) * t + c[0, j]
-                real[at + j] += a * value
-                imaginary[at + j] += b * value
-        half = WIDTH // 2
+                real[index + j] += a * value
+                imaginary[index + j] += b * value
+        half_width = WIDTH // 2
         for k in range(points):
-            grid[row, k] = complex(real[k + half], imaginary[k + half])
-        # What lies beyond either end of the circle of frequencies belongs to the other.
-        for k in range(half):
-            grid[row, points - half + k] += complex(real[k], imaginary[k])
-            grid[row, k] += complex(real[points + half + k], imaginary[points + half + k])
+            grid[row, k] = complex(real[k + half_width], imaginary[k + half_width])
+        # The frequency axis is periodic: wrap the margins.
+        for k in range(half_width):
+            grid[row, points - half_width + k] += complex(real[k], imaginary[k])
+            grid[row, k] += complex(real[points + half_width + k], imaginary[points + half_width + k])
 
 
 @compiled
 @no_type_check
-def _finish(low, high, found, correction, bend, out):
-    points, samples = found.shape[1], out.shape[1]
+def _finish(begin, stop, transform, correction, bend, sums):
+    points, samples = transform.shape[1], sums.shape[1]
     half = samples // 2
-    for row in range(low, high):
-        # The phase's second difference is constant: exp(j bend n^2) by two products a sample.
+    for row in range(begin, stop):
+        # The phase's second difference is constant: exp(j bend n^2) by two products per sample.
         angle = 2.0 * np.pi * bend[row]
         start = angle * half * half
         turn = complex(np.cos(start), np.sin(start))
@@ -144,7 +144,7 @@ def _finish(low, high, found, correction, bend, out):
             k = n - half
             if k < 0:
                 k += points
-            out[row, n] = found[row, k] * (correction[n] * turn)
+            sums[row, n] = transform[row, k] * (correction[n] * turn)
             turn = turn * step
             step = step * twist
 
@@ -152,7 +152,7 @@ def _finish(low, high, found, correction, bend, out):
 @compiled
 @no_type_check
 def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns):
-    """Write the frequency and the weight of each path, and what its drift differs from its row's.
+    """Write the frequency and weight of each path, and the difference of its drift from the mean of its row.
 
     sweep: carrier, slope and direction of the chirp, time of its middle after the pose, lowest and highest beat that
         passes, sampling rate, speed of light.
@@ -162,7 +162,7 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
-        # Nothing here depends on the path before, so that the compiler handles several at once.
+        # No dependence on the previous path, so that the loop vectorises.
         for path in range(first[row], last[row]):
             stretch = 2.0 * range_rate_mps[path] / c
             delay = delay_s[path] + centre_s * stretch

@@ -1,6 +1,6 @@
 """The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding and its step.
 
-Samples are returned on the scale of the antenna: the gain in front of the converter is known, and taken out again.
+Samples are returned on the scale of the antenna: the known gain in front of the converter is divided out.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from sionna_radar.signal.stages import Received, StageInputs, register_receiver_
 
 @dataclass(frozen=True, kw_only=True)
 class Imbalance:
-    """The quadrature part of I/Q samples: its amplitude over that of the other, and its lag behind a quarter turn.
+    """I/Q imbalance: amplitude of the quadrature over that of the in-phase part, and its lag behind a quarter cycle.
 
     A tone gets an image at the negative frequency, |a|^2 / |b|^2 below it, of a, b = (1 +- g exp(-+ j lag)) / 2.
     """
@@ -28,19 +28,19 @@ class Imbalance:
     lag_rad: float
 
     def __call__(self, samples: Complex[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse sample"]:
-        """Return samples as they are received."""
+        """Apply the imbalance to samples."""
         mixed: Complex[np.ndarray, "pulse sample"] = samples * self.own
         mixed += np.conj(samples) * self.image
         return mixed
 
     @property
     def own(self) -> complex:
-        """Amplitude of a tone over that before."""
+        """Complex gain of a tone."""
         return complex(1 + self.gain * np.exp(-1j * self.lag_rad)) / 2
 
     @property
     def image(self) -> complex:
-        """Amplitude of its image."""
+        """Complex gain of its image."""
         return complex(1 - self.gain * np.exp(1j * self.lag_rad)) / 2
 
 
@@ -49,8 +49,8 @@ class Converter:
     """A converter.
 
     bits: None for one that does not round.
-    full_scale_w: power of the sine that fills it, on the scale of the antenna; None with a gain control.
-    over_noise: instead of it, over the noise of a sample.
+    full_scale_w: power of the full-scale sine, on the scale of the antenna; None with a gain control.
+    over_noise: full scale relative to the noise of a sample, instead of `full_scale_w`.
     headroom: amplitude of the strongest sample over full scale, with a gain control; None for a fixed gain.
     offset: over the amplitude of full scale.
     """
@@ -70,28 +70,30 @@ class Converter:
         if self.full_scale_w is None and self.over_noise is None and self.headroom is None:
             return replace(received, samples=samples)
         # Each part of complex samples has a converter.
-        parts = np.ascontiguousarray(samples).view(np.float64)
-        full = self._amplitude(parts, received)
-        codes, outside = self._converted(parts / full + self.offset)
-        saturated = outside.reshape(*samples.shape, -1).any(axis=2).sum(axis=1)
-        return replace(received, samples=(codes * full).view(samples.dtype), saturated=saturated)
+        components = np.ascontiguousarray(samples).view(np.float64)
+        full_scale = self._amplitude(components, received)
+        codes, clipped = self._converted(components / full_scale + self.offset)
+        saturated = clipped.reshape(*samples.shape, -1).any(axis=2).sum(axis=1)
+        return replace(received, samples=(codes * full_scale).view(samples.dtype), saturated=saturated)
 
-    def _amplitude(self, parts: Float[np.ndarray, "pulse part"], received: Received) -> Float[np.ndarray, "#pulse 1"]:
-        """Return the amplitude that fills the converter in each sweep, on the scale of the antenna."""
+    def _amplitude(
+        self, components: Float[np.ndarray, "pulse part"], received: Received
+    ) -> Float[np.ndarray, "#pulse 1"]:
+        """Return the full-scale amplitude in each sweep, on the scale of the antenna."""
         if self.headroom is not None:
-            strongest = np.max(np.abs(parts), axis=1, keepdims=True) / self.headroom
+            strongest = np.max(np.abs(components), axis=1, keepdims=True) / self.headroom
             return np.where(strongest > 0, strongest, 1.0)
-        full = self._full_scale(received.noise_power_w, received.chirp)
-        assert full is not None
-        return np.full((1, 1), full)
+        full_scale = self._full_scale(received.noise_power_w, received.chirp)
+        assert full_scale is not None
+        return np.full((1, 1), full_scale)
 
     def step(self, noise_power_w: float, chirp: Chirp) -> float | None:
-        """Return the least difference between two samples; None without one, or with one that a gain control sets."""
+        """Return the quantisation step; None without quantisation, and with a gain control."""
         full = self._full_scale(noise_power_w, chirp)
         return None if full is None or self.bits is None else full / 2.0 ** (self.bits - 1)
 
     def _full_scale(self, noise_power_w: float, chirp: Chirp) -> float | None:
-        """Return the amplitude that fills the converter; None with a gain control, and without a full scale."""
+        """Return the full-scale amplitude; None with a gain control, and without a full scale."""
         power_w = self.full_scale_w
         if power_w is None and self.over_noise is not None:
             power_w = self.over_noise * noise_power_w
@@ -99,17 +101,17 @@ class Converter:
         return None if power_w is None else float(np.sqrt(power_w * (2 if chirp.sampling == "real" else 1)))
 
     def _converted(
-        self, filled: Float[np.ndarray, "pulse part"]
+        self, values: Float[np.ndarray, "pulse part"]
     ) -> tuple[Float[np.ndarray, "pulse part"], Bool[np.ndarray, "pulse part"]]:
-        """Return values in units of full scale as they are converted, and which of them do not fit."""
+        """Quantise values in units of full scale, and return the mask of clipped ones."""
         if self.bits is None:
-            return np.clip(filled, -1.0, 1.0), np.abs(filled) > 1
-        half = 2.0 ** (self.bits - 1)
-        # One bit tells the sign: its two values lie half a step off zero, as do all of so coarse a converter.
+            return np.clip(values, -1.0, 1.0), np.abs(values) > 1
+        half_range = 2.0 ** (self.bits - 1)
+        # A one-bit converter gives the sign: its two values lie half a step off zero.
         shift = 0.5 if self.bits == 1 else 0.0
-        code = np.floor(filled * half) if self.bits == 1 else np.rint(filled * half)
-        kept = np.clip(code, -half, half - 1)
-        return (kept + shift) / half, kept != code
+        code = np.floor(values * half_range) if self.bits == 1 else np.rint(values * half_range)
+        clipped = np.clip(code, -half_range, half_range - 1)
+        return (clipped + shift) / half_range, clipped != code
 
 
 @register_receiver_stage("converter", StageParameters)
@@ -138,8 +140,8 @@ def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
     """Return the step of the converter on the scale of the antenna; None for one without a fixed step."""
     if "converter" in radar.receiver.stages:
         return None
-    given = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
-    converter = build_converter(StageParameters(stage="converter"), given)
+    inputs = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
+    converter = build_converter(StageParameters(stage="converter"), inputs)
     return converter.step(receiver.noise_power_w, receiver.chirp)
 
 
@@ -148,5 +150,5 @@ def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
     step = rounding_step(radar, receiver)
     if step is None or receiver.noise_power_w == 0:
         return None
-    parts = 1 if receiver.chirp.sampling == "real" else 2
-    return parts * step**2 / 12 / receiver.noise_power_w
+    components = 1 if receiver.chirp.sampling == "real" else 2
+    return components * step**2 / 12 / receiver.noise_power_w

@@ -1,8 +1,8 @@
 """Beat signals summed in the memory of the ray tracer, sample by sample.
 
-The phase of a path is that of `signal.beat`, drift and all. Each sample of a pulse adds its paths in their order,
-without atomic operations: the result does not depend on how many samples are worked on at once. Phases are reduced to
-a turn in double precision, and turned in single precision.
+The phase of a path is that of `signal.beat`, drift included. Each sample of a pulse adds its paths in their order,
+without atomic operations: the result does not depend on the number of parallel samples. Phases are reduced to
+a cycle in double precision, and their sine and cosine computed in single precision.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ import drjit as dr
 def device_beats(paths: DevicePaths, chirp: Chirp) -> Any:
     """Return the noise-free beat signals of a block as a Dr.Jit tensor, one row per pulse; see `synthesise`.
 
-    Of real samples it is a tensor of numbers, of I/Q samples one with a last axis of real and imaginary parts.
+    I/Q samples have a last axis of real and imaginary parts.
     """
     rows, samples = len(paths.pulses), chirp.samples
     total = _sums(paths, chirp) if dr.width(paths.delay_s) else dr.zeros(mi.Complex2f, rows * samples)
@@ -44,27 +44,27 @@ def _sums(paths: DevicePaths, chirp: Chirp) -> Any:
     n = mi.Float64(mi.Int32(lane - pulse * samples) - samples // 2)
     real, imaginary = dr.zeros(mi.Float64, dr.width(lane)), dr.zeros(mi.Float64, dr.width(lane))
 
-    def more(path: Any, last: Any, real: Any, imaginary: Any) -> Any:
+    def has_more(path: Any, last: Any, real: Any, imaginary: Any) -> Any:
         return path < last
 
-    def add(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
+    def add_path(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
         turns = dr.gather(mi.Float64, frequency, path) * n + dr.gather(mi.Float64, drift, path) * n * n
         sine, cosine = dr.sincos(mi.Float(turns - dr.floor(turns)) * dr.two_pi)
-        own = dr.gather(mi.Complex2f, weight, path)
-        real += mi.Float64(own.real * cosine - own.imag * sine)
-        imaginary += mi.Float64(own.real * sine + own.imag * cosine)
+        path_weight = dr.gather(mi.Complex2f, weight, path)
+        real += mi.Float64(path_weight.real * cosine - path_weight.imag * sine)
+        imaginary += mi.Float64(path_weight.real * sine + path_weight.imag * cosine)
         return path + 1, last, real, imaginary
 
     for first, last in paths.spans:
         start, end = (dr.gather(mi.UInt32, _counts(bounds), pulse) for bounds in (first, last))
-        _, _, real, imaginary = dr.while_loop(state=(start, end, real, imaginary), cond=more, body=add)
+        _, _, real, imaginary = dr.while_loop(state=(start, end, real, imaginary), cond=has_more, body=add_path)
     total = mi.Complex2f(mi.Float(real), mi.Float(imaginary))
     dr.eval(total)
     return total
 
 
 def _terms(paths: DevicePaths, chirp: Chirp) -> tuple[Any, Any, Any]:
-    """Return each path's cycles per sample, its cycles per square of a sample, and its weight."""
+    """Return each path's cycles per sample, cycles per sample squared, and weight."""
     slope, sign, double = chirp.slope_hz_s, float(chirp.direction), mi.Float64
     stretch = double(paths.range_rate_mps) * (2 / speed_of_light)
     delay = paths.delay_s + chirp.centre_s * stretch

@@ -1,6 +1,6 @@
-"""The filters between mixer and converter, and the sampling of what passes them.
+"""The filters between mixer and converter, and the sampling of their output.
 
-Echoes are filtered over the whole grid: the sweep goes on before the first sample, so that filters have settled. Noise
+Echoes are filtered over the whole grid: the sweep begins before the first sample, so that filters have settled. Noise
 is stationary, and is treated as periodic over the samples.
 """
 
@@ -19,7 +19,7 @@ from sionna_radar.signal.stages import Received, StageInputs, register_receiver_
 
 @dataclass(frozen=True, kw_only=True)
 class Filters:
-    """The filters of a receiver; without an anti-alias filter an ideal one lets pass the sampled band alone.
+    """The filters of a receiver; the default anti-alias filter is ideal and passes only the sampled band.
 
     high_pass, anti_alias: None for none.
     """
@@ -48,7 +48,7 @@ class Filters:
     def _passed(
         self, signal: Inexact[np.ndarray, "pulse point"], chirp: Chirp, oversampling: int
     ) -> Inexact[np.ndarray, "pulse point"]:
-        """Return a signal behind the filters, with so many points in a sample; it is treated as periodic."""
+        """Return a filtered signal of `oversampling` points per sample; it is treated as periodic."""
         points, band_hz = signal.shape[1], chirp.sampling_rate_hz
         rate_hz = band_hz * oversampling
         if np.iscomplexobj(signal):

@@ -1,7 +1,7 @@
 """Waves of other radars in our receiver: bursts where their sweeps cross ours.
 
-The wave that arrives is mixed with the one that is being sent, like an echo; the beat is the difference of two sweeps,
-a chirp of the difference of their slopes, and within the band of the receiver for as long as it takes to cross it
+The incoming wave is mixed with the transmitted one, like an echo; the beat is the difference of two sweeps,
+a chirp of the difference of their slopes, within the band of the receiver for the time it takes to cross it
 (Brooker 2007, "Mutual interference of millimeter-wave radar systems", IEEE Trans. Electromagn. Compat. 49, 170-181).
 Its power is that of one way: P G G_r lambda^2 / (4 pi r)^2 (Friis 1946).
 """
@@ -23,17 +23,17 @@ from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
 
-# Bursts fade out over this share of the grid's band next to its ends, which filters take away.
+# Fraction of the grid's band at its edges over which bursts fade out; filters remove it.
 FADED = 0.25
-# Points that a crossing of the grid's band takes at least: from there on frequencies at its points tell the burst.
+# Least number of points per crossing of the grid's band, so that instantaneous frequencies describe the burst.
 MIN_POINTS = 100.0
-# Of one sweep on the finer grid.
+# Largest number of points of a sweep on the finer grid.
 MAX_POINTS = 2**23
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherRadar:
-    """Another radar: its place, what it radiates toward us (power times gain), and its sweep.
+    """Another radar: its position, radiated power (EIRP) and sweep.
 
     slope_hz_s: zero for a steady carrier. period_s: of its sweeps. start_s: of one of them.
     """
@@ -46,7 +46,7 @@ class OtherRadar:
     start_s: float = 0.0
 
     def into_sweep(self, time_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the time from the middle of the sweep that is under way."""
+        """Return the time from the middle of the current sweep."""
         if not np.isfinite(self.period_s):
             return time_s
         return np.mod(time_s - self.start_s, self.period_s) - self.period_s / 2
@@ -54,7 +54,7 @@ class OtherRadar:
 
 @dataclass(frozen=True, kw_only=True)
 class Interference:
-    """What other radars add to a signal.
+    """Interference of other radars.
 
     antennas: ours, or that of each beam of an electronic scan.
     """
@@ -74,17 +74,17 @@ class Interference:
     def arriving(
         self, radar: OtherRadar, pulses: Pulses, wavelength_m: float
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
-        """Return the power that our antenna receives from a radar in each pulse, its range and its range rate."""
+        """Return the power received from a radar in each pulse, its range and its range rate."""
         pose = pulses.true
-        away = radar.position_m - pose.position_m
+        offset_m = radar.position_m - pose.position_m
         # Nearer than a wavelength there is no far field.
-        range_m = np.maximum(np.linalg.norm(away, axis=1), wavelength_m)
-        toward = away / range_m[:, None]
-        seen = np.einsum("nij,ni->nj", pose.R_world_antenna, toward)
+        range_m = np.maximum(np.linalg.norm(offset_m, axis=1), wavelength_m)
+        toward = offset_m / range_m[:, None]
+        direction = np.einsum("nij,ni->nj", pose.R_world_antenna, toward)
         gain = np.zeros(len(pulses))
         beam = np.zeros(len(pulses), dtype=np.int64) if pulses.beam is None else pulses.beam
-        for number in np.unique(beam):
-            gain[beam == number] = self.antennas[number].receive_gain(seen[beam == number])
+        for beam_index in np.unique(beam):
+            gain[beam == beam_index] = self.antennas[beam_index].receive_gain(direction[beam == beam_index])
         power_w = radar.radiated_w * gain * (wavelength_m / (4 * np.pi * range_m)) ** 2
         return power_w, range_m, -np.einsum("ni,ni->n", pose.velocity_mps, toward)
 
@@ -96,29 +96,30 @@ def _band_limited(
     range_m: Float[np.ndarray, " pulse"],
     rate_mps: Float[np.ndarray, " pulse"],
 ) -> Complex[np.ndarray, "pulse point"]:
-    """Return the beats of a radar's wave on the points of a grid, on a finer one first if they cross its band quickly.
+    """Return the beats of a radar's wave on the points of a grid, synthesised on a finer one for fast crossings.
 
-    A chirp stays for band^2 / |difference of slopes| points; of few it has a spectrum far wider than the band, which
-    no frequency at a moment tells. On the finer grid it has many, and an ideal filter leaves the band of the coarser.
+    A chirp crosses the band in band^2 / |difference of slopes| points; with few points its spectrum is far wider than
+    the band, and an instantaneous frequency is undefined. The finer grid has many points per crossing, and an ideal
+    filter then selects the band of the coarser.
     """
-    wide = grid.wide
-    crossing = wide.sampling_rate_hz**2 / max(abs(wide.slope_hz_s - radar.slope_hz_s), 1e-300)
+    sweep = grid.wide
+    crossing = sweep.sampling_rate_hz**2 / max(abs(sweep.slope_hz_s - radar.slope_hz_s), 1e-300)
     finer = max(1, int(np.ceil(np.sqrt(MIN_POINTS / crossing))))
     if finer == 1:
         return _beat(radar, pulses, grid, range_m, rate_mps)
-    if finer * wide.samples > MAX_POINTS:
+    if finer * sweep.samples > MAX_POINTS:
         message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MAX_POINTS:,} points; lower bandwidth_hz"
         raise ScenarioError([Problem("interferers", message)])
-    fine, points = replace(grid, oversampling=finer * grid.oversampling), wide.samples
+    fine, points = replace(grid, oversampling=finer * grid.oversampling), sweep.samples
     # The lowest frequency of the coarser band, in steps of the transform.
-    lowest = round(grid.band_hz[0] * points / wide.sampling_rate_hz)
-    kept = np.arange(lowest, lowest + points)
+    lowest = round(grid.band_hz[0] * points / sweep.sampling_rate_hz)
+    bins = np.arange(lowest, lowest + points)
     beat = np.empty((len(pulses), points), dtype=np.complex128)
     for row in range(len(pulses)):
-        own = slice(row, row + 1)
-        spectrum = scipy.fft.fft(_beat(radar, pulses.rows(own), fine, range_m[own], rate_mps[own])[0])
+        single = slice(row, row + 1)
+        spectrum = scipy.fft.fft(_beat(radar, pulses.rows(single), fine, range_m[single], rate_mps[single])[0])
         folded = np.zeros(points, dtype=np.complex128)
-        folded[kept % points] = spectrum[kept % len(spectrum)] / finer
+        folded[bins % points] = spectrum[bins % len(spectrum)] / finer
         beat[row] = scipy.fft.ifft(folded)
     return beat
 
@@ -130,29 +131,31 @@ def _beat(
     range_m: Float[np.ndarray, " pulse"],
     rate_mps: Float[np.ndarray, " pulse"],
 ) -> Complex[np.ndarray, "pulse point"]:
-    """Return the beats of a radar's wave of unit power with our sweeps, where they are within the band of the grid."""
-    wide = grid.wide
-    t = wide.sample_time_s
-    sent = (pulses.time_s + wide.centre_s - range_m / speed_of_light)[:, None]
-    own = radar.into_sweep(sent + t * (1 - rate_mps[:, None] / speed_of_light))
-    between_hz = wide.direction * (wide.carrier_hz + wide.slope_hz_s * t - radar.carrier_hz - radar.slope_hz_s * own)
-    half_hz = wide.sampling_rate_hz / 2
-    # I/Q samples see beats around the middle of their band.
-    middle_hz = grid.chirp.sampling_rate_hz / 2 if wide.sampling == "iq" else 0.0
-    beyond = (np.abs(between_hz - middle_hz) / half_hz - (1 - FADED)) / FADED
-    beat = np.zeros(own.shape, dtype=np.complex128)
-    row, point = np.nonzero(beyond < 1)
-    ours = wide.carrier_hz * t[point] + wide.slope_hz_s * t[point] ** 2 / 2
-    u = own[row, point]
-    turns = ours - radar.carrier_hz * u - radar.slope_hz_s * u**2 / 2
-    fading = np.cos(np.pi / 2 * np.maximum(beyond[row, point], 0.0)) ** 2
-    beat[row, point] = fading * np.exp(2j * np.pi * wide.direction * np.mod(turns, 1.0))
+    """Return the beats of a radar's wave of unit power with our sweeps, zero outside the band of the grid."""
+    sweep = grid.wide
+    t = sweep.sample_time_s
+    transmit_s = (pulses.time_s + sweep.centre_s - range_m / speed_of_light)[:, None]
+    sweep_s = radar.into_sweep(transmit_s + t * (1 - rate_mps[:, None] / speed_of_light))
+    between_hz = sweep.direction * (
+        sweep.carrier_hz + sweep.slope_hz_s * t - radar.carrier_hz - radar.slope_hz_s * sweep_s
+    )
+    half_hz = sweep.sampling_rate_hz / 2
+    # I/Q samples hold beats around the middle of their band.
+    middle_hz = grid.chirp.sampling_rate_hz / 2 if sweep.sampling == "iq" else 0.0
+    outside_band = (np.abs(between_hz - middle_hz) / half_hz - (1 - FADED)) / FADED
+    beat = np.zeros(sweep_s.shape, dtype=np.complex128)
+    row, point = np.nonzero(outside_band < 1)
+    own_turns = sweep.carrier_hz * t[point] + sweep.slope_hz_s * t[point] ** 2 / 2
+    u = sweep_s[row, point]
+    turns = own_turns - radar.carrier_hz * u - radar.slope_hz_s * u**2 / 2
+    fading = np.cos(np.pi / 2 * np.maximum(outside_band[row, point], 0.0)) ** 2
+    beat[row, point] = fading * np.exp(2j * np.pi * sweep.direction * np.mod(turns, 1.0))
     return beat
 
 
 @register_receiver_stage("interference", StageParameters)
 def build_interference_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
-    """Return the stage that adds what other radars radiate."""
+    """Return the stage that adds the interference of other radars."""
     return given.interference or Interference()
 
 
@@ -163,22 +166,22 @@ def build_interference(
 ) -> Interference | None:
     """Return the other radars of a scenario, whose positions are local; None for none.
 
-    Raises ScenarioError for one beyond the terrain, where its height counts from nothing.
+    Raises ScenarioError for one beyond the terrain, which is the reference of its height.
     """
     if not interferers:
         return None
-    places = np.array([table.position_m for table in interferers])
-    ground = ground_m(places)
-    lost: Int[np.ndarray, " n"] = np.flatnonzero(~np.isfinite(ground))
-    if len(lost):
+    positions = np.array([table.position_m for table in interferers])
+    ground = ground_m(positions)
+    off_terrain: Int[np.ndarray, " n"] = np.flatnonzero(~np.isfinite(ground))
+    if len(off_terrain):
         text = "lies beyond the terrain, from which its height counts; move it, or enlarge the terrain"
         raise ScenarioError(
-            [Problem(f"interferers.{n}.position_m", f"{interferers[n].position_m} {text}") for n in lost]
+            [Problem(f"interferers.{n}.position_m", f"{interferers[n].position_m} {text}") for n in off_terrain]
         )
     return Interference(
         radars=tuple(
-            _radar(table, np.array([*place, base + table.height_m]))
-            for table, place, base in zip(interferers, places, ground, strict=True)
+            _radar(table, np.array([*position, base + table.height_m]))
+            for table, position, base in zip(interferers, positions, ground, strict=True)
         ),
         antennas=antennas,
     )

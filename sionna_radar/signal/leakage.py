@@ -1,9 +1,9 @@
-"""Leakage from the transmitter into the receiver, and the paths as a second receiver sees them.
+"""Leakage from the transmitter into the receiver, and the paths to a second receiver.
 
-Leakage follows paths of a fixed delay, the same in every sweep. They pass the mixer like any echo, so that the
-oscillator leaves of them what their short delay does.
+Leakage follows paths of a fixed delay, the same in every sweep. They pass the mixer like any echo: the phase noise of
+the oscillator mostly cancels at their short delay.
 
-`side_paths` gives the paths as a receiver beside the first sees them.
+`side_paths` gives the paths to a receiver beside the first.
 """
 
 from dataclasses import dataclass, replace
@@ -28,8 +28,8 @@ class Leakage:
 
     def __call__(self, received: Received) -> Received:
         """Return the received signal with the leakage paths of each pulse added."""
-        own = self.paths(received.pulses.index)
-        return replace(received, paths=Paths.concatenate([received.paths, own]))
+        leaking = self.paths(received.pulses.index)
+        return replace(received, paths=Paths.concatenate([received.paths, leaking]))
 
     def paths(self, pulse: Int[np.ndarray, " pulse"]) -> Paths:
         """Return the leaking paths of some pulses."""
@@ -48,27 +48,27 @@ class Leakage:
 @register_receiver_stage("leakage", StageParameters)
 def build_leakage(_: StageParameters, given: StageInputs) -> Leakage:
     """Return the leakage of a scenario's radar."""
-    ways = given.radar.receiver.leakage
+    table = given.radar.receiver.leakage
     return Leakage(
-        delay_s=np.array([1e-9 * way.delay_ns for way in ways]),
-        power=10.0 ** (np.array([way.level_db for way in ways]) / 10),
+        delay_s=np.array([1e-9 * entry.delay_ns for entry in table]),
+        power=10.0 ** (np.array([entry.level_db for entry in table]) / 10),
     )
 
 
 def side_paths(paths: Paths, pulses: Pulses, receiver: SideReceiver) -> Paths:
-    """Return the paths of a block of pulses as they reach a second receiver, from the true pose.
+    """Return the paths of a block of pulses to a second receiver, from the true pose.
 
-    The way back to a phase centre a baseline away is longer or shorter, by exact distances; the difference of the
-    antenna's halves weighs each path by its direction.
+    The return path to a phase centre a baseline away is longer or shorter, by exact distances; the difference of the
+    antenna's halves weights each path by its direction.
     """
     row = pulses.row_of(paths.pulse)
     pose = pulses.true
-    away = paths.hit_m - pose.position_m[row]
-    range_m = np.linalg.norm(away, axis=1)
+    offset_m = paths.hit_m - pose.position_m[row]
+    range_m = np.linalg.norm(offset_m, axis=1)
     R_world_antenna = pose.R_world_antenna[row]
-    direction = np.einsum("nij,ni->nj", R_world_antenna, away / range_m[:, None])
+    direction = np.einsum("nij,ni->nj", R_world_antenna, offset_m / range_m[:, None])
     delay_s = paths.delay_s
     if receiver.true_baseline_m:
-        to_side_m = np.linalg.norm(away - receiver.true_baseline_m * R_world_antenna[:, :, receiver.axis], axis=1)
+        to_side_m = np.linalg.norm(offset_m - receiver.true_baseline_m * R_world_antenna[:, :, receiver.axis], axis=1)
         delay_s = delay_s + (to_side_m - range_m) / speed_of_light
     return replace(paths, delay_s=delay_s, gain=paths.gain * receiver.factor(direction))

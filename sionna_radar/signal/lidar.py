@@ -8,14 +8,14 @@ the two-way loss (extinction a):
              l = c t / 2 its length
     drop     pi s / A(r) * exp(-2 a r),  s its backscatter, A the beam's cross-section
 
-A return must exceed the threshold max(least, 10 % (r / clear range)^2): the receiver noise, equal to a
+A return must exceed the threshold max(minimum, 10 % (r / clear range)^2): the receiver noise, equal to a
 10 % target at its clear range, and the weakest reported target. Its range is that of its near edge, without error.
 The first return is the volume at the near range if it exceeds the threshold there; otherwise the nearest drop that
 does before the ground; otherwise the ground. The last return is the ground if detected, otherwise the return before it.
 
-Drops are random in the beam (Poisson, Marshall-Palmer) and seen singly; the sum of several within a pulse is left
-out, as is the mean echo of the many small ones, which at 50 mm/h equals a target of 0.004 %. So are multiple
-scattering, which returns some of a fog's light to the field of view, speckle, and range errors by detector noise.
+Drops are random in the beam (Poisson, Marshall-Palmer) and detected singly. Neglected: the sum of several drops within
+a pulse, the mean echo of the many small ones, which at 50 mm/h equals a target of 0.004 %, multiple scattering, which
+returns some of a fog's light to the field of view, speckle, and range errors by detector noise.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ STEPS = 200
 class LidarReceiver:
     """A lidar receiver in a given atmosphere.
 
-    reflectivity: of each surface of the scene; None where all are the ground's.
+    reflectivity: of each surface of the scene; None for the ground's reflectivity everywhere.
     """
 
     table: LidarTable
@@ -67,23 +67,23 @@ class LidarReceiver:
         if self.reflectivity is not None:
             reflectivity[row] = self.reflectivity[paths.surface]
         ground_seen = self.detects_ground(ground_m, cosine, reflectivity)
-        before_m = self.nearest_in_air_m(pulses)
-        # Particles behind the ground are not seen.
-        in_air = before_m < ground_m
-        read_air = in_air if self.table.returns == "first" else in_air & ~ground_seen
-        range_m = np.where(read_air, before_m, ground_m)
-        read = read_air | ground_seen
+        air_m = self.nearest_in_air_m(pulses)
+        # Ground occludes particles behind it.
+        in_air = air_m < ground_m
+        air_return = in_air if self.table.returns == "first" else in_air & ~ground_seen
+        range_m = np.where(air_return, air_m, ground_m)
+        detected = air_return | ground_seen
         surface = np.full(len(pulses), VOLUME)
         surface[row] = paths.surface
         incidence = np.full(len(pulses), np.nan)
         incidence[row] = paths.incidence_rad
         return Paths.along_boresight(
             pulses,
-            np.flatnonzero(read),
-            range_m[read],
-            gain=np.ones(int(read.sum()), dtype=np.complex128),
-            incidence_rad=np.where(read_air, np.nan, incidence)[read],
-            surface=np.where(read_air, VOLUME, surface)[read],
+            np.flatnonzero(detected),
+            range_m[detected],
+            gain=np.ones(int(detected.sum()), dtype=np.complex128),
+            incidence_rad=np.where(air_return, np.nan, incidence)[detected],
+            surface=np.where(air_return, VOLUME, surface)[detected],
         )
 
     def threshold(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -100,7 +100,7 @@ class LidarReceiver:
         cosine: Float[np.ndarray, " n"],
         reflectivity: Float[np.ndarray, " n"] | float | None = None,
     ) -> Bool[np.ndarray, " n"]:
-        """Return at which ranges the ground is detected, by default that of `ground_reflectivity`; none at infinity."""
+        """Return the mask of ranges with detected ground, by default of `ground_reflectivity`; False at infinity."""
         reflectivity = self.table.ground_reflectivity if reflectivity is None else reflectivity
         echo = reflectivity * cosine * self.left(range_m)
         far_enough = np.isfinite(range_m) & (range_m >= self.table.near_range_m)
@@ -115,16 +115,16 @@ class LidarReceiver:
 
     def nearest_in_air_m(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
         """Return the range of each pulse's first return from the air, infinite without one."""
-        near = np.array([self.table.near_range_m])
-        if (self.volume_reflectivity * self.left(near) >= self.threshold(near))[0]:
-            return np.full(len(pulses), near[0])
+        near_m = np.array([self.table.near_range_m])
+        if (self.volume_reflectivity * self.left(near_m) >= self.threshold(near_m))[0]:
+            return np.full(len(pulses), near_m[0])
         if self.air.drops is None:
             return np.full(len(pulses), np.inf)
-        drawn = pulse_uniforms(self.seed, Stream.LIDAR_DROPS, pulses.index, 1)[:, 0]
+        uniform = pulse_uniforms(self.seed, Stream.LIDAR_DROPS, pulses.index, 1)[:, 0]
         range_m, expected = self.detectable_drops
         # The nearest point of a Poisson process: the range up to which the expected number is an exponential draw.
-        wanted = -np.log1p(-drawn)
-        return np.where(wanted < expected[-1], np.interp(wanted, expected, range_m), np.inf)
+        exponential = -np.log1p(-uniform)
+        return np.where(exponential < expected[-1], np.interp(exponential, expected, range_m), np.inf)
 
     @cached_property
     def detectable_drops(self) -> tuple[Float[np.ndarray, " range"], Float[np.ndarray, " range"]]:
@@ -134,8 +134,8 @@ class LidarReceiver:
         range_m = np.geomspace(near_m, max(self.table.clear_range_m, 2 * near_m), STEPS)
         width_m = 1e-3 * (self.table.aperture_mm + self.table.divergence_mrad * range_m)
         area_m2 = np.pi / 4 * width_m**2
-        back = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm)
-        echo = np.pi * back / area_m2[:, None] * self.left(range_m)[:, None]
+        backscatter = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm)
+        echo = np.pi * backscatter / area_m2[:, None] * self.left(range_m)[:, None]
         detectable = echo >= self.threshold(range_m)[:, None]
         per_m = area_m2 * np.trapezoid(detectable * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
         steps = (per_m[1:] + per_m[:-1]) / 2 * np.diff(range_m)

@@ -1,4 +1,4 @@
-"""The mixer: echoes times the sweep that is being sent, with all that its oscillator adds.
+"""The mixer: echoes times the transmitted sweep, with the phase errors of its oscillator.
 
 The factor exp(j (e(t) - e(t - tau))) of an oscillator's phase e is smooth in the delay tau. It is computed at delays a
 fixed step apart, and between them interpolated by cubic polynomials: each path is shared among the four nearest
@@ -23,13 +23,13 @@ from sionna_radar.signal.stages import Received, StageInputs, register_receiver_
 from sionna_radar.tracing.paths import Paths
 
 STEP_RAD = 0.5
-# A sweep that errs by more of its bandwidth is another one.
+# Largest frequency error of a sweep, relative to its bandwidth.
 MAX_SHIFTED = 0.1
 
 
 @dataclass(frozen=True)
 class Mixer:
-    """Makes beats of paths."""
+    """Synthesises the beats of paths."""
 
     oscillator: Oscillator
 
@@ -38,7 +38,7 @@ class Mixer:
         scale, paths, grid = self.oscillator.scale, received.paths, received.grid
         if scale != 1:
             paths = replace(paths, delay_s=paths.delay_s * scale, range_rate_mps=paths.range_rate_mps * scale)
-        # A table of errors may be zero all over the samples: it bends nothing, and has no step of delays.
+        # A table of errors that is zero over the samples has no effect, and no delay step.
         if self.oscillator.ideal or self.oscillator.fastest_hz(grid.wide) == 0:
             beat = analytic_beats(paths, received.pulses, grid.wide, grid.band_hz)
         else:
@@ -48,26 +48,26 @@ class Mixer:
         return replace(received, samples=samples)
 
     def _mixed(self, paths: Paths, received: Received) -> Complex[np.ndarray, "pulse point"]:
-        pulses, wide = received.pulses, received.grid.wide
-        beat = np.zeros((len(pulses), wide.samples), dtype=np.complex128)
+        pulses, sweep = received.pulses, received.grid.wide
+        beat = np.zeros((len(pulses), sweep.samples), dtype=np.complex128)
         waves = None
         if self.oscillator.noise is not None:
             waves = self.oscillator.noise.waves(
-                received.seed, pulses.index, wide.samples, wide.sampling_rate_hz, received.sweep
+                received.seed, pulses.index, sweep.samples, sweep.sampling_rate_hz, received.sweep
             )
-        step_s = STEP_RAD / (2 * np.pi * self.oscillator.fastest_hz(wide))
-        place = paths.delay_s / step_s
-        cell = np.floor(place).astype(np.int64)
+        step_s = STEP_RAD / (2 * np.pi * self.oscillator.fastest_hz(sweep))
+        position = paths.delay_s / step_s
+        cell = np.floor(position).astype(np.int64)
         order = np.argsort(cell, kind="stable")
-        # Every node that any path is shared with; nodes between two far groups of paths have none.
+        # All nodes that share a path; nodes between distant groups of paths have none.
         for node in np.unique(np.unique(cell)[:, None] + np.arange(-1, 3)):
-            first, last = np.searchsorted(cell, (node - 2, node + 2), sorter=order)
-            near = np.sort(order[first:last])
-            own = paths.rows(near)
-            own = replace(own, gain=own.gain * shares(place[near] - node))
-            rows = np.flatnonzero(np.isin(pulses.index, own.pulse))
+            start, stop = np.searchsorted(cell, (node - 2, node + 2), sorter=order)
+            members = np.sort(order[start:stop])
+            node_paths = paths.rows(members)
+            node_paths = replace(node_paths, gain=node_paths.gain * shares(position[members] - node))
+            rows = np.flatnonzero(np.isin(pulses.index, node_paths.pulse))
             if len(rows):
-                clean = analytic_beats(own, pulses.rows(rows), wide, received.grid.band_hz)
+                clean = analytic_beats(node_paths, pulses.rows(rows), sweep, received.grid.band_hz)
                 over_rows(self._adding(beat, clean, rows, node * step_s, received.grid, waves), len(rows))
         return beat
 
@@ -81,15 +81,15 @@ class Mixer:
         waves: PhaseWaves | None,
     ) -> Callable[[int, int], None]:
         """Return a function that adds ideal beats of some pulses, times the oscillator factor of a delay, to `beat`."""
-        wide, error = grid.wide, self.oscillator.error
-        bend = np.zeros(wide.samples)
+        sweep, error = grid.wide, self.oscillator.error
+        bend = np.zeros(sweep.samples)
         if error is not None:
-            bend = error.phase(wide.sample_time_s) - error.phase(wide.sample_time_s - delay_s)
+            bend = error.phase(sweep.sample_time_s) - error.phase(sweep.sample_time_s - delay_s)
 
-        def add(low: int, high: int) -> None:
-            phase = bend if waves is None else bend + waves.difference(delay_s, rows[low:high])
-            # A down-sweep is mixed the other way round.
-            beat[rows[low:high]] += clean[low:high] * np.exp(1j * wide.direction * phase)
+        def add(start: int, stop: int) -> None:
+            phase = bend if waves is None else bend + waves.difference(delay_s, rows[start:stop])
+            # A down-sweep has the opposite sign of phase.
+            beat[rows[start:stop]] += clean[start:stop] * np.exp(1j * sweep.direction * phase)
 
         return add
 
@@ -107,7 +107,7 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
 def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
     """Return the mixer of a scenario's radar.
 
-    Raises ScenarioError for an oscillator that is none of a radar.
+    Raises ScenarioError for frequency errors that are large against the bandwidth.
     """
     radar, chirp = given.radar, given.sweeps[0]
     first, last = radar.used_samples

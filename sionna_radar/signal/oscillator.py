@@ -1,8 +1,8 @@
-"""The frequency of a real oscillator: what its phase is besides that of an ideal sweep.
+"""Phase errors of a real oscillator relative to an ideal sweep.
 
-An echo of delay tau is mixed with the wave that is being sent, so that the phase error e(t) of the oscillator enters
-its beat as e(t) - e(t - tau). Of a random one with the spectrum S(f) that leaves 4 sin^2(pi f tau) S(f): near echoes
-are cleaner than far ones (Budge and Burt 1993, "Range correlation effects on phase and amplitude noise", Southeastcon).
+An echo of delay tau is mixed with the transmitted wave, so that the phase error e(t) of the oscillator enters
+its beat as e(t) - e(t - tau). A random error of spectrum S(f) becomes 4 sin^2(pi f tau) S(f): near echoes are
+cleaner than far ones (Budge and Burt 1993, "Range correlation effects on phase and amplitude noise", Southeastcon).
 """
 
 import csv
@@ -19,19 +19,19 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.receiver import OscillatorTable
 
 COLUMNS = ("time_s", "error_hz")
-# Over which a spectrum is summed.
+# Number of frequencies over which a spectrum is summed.
 FREQUENCIES = 512
-# A level that no oscillator has: steep tables go on beyond it below their first offset.
+# Upper limit of the extrapolation of steep tables below their first offset.
 MAX_DBC_HZ = 300.0
 
 
 @dataclass(frozen=True)
 class SweepError:
-    """An error of the transmitted frequency over the sweep; before and after it the error is that of its ends.
+    """Frequency error over a sweep, held constant before and after it.
 
-    table: its figures. duration_s: of the whole sweep.
-    middle_s: where time counts from, after the middle of the whole sweep.
-    points: times after its start and errors, in Hz, that are added; linear between them.
+    table: its parameters. duration_s: of the whole sweep.
+    middle_s: origin of time, after the middle of the whole sweep.
+    points: times after its start and additional errors in Hz, interpolated linearly.
     """
 
     table: OscillatorTable
@@ -40,7 +40,7 @@ class SweepError:
     points: Float[np.ndarray, "2 point"] | None = None
 
     def frequency_hz(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-        """Return the error of frequency at times."""
+        """Return the frequency error at given times."""
         table, whole = self.table, self.duration_s
         t = self._inside(time_s)
         error = table.quadratic_hz * (2 * t / whole) ** 2 + table.cubic_hz * (2 * t / whole) ** 3
@@ -69,21 +69,21 @@ class SweepError:
         return np.clip(time_s + self.middle_s, -self.duration_s / 2, self.duration_s / 2)
 
     def _summed(self, after_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-        """Return the integral of the points' error from the first of them on."""
+        """Return the integral of the points' error from the first point on."""
         assert self.points is not None
         time, error = self.points
-        inside = np.clip(after_s, time[0], time[-1])
-        whole = np.concatenate([[0.0], np.cumsum(np.diff(time) * (error[1:] + error[:-1]) / 2)])
-        before = np.minimum(np.searchsorted(time, inside, side="right") - 1, len(time) - 2)
-        into = inside - time[before]
+        clipped_s = np.clip(after_s, time[0], time[-1])
+        integral = np.concatenate([[0.0], np.cumsum(np.diff(time) * (error[1:] + error[:-1]) / 2)])
+        before = np.minimum(np.searchsorted(time, clipped_s, side="right") - 1, len(time) - 2)
+        since_s = clipped_s - time[before]
         slope = (error[before + 1] - error[before]) / (time[before + 1] - time[before])
-        sums: Float[np.ndarray, " t"] = whole[before] + into * (error[before] + slope * into / 2)
-        return sums + (after_s - inside) * np.where(after_s < time[0], error[0], error[-1])
+        sums: Float[np.ndarray, " t"] = integral[before] + since_s * (error[before] + slope * since_s / 2)
+        return sums + (after_s - clipped_s) * np.where(after_s < time[0], error[0], error[-1])
 
 
 @dataclass(frozen=True)
 class PhaseNoise:
-    """Random phase with the levels of one side band at offsets from the carrier, Gaussian and stationary.
+    """Stationary Gaussian phase noise by its single-sideband levels at offsets from the carrier.
 
     levels_dbc_hz: offsets in Hz, and levels in dBc/Hz.
     """
@@ -91,17 +91,22 @@ class PhaseNoise:
     levels_dbc_hz: tuple[tuple[float, float], ...]
 
     def density(self, offset_hz: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
-        """Return the level of one side band over the carrier, 1/Hz; zero at no offset.
+        """Return the single-sideband level over the carrier, 1/Hz; zero at zero offset.
 
-        The phase has this two-sided power density, in rad^2/Hz, and twice it counted over positive frequencies alone.
+        It is the two-sided power density of the phase, in rad^2/Hz; the one-sided density is twice as large.
         """
-        at, level = np.log10([f for f, _ in self.levels_dbc_hz]), np.array([dbc for _, dbc in self.levels_dbc_hz])
-        asked = np.log10(np.where(offset_hz > 0, offset_hz, 1.0))
-        found = np.interp(asked, at, level)
-        if len(at) > 1:
-            slope = (level[1] - level[0]) / (at[1] - at[0])
-            found += np.where(asked < at[0], slope * (asked - at[0]), 0.0)
-        density: Float[np.ndarray, " f"] = np.where(offset_hz > 0, 10.0 ** (np.minimum(found, MAX_DBC_HZ) / 10), 0.0)
+        log_table, level = (
+            np.log10([f for f, _ in self.levels_dbc_hz]),
+            np.array([dbc for _, dbc in self.levels_dbc_hz]),
+        )
+        log_offset = np.log10(np.where(offset_hz > 0, offset_hz, 1.0))
+        level_dbc = np.interp(log_offset, log_table, level)
+        if len(log_table) > 1:
+            slope = (level[1] - level[0]) / (log_table[1] - log_table[0])
+            level_dbc += np.where(log_offset < log_table[0], slope * (log_offset - log_table[0]), 0.0)
+        density: Float[np.ndarray, " f"] = np.where(
+            offset_hz > 0, 10.0 ** (np.minimum(level_dbc, MAX_DBC_HZ) / 10), 0.0
+        )
         return density
 
     def waves(
@@ -111,12 +116,12 @@ class PhaseNoise:
         period = scipy.fft.next_fast_len(2 * points, real=True)
         period += period % 2
         offset_hz = scipy.fft.rfftfreq(period, 1 / rate_hz)
-        size = np.sqrt(self.density(offset_hz) * (rate_hz / period) / 2)
-        size[-1] = 0.0  # half the rate has no phase of its own
+        sigma = np.sqrt(self.density(offset_hz) * (rate_hz / period) / 2)
+        sigma[-1] = 0.0  # half the rate has no phase of its own
         amplitude = np.empty((len(pulse), len(offset_hz)), dtype=np.complex128)
         for row, generator in enumerate(pulse_generators(seed, Stream.PHASE_NOISE, pulse)):
-            drawn = generator.standard_normal((sweep + 1, 2, len(offset_hz)))[sweep]
-            amplitude[row] = size * (drawn[0] + 1j * drawn[1])
+            normal = generator.standard_normal((sweep + 1, 2, len(offset_hz)))[sweep]
+            amplitude[row] = sigma * (normal[0] + 1j * normal[1])
         return PhaseWaves(offset_hz, amplitude, points)
 
 
@@ -130,17 +135,17 @@ class PhaseWaves:
 
     def difference(self, delay_s: float, rows: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row point"]:
         """Return the phase differences over a delay in some pulses, rad, exact for any delay."""
-        gone = -np.expm1(-2j * np.pi * self.offset_hz * delay_s)
+        response = -np.expm1(-2j * np.pi * self.offset_hz * delay_s)
         length = 2 * (len(self.offset_hz) - 1)
-        found: Float[np.ndarray, "row point"] = scipy.fft.irfft(self.amplitude[rows] * gone, length, norm="forward")
-        return found[:, : self.points]
+        phase: Float[np.ndarray, "row point"] = scipy.fft.irfft(self.amplitude[rows] * response, length, norm="forward")
+        return phase[:, : self.points]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Oscillator:
     """A real oscillator.
 
-    error: of each sweep of a pulse; None for straight ones. noise: None for none.
+    error: of each sweep of a pulse; None for linear sweeps. noise: None for none.
     scale: of all ranges and range rates, by the drift of the reference.
     """
 
@@ -150,7 +155,7 @@ class Oscillator:
 
     @property
     def ideal(self) -> bool:
-        """Whether echoes are mixed with a straight and clean sweep."""
+        """Whether the sweep is linear and free of phase noise."""
         return self.error is None and self.noise is None
 
     def shift_hz(self, chirp: Chirp) -> float:
@@ -164,7 +169,7 @@ class Oscillator:
         return bend + 4 * float(random)
 
     def fastest_hz(self, chirp: Chirp) -> float:
-        """Return the highest frequency with which the phase of a beat changes over the delay of its echo."""
+        """Return the highest frequency of the beat's phase error as a function of the echo's delay."""
         return self.shift_hz(chirp) + (0.0 if self.noise is None else chirp.sampling_rate_hz / 2)
 
 
@@ -174,7 +179,7 @@ def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) ->
     Parameters
     ----------
     table:
-        Its figures.
+        Its parameters.
     whole_s, middle_s:
         Duration of a whole sweep, and the middle of its used window after its own.
 

@@ -60,12 +60,12 @@ def add_noise(
     """
     noisy = np.empty_like(beat)
 
-    def add(first: int, last: int) -> None:
-        generators = pulse_generators(seed, Stream.NOISE, pulse[first:last], channel)
-        for row, clean, generator in zip(noisy[first:last], beat[first:last], generators, strict=True):
-            parts = row.view(np.float64)  # a complex sample is two of these
-            generator.standard_normal(out=parts)
-            parts *= np.sqrt(power * len(row) / len(parts))
+    def add(start: int, stop: int) -> None:
+        generators = pulse_generators(seed, Stream.NOISE, pulse[start:stop], channel)
+        for row, clean, generator in zip(noisy[start:stop], beat[start:stop], generators, strict=True):
+            components = row.view(np.float64)  # a complex sample is two of these
+            generator.standard_normal(out=components)
+            components *= np.sqrt(power * len(row) / len(components))
             row += clean
 
     over_rows(add, len(noisy))
@@ -107,7 +107,7 @@ class Receiver:
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     seed: of the noise.
     high_pass: None if there is none.
-    chain: its stages, where it is not ideal but for noise and high-pass.
+    chain: its stages; None for an ideal receiver with only noise and a high-pass.
     """
 
     sweeps: tuple[Chirp, ...]
@@ -129,18 +129,18 @@ class Receiver:
     def beats(self, paths: Paths, pulses: Pulses, channel: int = 0) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise.
 
-        channel: which of several receivers this is; each has noise of its own.
+        channel: index of the receiver; each has independent noise.
         """
         return self._receive(paths, pulses, self.sweeps, channel)
 
     def reception(self, paths: Paths, pulses: Pulses) -> Reception:
-        """Return the beat signals of each sweep of a block's pulses, and what did not fit the converter."""
+        """Return the beat signals of each sweep of a block's pulses, and the numbers of clipped samples."""
         if self.chain is None:
             return Reception(beats=self.beats(paths, pulses))
         swept = self._through(self.chain, paths, pulses, self.sweeps, 0)
-        saturated = [one.saturated for one in swept if one.saturated is not None]
+        saturated = [received.saturated for received in swept if received.saturated is not None]
         return Reception(
-            beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
+            beats=[received.signal for received in swept], saturated=np.sum(saturated, axis=0) if saturated else None
         )
 
     def noise(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
@@ -153,7 +153,7 @@ class Receiver:
         self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
         if self.chain is not None:
-            return [one.signal for one in self._through(self.chain, paths, pulses, sweeps, channel)]
+            return [received.signal for received in self._through(self.chain, paths, pulses, sweeps, channel)]
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
@@ -164,21 +164,21 @@ class Receiver:
         silence = np.zeros_like(np.concatenate(echoes, axis=1))
         noise = np.split(add_noise(silence, self.noise_power_w, self.seed, pulses.index, channel), len(sweeps), axis=1)
         return [
-            amplitude * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
-            for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
+            amplitude * echo + high_pass.shaped(sweep_noise, sweep.sampling_rate_hz)
+            for echo, sweep_noise, sweep in zip(echoes, noise, sweeps, strict=True)
         ]
 
     def _through(
         self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Received]:
-        """Return each sweep behind all stages of a receiver as it is built."""
+        """Return each sweep after all stages of a receiver."""
         return [
             chain.receive(
                 Received(
                     paths=paths,
                     pulses=pulses,
                     grid=chain.grid(sweep),
-                    sweep=number,
+                    sweep=index,
                     sweeps=len(sweeps),
                     transmit_power_w=self.transmit_power_w,
                     noise_power_w=self.noise_power_w,
@@ -186,5 +186,5 @@ class Receiver:
                     channel=channel,
                 )
             )
-            for number, sweep in enumerate(sweeps)
+            for index, sweep in enumerate(sweeps)
         ]

@@ -1,8 +1,7 @@
-"""The stages of a receiver that is not ideal, in their physical order, and how a scenario names others.
+"""The stages of a non-ideal receiver in their physical order, and the registry of custom stages.
 
-Each stage is given what has been received so far, and returns it with its own part added. The mixer makes a signal of
-paths, on a grid of times that may be finer and longer than the samples; noise stands beside it; the filters
-attenuate both and sample them.
+Each stage transforms the signal received so far. The mixer synthesises a signal from paths, on a grid of times that may
+be finer and longer than the samples; noise is kept separately; the filters attenuate both and sample them.
 """
 
 from collections.abc import Callable
@@ -24,9 +23,9 @@ from sionna_radar.signal.analog_filters import AntiAlias, HighPass, build_anti_a
 from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.tracing.paths import Paths
 
-# On the grids of all pulses that are received at once.
+# Largest number of grid points of all pulses processed at once.
 MAX_POINTS = 2**22
-# In the order in which a wave passes them.
+# In the order of the signal path.
 ORDER: tuple[Place, ...] = ("leakage", "mixer", "interference", "noise", "filters", "converter")
 
 Builder = TypeVar("Builder", bound=Callable[..., "ReceiverStage"])
@@ -34,14 +33,14 @@ Builder = TypeVar("Builder", bound=Callable[..., "ReceiverStage"])
 
 @dataclass(frozen=True, kw_only=True)
 class Received:
-    """What a receiver holds of one sweep of a block of pulses.
+    """Signal of one sweep of a block of pulses, between the stages of a receiver.
 
-    paths: what reaches the antenna, over the transmitted wave.
-    grid: the samples of the sweep, and the points at which its signal is made.
+    paths: echoes at the antenna, relative to the transmitted wave.
+    grid: the samples of the sweep, and the points of the signal before sampling.
     sweep: number of the sweep within its pulse, of `sweeps`.
-    transmit_power_w, noise_power_w: of the wave sent, and of the noise of a sample.
+    transmit_power_w, noise_power_w: of the transmitted wave, and of the noise of a sample.
     seed: of all random numbers.
-    channel: which of several receivers this is: they share their oscillator, and each has noise of its own.
+    channel: index of the receiver; all share one oscillator, and each has independent noise.
     samples: the signal, sqrt(W): on the points of the grid from the mixer on, sampled from the filters on.
     noise: white noise on a grid without guards, until the filters add it; noise_points: its points in a sample.
     saturated: samples of each pulse that exceed the full scale of a converter; None without one.
@@ -68,7 +67,7 @@ class Received:
 
     @property
     def signal(self) -> Inexact[np.ndarray, "pulse point"]:
-        """The samples, of a stage behind the mixer."""
+        """The samples, after the mixer."""
         assert self.samples is not None
         return self.samples
 
@@ -78,13 +77,13 @@ class ReceiverStage(Protocol):
     """A stage of the receiver."""
 
     def __call__(self, received: Received) -> Received:
-        """Return the received signal behind the stage; each pulse must be independent of the others in its block."""
+        """Return the signal after the stage; each pulse must be independent of the others in its block."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageInputs:
-    """What a stage is built from.
+    """Inputs to the builder of a stage.
 
     radar: the radar of the scenario.
     sweeps: of a pulse.
@@ -101,7 +100,7 @@ class StageInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """All stages of a receiver, and the grid that their signals need.
+    """All stages of a receiver, and the parameters of their grid.
 
     oversampling, guard: see `SampleGrid`. noise_points: points of noise in a sample.
     """
@@ -120,20 +119,20 @@ class Chain:
         return self._grids.setdefault(chirp, SampleGrid(chirp, self.oversampling, self.guard))
 
     def receive(self, received: Received) -> Received:
-        """Return one sweep behind all stages; of many pulses at once no more than memory is meant for."""
-        most = max(1, MAX_POINTS // received.grid.wide.samples)
+        """Return one sweep after all stages, in blocks of pulses that bound the memory."""
+        block_size = max(1, MAX_POINTS // received.grid.wide.samples)
         pulses = received.pulses
-        if len(pulses) <= most:
+        if len(pulses) <= block_size:
             return self._staged(received)
-        parts = []
-        for first in range(0, len(pulses), most):
-            some = pulses.rows(slice(first, first + most))
-            own = slice(*np.searchsorted(received.paths.pulse, (some.index[0], some.index[-1] + 1)))
-            parts.append(self._staged(replace(received, pulses=some, paths=received.paths.rows(own))))
-        saturated = [part.saturated for part in parts if part.saturated is not None]
+        blocks = []
+        for start in range(0, len(pulses), block_size):
+            block = pulses.rows(slice(start, start + block_size))
+            path_rows = slice(*np.searchsorted(received.paths.pulse, (block.index[0], block.index[-1] + 1)))
+            blocks.append(self._staged(replace(received, pulses=block, paths=received.paths.rows(path_rows))))
+        saturated = [block_received.saturated for block_received in blocks if block_received.saturated is not None]
         return replace(
             received,
-            samples=np.concatenate([part.signal for part in parts]),
+            samples=np.concatenate([block_received.signal for block_received in blocks]),
             saturated=np.concatenate(saturated) if saturated else None,
         )
 
@@ -165,13 +164,13 @@ def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Cal
     return RECEIVER_STAGES.register(name, parameters)
 
 
-# Samples over which a signal fades in and out; what is left of a filter's start when sampling begins.
+# Samples over which a signal fades in and out; residual of a filter's transient when sampling begins.
 FADE_SAMPLES, SETTLED = 64, 1e-4
-# A guard is no longer than so many sweeps.
+# Largest guard, in sweeps.
 LONGEST_GUARD = 2
-# Points in a sample before an anti-alias filter, and the power that is to pass it at the end of their band.
+# Points per sample before an anti-alias filter, and its largest power response at the edge of their band.
 OVERSAMPLINGS, PASSED = (2, 4, 8), 1e-4
-# Points in a sample where sweeps of other radars cross ours.
+# Points per sample with interference of other radars.
 CROSSING = 4
 
 
@@ -181,20 +180,20 @@ def build_chain(
     high_pass: HighPass | None,
     interference: ReceiverStage | None = None,
 ) -> Chain | None:
-    """Return the stages of a scenario's receiver; None where it is ideal but for noise and a high-pass."""
+    """Return the stages of a scenario's receiver; None for an ideal one with only noise and a high-pass."""
     anti_alias = build_anti_alias(radar.receiver, sweeps[0])
-    given = StageInputs(
+    inputs = StageInputs(
         radar=radar, sweeps=sweeps, high_pass=high_pass, anti_alias=anti_alias, interference=interference
     )
-    if not _real(given):
+    if not _real(inputs):
         return None
     stages = []
-    for place in ORDER:
-        chosen = radar.receiver.stages.get(place) or StageParameters(stage=place)
-        stage: ReceiverStage = RECEIVER_STAGES.entry(chosen.stage)(chosen, given)
+    for slot in ORDER:
+        chosen = radar.receiver.stages.get(slot) or StageParameters(stage=slot)
+        stage: ReceiverStage = RECEIVER_STAGES.entry(chosen.stage)(chosen, inputs)
         require(stage, ReceiverStage, str(RECEIVER_STAGES.entry(chosen.stage)))
         stages.append(stage)
-    oversampling = _oversampling(given)
+    oversampling = _oversampling(inputs)
     return Chain(
         stages=tuple(stages),
         oversampling=oversampling,
@@ -203,9 +202,9 @@ def build_chain(
     )
 
 
-def _real(given: StageInputs) -> bool:
-    """Return whether a receiver does more than to add noise and to filter it by a high-pass."""
-    receiver = given.radar.receiver
+def _real(inputs: StageInputs) -> bool:
+    """Return whether a receiver has other effects than noise and a high-pass."""
+    receiver = inputs.radar.receiver
     oscillator, converter = receiver.oscillator, receiver.converter
     effects = (
         oscillator.bent,
@@ -214,25 +213,26 @@ def _real(given: StageInputs) -> bool:
         converter.limited,
         converter.imbalanced,
     )
-    return any((*effects, receiver.leakage, receiver.stages, given.anti_alias, given.interference))
+    return any((*effects, receiver.leakage, receiver.stages, inputs.anti_alias, inputs.interference))
 
 
-def _oversampling(given: StageInputs) -> int:
-    """Return the points in a sample that the effects of a receiver need."""
-    oscillator, anti_alias = given.radar.receiver.oscillator, given.anti_alias
-    # Twice the sampling rate holds every side band that an ideal filter lets pass of an echo in the sampled band.
-    least = 2 if oscillator.bent or oscillator.levels_dbc_hz else 1
+def _oversampling(inputs: StageInputs) -> int:
+    """Return the points per sample required by the effects of a receiver."""
+    oscillator, anti_alias = inputs.radar.receiver.oscillator, inputs.anti_alias
+    # Twice the sampling rate covers every sideband of an in-band echo that an ideal filter passes.
+
+    minimum = 2 if oscillator.bent or oscillator.levels_dbc_hz else 1
     # Bursts are cut off at the ends of the grid's band, far from what is sampled.
-    least = CROSSING if given.interference is not None else least
+    minimum = CROSSING if inputs.interference is not None else minimum
     if anti_alias is None:
-        return least
-    wide = (n for n in OVERSAMPLINGS if n >= least and anti_alias.left(n) < PASSED)
-    return next(wide, OVERSAMPLINGS[-1])
+        return minimum
+    sufficient = (n for n in OVERSAMPLINGS if n >= minimum and anti_alias.left(n) < PASSED)
+    return next(sufficient, OVERSAMPLINGS[-1])
 
 
 def _guard(high_pass: HighPass | None, anti_alias: AntiAlias | None, chirp: Chirp, oversampling: int) -> int:
     """Return the samples before the first one: half of them to fade in, half for filters to settle."""
-    rates = [each.slowest_rad_s for each in (high_pass, anti_alias) if each is not None]
+    rates = [filter_.slowest_rad_s for filter_ in (high_pass, anti_alias) if filter_ is not None]
     if not rates:
         return 0 if oversampling == 1 else 2 * FADE_SAMPLES
     settling = int(np.ceil(-np.log(SETTLED) / min(rates) * chirp.sampling_rate_hz))

@@ -37,7 +37,7 @@ class Backscatter(Protocol):
 
 @runtime_checkable
 class ScatteredShare(Protocol):
-    """A model that knows its scattering into all directions, not only back."""
+    """A model with a scattering pattern in all directions, not only backward."""
 
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power of the co-polar field at incidence angles."""
@@ -82,8 +82,8 @@ class UlabyDobsonBackscatter:
 
     All parameters come from the user: p1, p2 and p4 in dB, p3 and p5 per radian, p6 in radians.
     `min_incidence_rad` and `max_incidence_rad` bound the fit; beyond them the value at the nearer bound is
-    used, because an exponential plus a cosine is meaningless outside the angles it was fitted to. `source`
-    states where the parameters come from: document, band and polarization.
+    used, because the form does not extrapolate. `source`
+    states the origin of the parameters: document, band and polarization.
     """
 
     p1: float
@@ -120,10 +120,10 @@ class UlabyDobsonBackscatter:
 
 @dataclass(frozen=True, kw_only=True)
 class TableBackscatter:
-    """sigma0 given at some incidence angles, interpolated in dB without overshoot (monotone cubic, PCHIP).
+    """sigma0 tabulated against incidence, interpolated in dB without overshoot (monotone cubic, PCHIP).
 
-    Outside the table the value at its nearer end is used: terrain has facets at every angle, and a survey
-    should not fail because of one of them. At and beyond 90 deg the surface faces away and sigma0 is zero.
+    Outside the table the value at its nearer end is used, since terrain has facets at every angle. At and beyond
+    90 deg the surface faces away and sigma0 is zero.
     """
 
     incidence_rad: tuple[float, ...]
@@ -160,7 +160,7 @@ class TableBackscatter:
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
         angle = np.clip(np.abs(incidence_rad), self.incidence_rad[0], self.incidence_rad[-1])
-        # The interpolator divides by the steps in level: a billionth of a dB counts as zero.
+        # The interpolator divides by level differences: round them to a billionth of a dB.
         levels_db = np.round(self.sigma0_db, 9)
         level_db = PchipInterpolator(self.incidence_rad, levels_db)(angle)
         return np.where(_is_lit(incidence_rad), 10.0 ** (level_db / 10.0), 0.0)
@@ -184,8 +184,8 @@ def _read_rows(path: Path) -> list[tuple[float, float]]:
         raise InputFileError(message)
     header = tuple(name.strip() for name in _cells(path, *lines[0]))
     if header != _COLUMNS:
-        given = shown(",".join(header))[1:-1]
-        message = f"{path}: line {lines[0][0]} reads {given}; the header is {','.join(_COLUMNS)}"
+        header_text = shown(",".join(header))[1:-1]
+        message = f"{path}: line {lines[0][0]} reads {header_text}; the header is {','.join(_COLUMNS)}"
         raise InputFileError(message)
     rows = [_parse_row(path, number, line) for number, line in lines[1:]]
     _check_rows(path, rows, (number for number, _ in lines[1:]))

@@ -43,27 +43,27 @@ from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical
 
 def permittivity_of(medium: Medium, carrier_hz: float) -> complex:
     """Return the complex permittivity of a medium; ValueError names the parameter out of range."""
-    given = medium.model_dump(exclude={"kind"})
+    parameters = medium.model_dump(exclude={"kind"})
     match medium:
         case BuildingMedium():
             return building_permittivity(medium.kind, carrier_hz)
         case Soil():
-            return soil_permittivity(carrier_hz, **given)
+            return soil_permittivity(carrier_hz, **parameters)
         case Water():
-            return water_permittivity(carrier_hz, **given)
+            return water_permittivity(carrier_hz, **parameters)
         case Ice():
-            return ice_permittivity(carrier_hz, **given)
+            return ice_permittivity(carrier_hz, **parameters)
         case DrySnow():
-            return dry_snow_permittivity(carrier_hz, **given)
+            return dry_snow_permittivity(carrier_hz, **parameters)
         case Asphalt():
-            return asphalt_permittivity(carrier_hz, **given)
+            return asphalt_permittivity(carrier_hz, **parameters)
         case Vegetation():
-            return vegetation_permittivity(carrier_hz, **given)
-    return wet_snow_permittivity(carrier_hz, **given)
+            return vegetation_permittivity(carrier_hz, **parameters)
+    return wet_snow_permittivity(carrier_hz, **parameters)
 
 
 def extrapolation_of(medium: Medium, carrier_hz: float) -> str | None:
-    """Return a note on a formula used beyond the measurements behind it; None within them."""
+    """Return a note on a formula used beyond its measured band; None within it."""
     source = SOURCES.get(medium.kind)
     if source is None or source.measured_hz is None:
         return None
@@ -78,7 +78,7 @@ def extrapolation_of(medium: Medium, carrier_hz: float) -> str | None:
 
 logger = logging.getLogger("sionna_radar")
 
-# Beyond this every model is least reliable, and a survey has few echoes.
+# Largest checked incidence: beyond, models are least reliable and echoes few.
 STEEPEST_CHECKED_DEG = 85
 
 Builder = TypeVar("Builder", bound=Callable[..., Backscatter])
@@ -122,7 +122,7 @@ def channel_of(radar: RadarTable) -> Channel:
 
 
 def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:
-    """Return the materials of a scenario, and log which are used outside their range of validity.
+    """Return the materials of a scenario, and warn of those used outside their range of validity.
 
     Raises
     ------
@@ -135,9 +135,9 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
     built, problems = {}, []
     for name, table in tables.items():
         try:
-            made = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
-            check_backscatter(made, f"materials.{name}: {MATERIALS.entry(table.model)}")
-            built[name] = made if isinstance(made, RadarMaterial) else _alike(made, channel_of(radar))
+            model = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
+            check_backscatter(model, f"materials.{name}: {MATERIALS.entry(table.model)}")
+            built[name] = model if isinstance(model, RadarMaterial) else _alike(model, channel_of(radar))
         except RadarError:
             raise
         except ValueError as error:
@@ -151,7 +151,7 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
 
 
 def motions_of(tables: Mapping[str, MaterialParameters]) -> dict[str, SurfaceMotion]:
-    """Return the motions of surfaces in the wind, by the material's name; others stand still."""
+    """Return the motions of surfaces in the wind, by the material's name, without static ones."""
     return {
         name: SurfaceMotion(kind=table.motion, fetch_m=table.fetch_m)
         for name, table in tables.items()
@@ -160,7 +160,7 @@ def motions_of(tables: Mapping[str, MaterialParameters]) -> dict[str, SurfaceMot
 
 
 def check_backscatter(model: object, what: str) -> None:
-    """Refuse what is not a model of backscatter, or returns no powers.
+    """Check that an object is a backscatter model and returns valid powers.
 
     Raises PluginError, whose message begins with `what`.
     """
@@ -179,33 +179,33 @@ def _alike(model: Backscatter, channel: Channel) -> RadarMaterial:
 
 
 def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float) -> list[str]:
-    """Return doubts about a material at the carrier: violated conditions, and more power scattered than received."""
-    found = []
+    """Return warnings about a material at the carrier: violated conditions, and more power scattered than incident."""
+    messages = []
     if isinstance(table, SurfaceTable) and table.cross_polar_db is None and material.cross_polar > 0:
-        found.append(
+        messages.append(
             "no cross_polar_db is given, which determines the echo of a circular wave; assumed to be "
             f"{to_db(material.cross_polar):g}"
         )
     if isinstance(table, SurfaceTable) and table.medium is not None:
         note = extrapolation_of(table.medium, carrier_hz)
-        found += [note] if note else []
+        messages += [note] if note else []
     validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
-    found += [f"outside the range of {table.model}: {text}" for text in validity()]
+    messages += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
     share = material.scattered_share(np.deg2rad(angle_deg))
     if share.max() > 1:
-        over = angle_deg[share > 1]
-        found.append(
-            f"it would scatter up to {100 * (share.max() - 1):.2g} % more power than it receives, between {over[0]} "
-            f"and {over[-1]} deg of incidence"
+        exceeding_deg = angle_deg[share > 1]
+        messages.append(
+            f"it would scatter up to {100 * (share.max() - 1):.2g} % more power than it receives, between "
+            f"{exceeding_deg[0]} and {exceeding_deg[-1]} deg of incidence"
         )
-    return found
+    return messages
 
 
 def _key(name: str, table: MaterialParameters, message: str) -> str:
-    """Return the dotted key for a message of a formula, which starts with the parameter's name."""
-    first = re.match(r"\w*", message)
-    field = first.group() if first else ""
+    """Return the dotted key for a formula's error message, which starts with the parameter's name."""
+    match = re.match(r"\w*", message)
+    field = match.group() if match else ""
     if isinstance(table, SionnaItu):
         return f"{name}.itu_type"
     if field in type(table).model_fields:

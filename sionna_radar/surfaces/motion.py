@@ -1,4 +1,4 @@
-"""What the wind does to surfaces: plants that sway, and waves on water."""
+"""Surface motion in the wind: swaying plants, and waves on water."""
 
 import math
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from scipy.constants import mile, speed_of_light
 
 from sionna_radar.foundation.compiled import compiled, turned
 
-# Slower air moves nothing; Billingsley's fit ends at some 0.2 m/s, too.
+# No motion below this wind speed; Billingsley's fit ends at some 0.2 m/s, too.
 CALM_MPS = 0.2
 # Surface tension over density of clean water at 20 deg C, m^3/s^2.
 TENSION_M3_PER_S2 = 7.28e-5
-# Waves drawn, the shortest of them, and the band from which they come over the peak of the spectrum.
+# Number of waves, shortest wave, and lowest frequency over that of the spectrum's peak.
 WAVES, SHORTEST_WAVE_M, LOWEST_OVER_PEAK = 96, 0.1, 0.5
-# Of the JONSWAP spectrum: how far it rises over that of a full sea at its peak, and how far to both sides.
+# JONSWAP spectrum: peak enhancement over a fully developed sea, and peak widths below and above the peak.
 PEAK_ENHANCEMENT, PEAK_WIDTHS = 3.3, (0.07, 0.09)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceMotion:
-    """What the wind moves on a surface.
+    """Kind of a surface's motion in the wind.
 
-    fetch_m: of water, along which the wind has blown over it.
+    fetch_m: of water.
     """
 
     kind: Literal["plants", "water"]
@@ -34,11 +34,11 @@ class SurfaceMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Windblown:
-    """Plants in the wind: a share of their scatterers stands still, the others have a Doppler shift each.
+    """Plants in the wind: a fraction of their scatterers is static, the others have a Doppler shift each.
 
-    The shifts are of the two-sided exponential distribution, for good. Source: Billingsley 2002, "Low-Angle Radar Land
-    Clutter", as given by Richards 2014, "Fundamentals of Radar Signal Processing", section 2.3: from 170 MHz to 9.2
-    GHz, and extended here to the carrier; the spread of velocities did not depend on the frequency there.
+    The shifts are constant and follow a two-sided exponential distribution. Source: Billingsley 2002, "Low-Angle Radar
+    Land Clutter", as given by Richards 2014, "Fundamentals of Radar Signal Processing", section 2.3: measured from 170
+    MHz to 9.2 GHz with a velocity spread independent of frequency, and extrapolated here to the carrier.
     """
 
     still_share: float
@@ -60,12 +60,12 @@ class Windblown:
         )
 
     def field_correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the correlation of the echo's field with itself some time later."""
+        """Return the autocorrelation of the echo's field at time lags."""
         moving = 1 / (1 + (2 * np.pi * self.mean_shift_hz * lag_s) ** 2)
         return self.still_share + (1 - self.still_share) * moving
 
     def shift_hz(self, number: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return the Doppler shifts of scatterers, positive toward the radar, from two numbers in [0, 1) of each."""
+        """Return Doppler shifts of scatterers, positive toward the radar, from two uniform numbers in [0, 1) each."""
         side = 2 * number[:, 1] - 1
         shift_hz = -np.sign(side) * np.log(np.maximum(1 - np.abs(side), 2.0**-60)) * self.mean_shift_hz
         return np.where(number[:, 0] < self.still_share, 0.0, shift_hz)
@@ -73,14 +73,14 @@ class Windblown:
 
 @dataclass(frozen=True, kw_only=True)
 class Waves:
-    """Gravity waves on deep water, and the short ones that they carry.
+    """Gravity waves on deep water, and the ripples on them.
 
     The long waves are drawn from the JONSWAP spectrum (Hasselmann and others 1973, "Measurements of wind-wave growth
     and swell decay") in directions spread by cos^2 about the wind; they move the surface along the orbits of linear
     theory.
-    The radar's own wavelength is returned by ripples of half of it along the line of sight (Bragg), which run toward
-    the radar or away from it at the phase speed of gravity and surface tension. As many run toward it as
-    cos^2(angle / 2) gives, the angle between the wind and the direction to the radar (Longuet-Higgins, Cartwright and
+    Bragg scattering is by ripples of half the radar wavelength along the line of sight, which run toward
+    the radar or away from it at the phase speed of gravity and surface tension. A fraction cos^2(angle / 2) runs toward
+    it, by the angle between the wind and the direction to the radar (Longuet-Higgins, Cartwright and
     Smith 1963; its exponent one is an assumption).
 
     wave_per_m: wave vectors, east and north, rad/m.
@@ -96,17 +96,17 @@ class Waves:
 
     @classmethod
     def of(cls, wind_mps: Float[np.ndarray, " 2"], fetch_m: float, seed: int) -> "Waves":
-        """Draw the waves of a wind (east, north; not calm) that has blown along a fetch."""
+        """Draw the waves of a wind (east, north; not calm) over a fetch."""
         speed = float(np.linalg.norm(wind_mps))
         peak, highest = peak_rate(speed, fetch_m), math.sqrt(2 * np.pi * gravity / SHORTEST_WAVE_M)
         lowest = LOWEST_OVER_PEAK * min(peak, highest / 2)
         random = np.random.default_rng([seed, round(fetch_m)])
         edge = np.geomspace(lowest, highest, WAVES + 1)
         rate = edge[:-1] + np.diff(edge) * random.random(WAVES)
-        around = np.arctan2(wind_mps[1], wind_mps[0]) + _spread(random.random(WAVES))
-        number = rate**2 / gravity
+        direction = np.arctan2(wind_mps[1], wind_mps[0]) + _spread(random.random(WAVES))
+        wavenumber = rate**2 / gravity
         return cls(
-            wave_per_m=number[:, None] * np.column_stack([np.cos(around), np.sin(around)]),
+            wave_per_m=wavenumber[:, None] * np.column_stack([np.cos(direction), np.sin(direction)]),
             rate_rad_per_s=rate,
             amplitude_m=np.sqrt(2 * jonswap(rate, speed, fetch_m) * np.diff(edge)),
             phase_rad=2 * np.pi * random.random(WAVES),
@@ -127,9 +127,9 @@ class Waves:
     def ripple_hz(
         self, sight: Float[np.ndarray, "n 3"], number: Float[np.ndarray, " n"], wavelength_m: float
     ) -> Float[np.ndarray, " n"]:
-        """Return the Doppler shift of the ripples that return the wave, positive toward the radar.
+        """Return the Doppler shift of the Bragg ripples, positive toward the radar.
 
-        sight: unit vectors from the radar; number: in [0, 1), of each scatterer.
+        sight: unit vectors from the radar; number: uniform in [0, 1), of each scatterer.
         """
         across = np.linalg.norm(sight[:, :2], axis=1)
         wave_per_m = 4 * np.pi / wavelength_m * across
@@ -139,7 +139,7 @@ class Waves:
 
 
 def peak_rate(wind_mps: float, fetch_m: float) -> float:
-    """Return the angular frequency of the highest waves, rad/s."""
+    """Return the peak angular frequency of the wave spectrum, rad/s."""
     return 22 * (gravity**2 / (wind_mps * fetch_m)) ** (1 / 3)
 
 
@@ -153,7 +153,7 @@ def jonswap(rate_rad_per_s: Float[np.ndarray, " n"], wind_mps: float, fetch_m: f
 
 
 def _spread(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return angles of the density (2 / pi) cos^2 within a right angle, from shares in [0, 1) of them below each."""
+    """Return quantiles in [0, 1) of angles within +-90 deg with the density (2 / pi) cos^2."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 1001)
     return np.interp(share, 0.5 + (angle + np.sin(2 * angle) / 2) / np.pi, angle)
 
@@ -163,8 +163,8 @@ def _spread(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def orbits(place, time_s, wave, rate, amplitude, phase, offset, velocity):
     """Add the orbits of deep-water waves: up by the cosine, against the wave's direction by the sine."""
     for k in range(len(rate)):
-        number = np.sqrt(wave[k, 0] ** 2 + wave[k, 1] ** 2)
-        east, north = wave[k, 0] / number, wave[k, 1] / number
+        wavenumber = np.sqrt(wave[k, 0] ** 2 + wave[k, 1] ** 2)
+        east, north = wave[k, 0] / wavenumber, wave[k, 1] / wavenumber
         for i in range(len(place)):
             angle = wave[k, 0] * place[i, 0] + wave[k, 1] * place[i, 1] - rate[k] * time_s[i] + phase[k]
             cosine, sine = turned(angle / (2.0 * np.pi))

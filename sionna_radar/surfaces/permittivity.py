@@ -149,7 +149,7 @@ def _require(field: str, value: float, lowest: float, highest: float, remedy: st
 
 
 def _ghz_inside(frequency_hz: float, name: str) -> float:
-    """Return the frequency in GHz, refusing one outside the band the formula is published for."""
+    """Return the frequency in GHz; ValueError outside the published band of the formula."""
     source = SOURCES[name]
     remedy = f"{source.document} is not valid there: give a measured complex permittivity instead"
     lowest, highest = source.published_hz
@@ -170,12 +170,16 @@ def water_permittivity(frequency_hz: float, *, temperature_c: float) -> complex:
 def _double_debye_water(f_ghz: float, temperature_c: float) -> complex:
     theta = 300.0 / (temperature_c + 273.15) - 1.0  # eq. 11
     static = 77.66 + 103.3 * theta  # eq. 8
-    middle = 0.0671 * static  # eq. 9
-    high = 3.52 - 7.52 * theta  # eq. 10
+    intermediate = 0.0671 * static  # eq. 9
+    optical = 3.52 - 7.52 * theta  # eq. 10
     first_ghz = _water_relaxation_ghz(temperature_c)
     second_ghz = 39.8 * first_ghz  # eq. 13
     # Two Debye terms written as one complex sum; real and imaginary parts are eqs. 6 and 7.
-    return (static - middle) / (1 + 1j * f_ghz / first_ghz) + (middle - high) / (1 + 1j * f_ghz / second_ghz) + high
+    return (
+        (static - intermediate) / (1 + 1j * f_ghz / first_ghz)
+        + (intermediate - optical) / (1 + 1j * f_ghz / second_ghz)
+        + optical
+    )
 
 
 def _water_relaxation_ghz(temperature_c: float) -> float:
@@ -289,28 +293,30 @@ def _soil_water(
     if water_fraction < 1e-12:
         return pure  # multiplied by almost zero afterwards; the conductivity term would overflow
     bulk = bulk_density_g_cm3
-    low = 0.0467 + 0.2204 * bulk - 0.004111 * sand_percent - 0.006614 * clay_percent
-    high = -1.645 + 1.939 * bulk - 0.0225622 * sand_percent + 0.01594 * clay_percent
+    low_conductivity = 0.0467 + 0.2204 * bulk - 0.004111 * sand_percent - 0.006614 * clay_percent
+    high_conductivity = -1.645 + 1.939 * bulk - 0.0225622 * sand_percent + 0.01594 * clay_percent
     ratio = f_ghz / 1.35
-    step = (low - high) / (1.0 + ratio**2)
+    step = (low_conductivity - high_conductivity) / (1.0 + ratio**2)
     scale = 18.0 * porosity / (f_ghz * water_fraction)
     # At a few GHz the fitted conductivity of dry sandy soil becomes negative; a passive medium has no gain.
     real = max(pure.real + scale * ratio * step, 1.0)
-    loss = max(-pure.imag + scale * (high + step), 0.0)
+    loss = max(-pure.imag + scale * (high_conductivity + step), 0.0)
     return complex(real, -loss)
 
 
 def soil_bulk_density_g_cm3(sand_percent: float, clay_percent: float) -> float:
     """Return P.527-6's estimate of bulk density from texture (eq. 57).
 
-    A constituent below one percent is left out and the others rescaled to a hundred, as P.527-6 specifies.
+    A constituent below one percent is omitted and the others rescaled to a hundred, as P.527-6 specifies.
     """
     shares = (sand_percent, clay_percent, 100.0 - sand_percent - clay_percent)
-    kept = [share if share >= 1.0 else 0.0 for share in shares]
-    total = sum(kept)
+    significant = [share if share >= 1.0 else 0.0 for share in shares]
+    total = sum(significant)
     weights = (0.078886, 0.038753, 0.032732)
     return 1.07256 + sum(
-        weight * math.log(100.0 * share / total) for weight, share in zip(weights, kept, strict=True) if share > 0.0
+        weight * math.log(100.0 * share / total)
+        for weight, share in zip(weights, significant, strict=True)
+        if share > 0.0
     )
 
 
@@ -358,7 +364,7 @@ def building_permittivity(material: str, frequency_hz: float) -> complex:
     """Return the permittivity of a building material of ITU-R P.2040-3 Table 3, inside its own band.
 
     At 77 GHz: concrete, plasterboard, wood, glass, ceiling_board, chipboard, floorboard and metal. Brick,
-    plywood and asphalt_concrete end at 40 GHz and marble at 60 GHz, and are refused above.
+    plywood and asphalt_concrete end at 40 GHz and marble at 60 GHz, and are rejected above.
     """
     row = _BUILDING.get(material)
     if row is None:

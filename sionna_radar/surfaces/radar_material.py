@@ -22,7 +22,7 @@ A circular wave (v + j h) / sqrt 2 returns in the same sense (v - h + 2 j x') / 
     same sense       (a_v - a_h)^2 / 4 + d^2 + x^2  =  (s_h + s_v - 2 rho sqrt(s_h s_v)) / 4 + s_hv
     opposite sense   (a_v + a_h)^2 / 4              =  (s_h + s_v + 2 rho sqrt(s_h s_v)) / 4
 
-The phase between V and H of a lossy rough surface is left out: over soil at 77 GHz it is 1 to 10 deg.
+The phase between V and H of a lossy rough surface is neglected: over soil at 77 GHz it is 1 to 10 deg.
 """
 
 from dataclasses import dataclass, replace
@@ -81,8 +81,8 @@ class RadarMaterial:
     vertical, horizontal: co-polar sigma0 for a field in the plane of incidence and across it.
     cross_polar: cross-polar sigma0 over the weaker of the two.
     copolar_correlation: of VV and HH off nadir, 0 to 1; None for that of a rotationally symmetric scatterer.
-    channel: what the radar transmits and receives (VH: receives V, transmits H; equal to HV), or in which sense it
-        receives a circular wave.
+    channel: polarizations of reception and transmission (VH: receives V, transmits H; equal to HV), or the received
+        sense of a circular wave.
     mirror: None for a surface without a specular return.
     """
 
@@ -132,10 +132,10 @@ class RadarMaterial:
         rho = self.copolar_correlation
         if rho is None:
             return cross
-        below = np.maximum(vertical + horizontal + 2 * rho * np.sqrt(vertical * horizontal), np.finfo(float).tiny)
-        wanted = vertical * horizontal * (1 - rho**2) / below
+        denominator = np.maximum(vertical + horizontal + 2 * rho * np.sqrt(vertical * horizontal), np.finfo(float).tiny)
+        correlated = vertical * horizontal * (1 - rho**2) / denominator
         share = np.minimum((np.sin(incidence_rad) / np.sin(CORRELATED_FROM_RAD)) ** 2, 1.0)
-        opposed: Float[np.ndarray, " n"] = cross + share * (wanted - cross)
+        opposed: Float[np.ndarray, " n"] = cross + share * (correlated - cross)
         return opposed
 
     def cross_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -153,10 +153,10 @@ class RadarMaterial:
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power, mirror included, the larger of V and H transmitted.
 
-        A model that knows its total scattering gives it by its method `scattered_share`. For any other only
-        the backscatter is known: it is assumed to re-radiate its field equally into every direction of the hemisphere,
-        projected across the direction, which is what the ray tracer's material does: sigma0 / (4 pi cos) times the
-        effective solid angle 4 pi / 3 after projection. The cross-polar field is added.
+        A model may give its total scattering by a method `scattered_share`. Any other is assumed to re-radiate its
+        field equally into every direction of the hemisphere, projected across the direction, as the ray tracer's
+        material does: sigma0 / (4 pi cos) times the effective solid angle 4 pi / 3 after projection. The cross-polar
+        field is added.
         """
         cosine = np.maximum(np.cos(incidence_rad), 1e-9)
         shares = []

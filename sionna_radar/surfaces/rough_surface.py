@@ -10,8 +10,8 @@ Four models of the same surface, each with its conditions (`validity()` lists th
 | `IntegralEquationModel` | in between; tends to the others (single scattering) | V and H |
 
 Angles are incidence angles in radians from the surface normal. At and beyond grazing all return zero. None
-contains the coherent (mirror) return: `coherent_power_factor` is the share of the Fresnel reflection that
-stays in it; these models describe the rest. None contains self-shadowing of the surface.
+contains the coherent (mirror) return, whose fraction of the Fresnel reflection is `coherent_power_factor`; these models
+describe the incoherent part. None contains self-shadowing of the surface.
 Permittivities follow exp(+j w t): eps' - j eps''.
 
 Sources read while this was written:
@@ -128,7 +128,7 @@ def fresnel_reflection(
 def coherent_power_factor(
     rms_height_m: float, frequency_hz: float, incidence_rad: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return exp(-(2 k s cos)^2): the share of mirror-reflected power that roughness leaves coherent.
+    """Return exp(-(2 k s cos)^2): the coherent fraction of the power reflected by a rough surface.
 
     For Gaussian heights (Tsang 2001 I, eq. 2.1.94, as used by SMRT).
     """
@@ -277,7 +277,7 @@ def poisson(order: int, mean: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"
 
 
 def check_polarization(polarization: str) -> None:
-    """Raise ValueError for a polarization that is neither V nor H."""
+    """Raise ValueError for a polarization other than V or H."""
     if polarization not in ("V", "H"):
         message = f"polarization = {polarization!r} is unknown; use 'V' or 'H'"
         raise ValueError(message)
@@ -390,16 +390,16 @@ class IntegralEquationModel:
         cross = np.real(complementary) * kirchhoff
         depth = (surface.relative_height * cosine) ** 2
         # The sums of depth^n / n! spectrum over (1, 2^n, 4^n), each by exp(-depth), as Poisson weights.
-        alone, once, twice = np.zeros((3, len(cosine)))
+        sum_1, sum_2, sum_4 = np.zeros((3, len(cosine)))
         for order, spectrum in spectra(surface, cosine):
-            alone += spectrum * poisson(order, depth)
-            once += spectrum * poisson(order, 2.0 * depth)
-            twice += spectrum * poisson(order, 4.0 * depth)
-        share = np.abs(complementary) ** 2 / 4.0 * alone
+            sum_1 += spectrum * poisson(order, depth)
+            sum_2 += spectrum * poisson(order, 2.0 * depth)
+            sum_4 += spectrum * poisson(order, 4.0 * depth)
+        share = np.abs(complementary) ** 2 / 4.0 * sum_1
         limit = np.abs(complementary + 4.0 * kirchhoff) ** 2
-        whole = share + cross * once + kirchhoff**2 * np.exp(depth) * twice
-        # Where the spectrum has underflown there is no backscatter to share.
-        return 1.0 - np.divide(limit * alone / 4.0, whole, out=np.ones_like(whole), where=whole > 0)
+        backscatter = share + cross * sum_2 + kirchhoff**2 * np.exp(depth) * sum_4
+        # Where the spectrum has underflowed there is no backscatter to share.
+        return 1.0 - np.divide(limit * sum_1 / 4.0, backscatter, out=np.ones_like(backscatter), where=backscatter > 0)
 
     def _exceeds_incidence_limit(self) -> bool:
         surface = self.surface

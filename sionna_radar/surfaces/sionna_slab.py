@@ -1,4 +1,4 @@
-"""Sionna RT's ITU materials: where they are defined, and their backscatter.
+"""Sionna RT's ITU materials: their bands and backscatter.
 
 Their diffuse model gives sigma0 = 4 S^2 R^2 cos^2 (1 - K), with S the scattering coefficient, R^2 the power that
 the slab reflects at that angle and polarization, and K the cross-polar share. The coefficients are
@@ -22,7 +22,7 @@ from sionna_radar.surfaces.rough_surface import Polarization, fresnel_reflection
 
 @dataclass(frozen=True, kw_only=True)
 class SionnaSlab:
-    """A slab of an ITU material as Sionna RT describes it.
+    """A slab of an ITU material in Sionna RT's parameters.
 
     scattering_coefficient: scattered over reflected field, S; xpd_coefficient: cross-polar share of its power, K.
     """
@@ -54,8 +54,8 @@ class SlabBackscatter:
         depth = 2 * np.pi * self.frequency_hz / speed_of_light * self.slab.thickness_m
         delay = np.exp(-2j * depth * np.sqrt(self.permittivity - np.sin(incidence_rad) ** 2 + 0j))
         reflection = edge * (1 - delay) / (1 - edge**2 * delay)
-        kept = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
-        share: Float[np.ndarray, " n"] = kept * np.abs(reflection) ** 2
+        copolar_share = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
+        share: Float[np.ndarray, " n"] = copolar_share * np.abs(reflection) ** 2
         return share
 
 
@@ -85,8 +85,8 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
     from sionna.rt.radio_materials.itu import ITU_MATERIALS_PROPERTIES
 
     if itu_type not in ITU_MATERIALS_PROPERTIES:
-        known = ", ".join(ITU_MATERIALS_PROPERTIES)
-        message = f"{itu_type!r} is not an ITU material known to Sionna RT; use one of {known}"
+        options = ", ".join(ITU_MATERIALS_PROPERTIES)
+        message = f"{itu_type!r} is not an ITU material known to Sionna RT; use one of {options}"
         raise ValueError(message)
     bands = ITU_MATERIALS_PROPERTIES[itu_type]
     ghz = frequency_hz / 1e9

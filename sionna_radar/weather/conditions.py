@@ -32,11 +32,11 @@ class Weather:
     rain_rate_mm_per_h: rate of uniform rain; the mean if `rain_map` is given.
     rain_map: rain that varies with position, instead of `rain_rate_mm_per_h`; None for uniform rain.
     snowfall_mm_per_h: of dry and of wet snow, as water.
-    liquid_water_g_per_m3: of fog; its visibility is in `visibility_m`, otherwise that of a mean fog.
+    liquid_water_g_per_m3: of fog; its visibility is in `visibility_m`, by default that of a mean fog.
     visibility_m: of each obscurant alone.
-    air: None to leave out the attenuation by air itself.
+    air: None to neglect the attenuation by gases.
     temperature_k: of drops and droplets; ice is at most at its melting point.
-    wet_radome_m: radius of a radome that rain wets; None if there is none.
+    wet_radome_m: radius of a wet radome; None if there is none.
     wind_mps: toward east, north and up; all particles move with it.
     """
 
@@ -83,19 +83,19 @@ class Weather:
     @cached_property
     def _aerosols(self) -> dict[Obscurant, Aerosol]:
         """The particles of the obscurants."""
-        found: dict[Obscurant, Aerosol] = {
-            kind: obscurant(kind, self.carrier_hz, visibility_m=seen_m, temperature_k=self.temperature_k)
-            for kind, seen_m in self.visibility_m.items()
+        aerosols: dict[Obscurant, Aerosol] = {
+            kind: obscurant(kind, self.carrier_hz, visibility_m=range_m, temperature_k=self.temperature_k)
+            for kind, range_m in self.visibility_m.items()
             if kind is not Obscurant.FOG
         }
         if self.liquid_water_g_per_m3 > 0:
-            found[Obscurant.FOG] = fog_droplets(
+            aerosols[Obscurant.FOG] = fog_droplets(
                 self.carrier_hz,
                 liquid_water_g_per_m3=self.liquid_water_g_per_m3,
                 visibility_m=self.visibility_m.get(Obscurant.FOG),
                 temperature_k=self.temperature_k,
             )
-        return found
+        return aerosols
 
     @cached_property
     def still_attenuation_db_per_km(self) -> float:
@@ -124,8 +124,8 @@ class Weather:
     def wet_radome_loss_db(self, rain_rate_mm_per_h: float) -> float:
         """Return the two-way loss in the radome's water film for a rain rate at the antenna.
 
-        Wet snow is assumed to melt on it and run off like rain (snow that sticks is not modelled); dry snow
-        leaves it dry.
+        Wet snow is assumed to melt on it and run off like rain (sticking snow is not modelled); dry snow
+        does not wet it.
         """
         if self.wet_radome_m is None:
             return 0.0

@@ -15,7 +15,7 @@ a backscatter minimum, and are two to three times as depolarizing (in amplitude)
 Neglected: the oscillation of drops larger than a millimetre, multiple scattering, and the effect of propagation through
 the rain: at 25 mm/h H is attenuated by up to 0.42 dB/km more than V (P.838-3), which over 100 m and back reverses the
 sense of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB
-of it come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are due
+of it are of the same sense at 4 mm/h and 45 deg. The 15 to 25 dB of millimetre-wave radars in practice are due
 to the axial ratio of their antennas (1 dB gives 18.8 dB).
 
 Fall speeds of scatterers are given by the distribution of the reflectivity over fall speed.
@@ -72,9 +72,9 @@ MARSHALL_PALMER_EXPONENT = -0.21
 
 
 def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
-    """Return the Marshall-Palmer drops of a rain rate; ValidityError for one that is not positive.
+    """Return the Marshall-Palmer drops of a positive rain rate; ValidityError for any other.
 
-    An average over many rains; at 10 mm/h its water flux is 16 % larger than the rate.
+    An average over many rain events; at 10 mm/h its water flux is 16 % larger than the rate.
     At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
     2000RS002369).
     """
@@ -112,7 +112,7 @@ def axis_ratio(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 @dataclass(frozen=True, kw_only=True)
 class DropPolarization:
-    """Moments of D over the mean power of T at rising angles between the line of sight and the vertical.
+    """Moments of D over the mean power of T at increasing angles between the line of sight and the vertical.
 
     mean: of D T* cos 2a; upright, slanted: of |D|^2 cos^2 2a and of |D|^2 sin^2 2a.
     """
@@ -143,10 +143,10 @@ class DropPolarization:
             np.interp(angle, self.angle_rad, moment) for moment in (self.mean, self.upright, self.slanted)
         )
         (v, h), (rv, rh) = transmitted.T, received.T
-        kept, opposed, exchanged = rv * v + rh * h, rv * v - rh * h, rv * h + rh * v
+        copolar, opposed, exchanged = rv * v + rh * h, rv * v - rh * h, rv * h + rh * v
         power: Float[np.ndarray, " n"] = (
-            np.abs(kept) ** 2
-            + 2 * (np.conj(kept) * opposed * mean).real
+            np.abs(copolar) ** 2
+            + 2 * (np.conj(copolar) * opposed * mean).real
             + np.abs(opposed) ** 2 * upright
             + np.abs(exchanged) ** 2 * slanted
         )
@@ -155,27 +155,27 @@ class DropPolarization:
 
 def spheres() -> DropPolarization:
     """Return the polarization of droplets, dust and smoke, all taken as spheres."""
-    none = np.zeros(len(ANGLES_RAD))
-    return DropPolarization(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
+    zeros = np.zeros(len(ANGLES_RAD))
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=zeros.astype(complex), upright=zeros, slanted=zeros)
 
 
 def snow_polarization(kind: Precipitation) -> DropPolarization:
-    """Return the polarization of snow, whose flakes tumble: equal in all directions, D from linear depolarization."""
+    """Return the polarization of tumbling snowflakes: isotropic, with D from the linear depolarization."""
     level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARIZATION_DB[kind] / 10))
-    none = np.zeros(len(ANGLES_RAD), dtype=complex)
-    return DropPolarization(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
+    zeros = np.zeros(len(ANGLES_RAD), dtype=complex)
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=zeros, upright=level, slanted=level)
 
 
 @lru_cache(maxsize=8)
 def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_k: float) -> DropPolarization:
-    """Return the polarization of rain's echo, drops canted by `CANTING_RAD` in each of two vertical planes."""
+    """Return the polarization of the rain echo, with drops canted by `CANTING_RAD` in each of two vertical planes."""
     diameter, weights = _diameters()
-    number = weights * drops.density_per_m4(diameter)
+    density = weights * drops.density_per_m4(diameter)
     common, split = _amplitudes(frequency_hz, temperature_k)
-    total = number @ np.abs(common) ** 2
-    # Divided by the factors with which they vanish, so that the rest is smooth in the angle.
-    mean = number @ (split * np.conj(common)) / total / np.sin(LOOKS_RAD) ** 2
-    power = number @ np.abs(split) ** 2 / total / np.sin(LOOKS_RAD) ** 4
+    total = density @ np.abs(common) ** 2
+    # Divided by the factors with which they vanish, so that the quotient is smooth in the angle.
+    mean = density @ (split * np.conj(common)) / total / np.sin(LOOKS_RAD) ** 2
+    power = density @ np.abs(split) ** 2 / total / np.sin(LOOKS_RAD) ** 4
     moments = np.array([_canted(angle, mean, power) for angle in ANGLES_RAD.tolist()])
     return DropPolarization(
         angle_rad=ANGLES_RAD, mean=moments[:, 0], upright=moments[:, 1].real, slanted=moments[:, 2].real
@@ -193,11 +193,11 @@ def _amplitudes(frequency_hz: float, temperature_k: float) -> Complex[np.ndarray
     """Return T and D of drops of each diameter."""
     index = water_permittivity(frequency_hz, temperature_k) ** 0.5
     diameter = _diameters()[0]
-    both = np.empty((2, NODES, len(LOOKS_RAD)), dtype=complex)
-    for number, (d, ratio) in enumerate(zip(diameter.tolist(), axis_ratio(diameter).tolist(), strict=True)):
+    amplitudes = np.empty((2, NODES, len(LOOKS_RAD)), dtype=complex)
+    for node, (d, ratio) in enumerate(zip(diameter.tolist(), axis_ratio(diameter).tolist(), strict=True)):
         echo = spheroid_echo(np.pi * d * frequency_hz / speed_of_light, ratio, index, LOOKS_RAD)
-        both[:, number] = (echo.vertical + echo.horizontal) / 2, (echo.vertical - echo.horizontal) / 2
-    return both
+        amplitudes[:, node] = (echo.vertical + echo.horizontal) / 2, (echo.vertical - echo.horizontal) / 2
+    return amplitudes
 
 
 def _canted(
@@ -211,14 +211,14 @@ def _canted(
     # The line of sight lies in the x-z plane; components of the drop's axis along v and h.
     along_v = axis[2] * np.sin(angle_rad) - axis[0] * np.cos(angle_rad)
     along_h = axis[1]
-    turned = (along_v + 1j * along_h) ** 2  # sin^2 of the angle to the axis, times exp(2 j a)
-    seen = np.arcsin(np.sqrt(np.minimum(np.abs(turned), 1.0)))
-    level = np.interp(seen, LOOKS_RAD, power)
+    phasor = (along_v + 1j * along_h) ** 2  # sin^2 of the angle to the axis, times exp(2 j a)
+    angle_to_axis = np.arcsin(np.sqrt(np.minimum(np.abs(phasor), 1.0)))
+    level = np.interp(angle_to_axis, LOOKS_RAD, power)
     return np.array(
         [
-            np.sum(share * turned.real * np.interp(seen, LOOKS_RAD, mean)),
-            np.sum(share * turned.real**2 * level),
-            np.sum(share * turned.imag**2 * level),
+            np.sum(share * phasor.real * np.interp(angle_to_axis, LOOKS_RAD, mean)),
+            np.sum(share * phasor.real**2 * level),
+            np.sum(share * phasor.imag**2 * level),
         ]
     )
 
@@ -227,26 +227,26 @@ def _canted(
 class EchoSpeeds:
     """Echo-weighted fall speeds of particles.
 
-    share: cumulative share of the reflectivity, from 0 to 1; speed_mps: the fall speed below which this share lies.
+    share: cumulative fraction of the reflectivity, from 0 to 1; speed_mps: the fall speed at this quantile.
     """
 
     share: Float[np.ndarray, " node"]
     speed_mps: Float[np.ndarray, " node"]
 
     def at(self, quantile: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Return fall speeds at quantiles: uniform quantiles draw particles with their echo as weight."""
+        """Return fall speeds at quantiles: uniform quantiles sample particles weighted by their echo."""
         return np.interp(quantile, self.share, self.speed_mps)
 
 
-# Particles of some micrometres sink by centimetres per second.
+# Particles of some micrometres fall by centimetres per second.
 FLOATING = EchoSpeeds(share=np.array([0.0, 1.0]), speed_mps=np.zeros(2))
 
 
 def weighted_speeds(weight: Float[np.ndarray, " node"], speed_mps: Float[np.ndarray, " node"]) -> EchoSpeeds:
     """Return the fall speeds of particle sizes, weighted by the echo of each size."""
-    below = np.cumsum(weight) - weight / 2  # each node is in the middle of its weight
+    cumulative = np.cumsum(weight) - weight / 2  # each node is in the middle of its weight
     return EchoSpeeds(
-        share=np.concatenate([[0.0], below / weight.sum(), [1.0]]),
+        share=np.concatenate([[0.0], cumulative / weight.sum(), [1.0]]),
         speed_mps=np.concatenate([speed_mps[:1], speed_mps, speed_mps[-1:]]),
     )
 
@@ -266,8 +266,8 @@ class SpeedMixture:
         edges = np.concatenate([[0.0], np.cumsum(self.share)[:-1], [1.0]])
         kind = np.searchsorted(edges[1:-1], quantile, side="right")
         speed = np.empty_like(quantile)
-        for number, speeds in enumerate(self.kinds):
-            mine = kind == number
-            low, high = edges[number], edges[number + 1]
-            speed[mine] = speeds.at((quantile[mine] - low) / (high - low))
+        for index, speeds in enumerate(self.kinds):
+            rows = kind == index
+            start, stop = edges[index], edges[index + 1]
+            speed[rows] = speeds.at((quantile[rows] - start) / (stop - start))
         return speed

@@ -170,15 +170,15 @@ def _checked_ghz(frequency_hz: float) -> float:
 
 
 def _oxygen_lines(f: float, air: Air) -> float:
-    # The lines overlap so much that they interfere: `mixing` skews their shapes.
+    # Line coupling of the overlapping lines: `mixing` skews their shapes.
     line, a1, a2, a3, a4, a5, a6 = OXYGEN_LINES.T
     p, e, theta = air.dry_pressure_hpa, air.vapour_pressure_hpa, air.theta
     strength = a1 * 1e-7 * p * theta**3 * np.exp(a2 * (1.0 - theta))
     width = np.sqrt((a3 * 1e-4 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)) ** 2 + 2.25e-6)
     mixing = (a5 + a6 * theta) * 1e-4 * (p + e) * theta**0.8
-    below = (width - mixing * (line - f)) / ((line - f) ** 2 + width**2)
-    above = (width - mixing * (line + f)) / ((line + f) ** 2 + width**2)
-    return float(np.sum(strength * f / line * (below + above)))
+    resonant = (width - mixing * (line - f)) / ((line - f) ** 2 + width**2)
+    antiresonant = (width - mixing * (line + f)) / ((line + f) ** 2 + width**2)
+    return float(np.sum(strength * f / line * (resonant + antiresonant)))
 
 
 def _dry_continuum(f: float, air: Air) -> float:
@@ -193,12 +193,12 @@ def _dry_continuum(f: float, air: Air) -> float:
 
 
 def _vapour_lines(f: float, air: Air) -> float:
-    # Like oxygen, without interference; the width combines pressure and Doppler broadening.
+    # Like oxygen, without coupling; the width combines pressure and Doppler broadening.
     line, b1, b2, b3, b4, b5, b6 = VAPOUR_LINES.T
     p, e, theta = air.dry_pressure_hpa, air.vapour_pressure_hpa, air.theta
     strength = b1 * 0.1 * e * theta**3.5 * np.exp(b2 * (1.0 - theta))
     pressure_width = b3 * 1e-4 * (p * theta**b4 + b5 * e * theta**b6)
     width = 0.535 * pressure_width + np.sqrt(0.217 * pressure_width**2 + 2.1316e-12 * line**2 / theta)
-    below = width / ((line - f) ** 2 + width**2)
-    above = width / ((line + f) ** 2 + width**2)
-    return float(np.sum(strength * f / line * (below + above)))
+    resonant = width / ((line - f) ** 2 + width**2)
+    antiresonant = width / ((line + f) ** 2 + width**2)
+    return float(np.sum(strength * f / line * (resonant + antiresonant)))

@@ -56,7 +56,7 @@ CONTRAST = 0.02
 
 
 def liquid_water_of_visibility_g_per_m3(visibility_m: float) -> float:
-    """Return the liquid water of a mean fog for a visibility (Kunkel 1984); single fogs differ by factors of a few."""
+    """Return the liquid water of a mean fog for a visibility (Kunkel 1984); single fogs differ by a factor of a few."""
     extinction_per_km = -math.log(CONTRAST) / (visibility_m / 1000.0)
     return float((extinction_per_km / EXTINCTION_PER_KM) ** (1.0 / EXTINCTION_EXPONENT))
 
@@ -97,7 +97,7 @@ FOG_ECHO = (720.0 / 343.0) ** (1 / 3)
 # Patterson and Gillette 1977). From memory of the literature; the size that follows, 3 to 4 um, lies within the 0.6 to
 # 20 um that the latter observed (abstract read). Chepil and Woodruff 1957 have 56 mg/m3 and V^-1.25, which is
 # 2.4 times as much at 1 km and 3.7 times at 100 m; far from its source dust extinguishes 0.64 m2/g (over Athens,
-# abstract read), which is 6 mg/m3 at 1 km. So a storm's attenuation is known to a factor of four.
+# abstract read), which is 6 mg/m3 at 1 km. Hence a storm's attenuation is uncertain by a factor of four.
 DUST_AT_1_KM_G_PER_M3 = 23e-3
 DUST_EXPONENT = -1.07
 DUST_DENSITY_G_PER_M3 = 2.65e6  # quartz
@@ -189,10 +189,10 @@ def obscurant(kind: Obscurant, frequency_hz: float, *, visibility_m: float, temp
 def dust_permittivity(frequency_hz: float) -> complex:
     """Return the relative permittivity of dust grains, interpolated in the logarithm of frequency."""
     x = math.log(frequency_hz / 1e9)
-    (below, low), *rest = DUST_PERMITTIVITY
-    for above, high in rest:
-        if x <= math.log(above):
-            share = max(x - math.log(below), 0.0) / math.log(above / below)
-            return low + share * (high - low)
-        below, low = above, high
-    return low
+    (lower_ghz, lower), *rows = DUST_PERMITTIVITY
+    for upper_ghz, upper in rows:
+        if x <= math.log(upper_ghz):
+            weight = max(x - math.log(lower_ghz), 0.0) / math.log(upper_ghz / lower_ghz)
+            return lower + weight * (upper - lower)
+        lower_ghz, lower = upper_ghz, upper
+    return lower

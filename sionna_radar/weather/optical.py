@@ -94,14 +94,16 @@ def drop_backscatter_m2_per_sr(
     """Return the backscatter of raindrops per steradian: the glints of the near and the far face.
 
     Geometrical optics of a sphere of radius a: R a^2 / 4 from the near face, R the normal reflection, and from the
-    far one R (1 - R)^2 (n / (2 - n))^2 a^2 / 4, through the water twice, which at 1550 nm absorbs most of it in drops
-    of a millimetre. The glory is left out: a flattened drop of many wavelengths has none.
+    far one R (1 - R)^2 (n / (2 - n))^2 a^2 / 4, after two passes through the water, which at 1550 nm absorbs most of it
+    in drops of a millimetre. The glory is neglected: flattened drops of many wavelengths have none.
     """
-    mirror = ((WATER_INDEX - 1) / (WATER_INDEX + 1)) ** 2
+    reflectance = ((WATER_INDEX - 1) / (WATER_INDEX + 1)) ** 2
     absorption_per_m = np.interp(wavelength_nm, WATER_ABSORPTION_NM, WATER_ABSORPTION_PER_M)
-    through = (1 - mirror) ** 2 * (WATER_INDEX / (2 - WATER_INDEX)) ** 2 * np.exp(-2 * absorption_per_m * diameter_m)
-    back: Float[np.ndarray, " drop"] = mirror * (1 + through) * (diameter_m / 2) ** 2 / 4
-    return back
+    through = (
+        (1 - reflectance) ** 2 * (WATER_INDEX / (2 - WATER_INDEX)) ** 2 * np.exp(-2 * absorption_per_m * diameter_m)
+    )
+    backscatter: Float[np.ndarray, " drop"] = reflectance * (1 + through) * (diameter_m / 2) ** 2 / 4
+    return backscatter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,12 +130,12 @@ def optical_air(
     """Return the optical properties of the air; extinctions add up, and so do backscatters."""
     require_between("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, SOURCE)
     extinction, backscatter = rain_extinction_per_m(rain_rate_mm_per_h), 0.0
-    for kind, seen_m in (visibility_m or {}).items():
-        part = obscurant_extinction_per_m(kind, seen_m, wavelength_nm)
-        extinction, backscatter = extinction + part, backscatter + part / LIDAR_RATIO_SR[kind]
+    for kind, range_m in (visibility_m or {}).items():
+        extinction_part = obscurant_extinction_per_m(kind, range_m, wavelength_nm)
+        extinction, backscatter = extinction + extinction_part, backscatter + extinction_part / LIDAR_RATIO_SR[kind]
     for snow, rate in (snowfall_mm_per_h or {}).items():
-        part = snow_extinction_per_m(snow, rate, wavelength_nm)
-        extinction, backscatter = extinction + part, backscatter + part / SNOW_LIDAR_RATIO_SR
+        extinction_part = snow_extinction_per_m(snow, rate, wavelength_nm)
+        extinction, backscatter = extinction + extinction_part, backscatter + extinction_part / SNOW_LIDAR_RATIO_SR
     return OpticalAir(
         wavelength_nm=wavelength_nm,
         extinction_per_m=extinction,

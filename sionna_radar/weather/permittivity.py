@@ -27,12 +27,12 @@ def water_permittivity(frequency_hz: float, temperature_k: float) -> complex:
     frequency_ghz = frequency_hz / 1e9
     inverse_temperature = 300.0 / temperature_k - 1.0
     static = 77.66 + 103.3 * inverse_temperature
-    between = 0.0671 * static
+    intermediate = 0.0671 * static
     optical = 3.52
     principal_ghz = 20.20 - 146.0 * inverse_temperature + 316.0 * inverse_temperature**2
     secondary_ghz = 39.8 * principal_ghz
-    principal = (static - between) / (1.0 - 1j * frequency_ghz / principal_ghz)
-    secondary = (between - optical) / (1.0 - 1j * frequency_ghz / secondary_ghz)
+    principal = (static - intermediate) / (1.0 - 1j * frequency_ghz / principal_ghz)
+    secondary = (intermediate - optical) / (1.0 - 1j * frequency_ghz / secondary_ghz)
     return complex(optical + principal + secondary)
 
 
@@ -53,9 +53,9 @@ def ice_permittivity(frequency_hz: float, temperature_k: float) -> complex:
     f = frequency_hz / 1e9
     temperature_c = temperature_k - MELTING_K
     theta = 300.0 / temperature_k - 1.0
-    low = (0.00504 + 0.0062 * theta) * math.exp(-22.1 * theta)  # eq. 31
+    low_coefficient = (0.00504 + 0.0062 * theta) * math.exp(-22.1 * theta)  # eq. 31
     tail = math.exp(-335.0 / temperature_k)  # eq. 33
-    high = (
+    high_coefficient = (
         0.0207 / temperature_k * tail / (tail - 1.0) ** 2 + 1.16e-11 * f**2 + math.exp(-9.963 + 0.0372 * temperature_c)
     )  # eq. 32
-    return complex(3.1884 + 0.00091 * temperature_c, low / f + high * f)  # eqs. 29, 30
+    return complex(3.1884 + 0.00091 * temperature_c, low_coefficient / f + high_coefficient * f)  # eqs. 29, 30

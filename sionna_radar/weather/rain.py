@@ -1,8 +1,8 @@
 """Rain: attenuation (ITU-R P.838) and backscatter (Mie over Marshall-Palmer).
 
 The two have different standing. P.838 is the recommended prediction of attenuation, the one to use.
-For the backscatter at 77 GHz no recommendation was found, so it is computed from the drops themselves;
-the attenuation computed the same way, in a test, checks that sum. At
+For the backscatter at 77 GHz no recommendation was found, so it is computed from the drop size distribution.
+A test checks the sum by the attenuation computed the same way: at
 77 GHz it is 0.96 of P.838 at 1 mm/h, 1.26 at 10 mm/h and 1.3 at 25 to 50 mm/h (water at 10 deg C).
 """
 
@@ -104,7 +104,7 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
     elevation_rad: of the path above (or below) the horizontal.
     tilt_rad: of the polarization from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
     """
-    # Drops are flattened, so polarization matters only as far as the path sees their horizontal axis.
+    # Drops are oblate: polarization matters by the projection of their horizontal axis across the path.
     mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
     k, alpha = rain_power_laws(frequency_hz, np.array([mix]))
     return RainPowerLaw(k=float(k[0]), alpha=float(alpha[0]))

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-# Rain below this gets no echo; P.838 and Marshall-Palmer are valid far above it.
+# Rain below this has no echo; P.838 and Marshall-Palmer are valid far above it.
 MIN_MM_PER_H = 0.01
 MAX_MM_PER_H = 300.0
 NEPERS_PER_DB = math.log(10.0) / 10.0
@@ -41,17 +41,17 @@ class RainCell:
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north."""
-        away = position_m - np.array(self.centre_m)
-        return self.peak_mm_per_h * np.exp(-np.hypot(away[..., 0], away[..., 1]) / self.radius_m)
+        offset_m = position_m - np.array(self.centre_m)
+        return self.peak_mm_per_h * np.exp(-np.hypot(offset_m[..., 0], offset_m[..., 1]) / self.radius_m)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RainField:
     """A log-normal rain rate with a mean, and a correlation of its logarithm exp(-d / correlation_m).
 
-    A model choice: rain rates are near log-normal, and their correlation near exponential over some kilometres; what
-    a survey crosses within a few hundred metres is seldom measured. The field repeats after `PERIOD`
-    correlation lengths, and is linear between nodes, which loses 4 % of its variance.
+    A model choice: rain rates are near log-normal, and their correlation near exponential over some kilometres;
+    variations within a few hundred metres are seldom measured. The field repeats after `PERIOD`
+    correlation lengths, and is interpolated linearly between nodes, which loses 4 % of its variance.
     """
 
     mean_mm_per_h: float
@@ -74,15 +74,15 @@ class RainField:
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north."""
-        place = position_m * (self.NODES_PER_LENGTH / self.correlation_m)
-        node = np.floor(place).astype(np.int64)
-        share = place - node
+        grid_position = position_m * (self.NODES_PER_LENGTH / self.correlation_m)
+        node = np.floor(grid_position).astype(np.int64)
+        share = grid_position - node
         count = self.NODES_PER_LENGTH * self.PERIOD
         (i, j), (u, v) = np.moveaxis(node % count, -1, 0), np.moveaxis(share, -1, 0)
-        right, up = (i + 1) % count, (j + 1) % count
+        next_i, next_j = (i + 1) % count, (j + 1) % count
         field = self._normal
-        normal = (1 - u) * ((1 - v) * field[i, j] + v * field[i, up]) + u * (
-            (1 - v) * field[right, j] + v * field[right, up]
+        normal = (1 - u) * ((1 - v) * field[i, j] + v * field[i, next_j]) + u * (
+            (1 - v) * field[next_i, j] + v * field[next_i, next_j]
         )
         spread = NEPERS_PER_DB * self.spread_db
         return self.mean_mm_per_h * np.exp(spread * normal - spread**2 / 2)
@@ -90,7 +90,7 @@ class RainField:
 
 @dataclass(frozen=True, kw_only=True)
 class RainTogether:
-    """A shower within wider rain: the rates add up."""
+    """A shower within widespread rain: the rates add."""
 
     parts: tuple[RainMap, ...]
     everywhere_mm_per_h: float = 0.0
@@ -98,6 +98,6 @@ class RainTogether:
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north, limited to the range of the models."""
         rate = np.full(position_m.shape[:-1], self.everywhere_mm_per_h)
-        for part in self.parts:
-            rate = rate + part.rate_mm_per_h(position_m)
+        for rain in self.parts:
+            rate = rate + rain.rate_mm_per_h(position_m)
         return np.minimum(rate, MAX_MM_PER_H)

@@ -23,13 +23,15 @@ def mie_backscatter(size: Float[np.ndarray, " n"], refractive_index: complex) ->
 
     size: circumference in wavelengths, above 0.
     """
-    back: Float[np.ndarray, " n"] = efficiencies_mx(np.conj(refractive_index), size)[2]  # it has time as exp(+i w t)
-    return back
+    efficiency: Float[np.ndarray, " n"] = efficiencies_mx(np.conj(refractive_index), size)[
+        2
+    ]  # it has time as exp(+i w t)
+    return efficiency
 
 
-# Nodes from pole to pole for each degree of the waves.
+# Nodes from pole to pole per degree of the waves.
 NODES_PER_DEGREE = 2
-# Degrees beyond those of a sphere: a non-spherical shape needs some however small it is.
+# Degrees beyond those of a sphere: needed by a non-spherical shape of any size.
 MIN_DEGREES = 5.0
 
 
@@ -72,19 +74,19 @@ def spheroid_echo(
     incident = _incident(boundary, turn, look_rad)
     # In a small drop the curl is weaker than the field by its size, and equally informative.
     rows = (np.array([1.0, 1.0, 1 / min(size, 1.0), 1 / min(size, 1.0)])[:, None] * boundary.weight).reshape(-1, 1)
-    back = np.zeros((2, len(look_rad)), dtype=complex)
+    amplitude = np.zeros((2, len(look_rad)), dtype=complex)
     for order in range(degree):
         degrees = np.arange(max(order, 1), degree + 1)
         outside, inside = (_waves(boundary, order, degrees, index) for index in (None, refractive_index))
         matrix = np.concatenate([outside, -inside], axis=1) * rows
         sizes = np.linalg.norm(matrix, axis=0)
-        part = np.einsum("crp,p->cr", incident.reshape(-1, len(cosine) * 4, len(turn)), np.exp(-1j * order * turn))
-        known = -(part / len(turn)).T * rows
-        solved = np.linalg.lstsq(matrix / sizes, known, rcond=None)[0] / sizes[:, None]
+        harmonic = np.einsum("crp,p->cr", incident.reshape(-1, len(cosine) * 4, len(turn)), np.exp(-1j * order * turn))
+        right_side = -(harmonic / len(turn)).T * rows
+        solved = np.linalg.lstsq(matrix / sizes, right_side, rcond=None)[0] / sizes[:, None]
         wave = solved[: 2 * len(degrees)].reshape(2, len(degrees), 2, len(look_rad))
         # Orders of either sign contribute equally.
-        back += (1 if order == 0 else 2) * _far_field(wave, order, degrees, look_rad)
-    return SpheroidEcho(vertical=back[0], horizontal=back[1])
+        amplitude += (1 if order == 0 else 2) * _far_field(wave, order, degrees, look_rad)
+    return SpheroidEcho(vertical=amplitude[0], horizontal=amplitude[1])
 
 
 @dataclass(frozen=True)
@@ -151,19 +153,19 @@ def _incident(
     """Return tangential E and curl E of plane waves, in the plane of the axis and across it, on the boundary."""
     x, sine = boundary.cosine[:, None], np.sqrt(1 - boundary.cosine[:, None] ** 2)
     c, s = np.cos(turn)[None], np.sin(turn)[None]
-    out = np.stack([sine * c, sine * s, x + 0 * c])
+    radial = np.stack([sine * c, sine * s, x + 0 * c])
     theta = np.stack([x * c, x * s, -sine + 0 * c])
     phi = np.stack([-s + 0 * x, c + 0 * x, 0 * x * c])
-    along = theta + boundary.slope[None, :, None] * out
-    field = np.empty((2, len(look_rad), 4, *out.shape[1:]), dtype=complex)
-    for number, angle in enumerate(look_rad):
+    tangent = theta + boundary.slope[None, :, None] * radial
+    field = np.empty((2, len(look_rad), 4, *radial.shape[1:]), dtype=complex)
+    for look, angle in enumerate(look_rad):
         ahead = np.array([np.sin(angle), 0.0, np.cos(angle)])
-        down, left = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([0.0, 1.0, 0.0])
-        wave = np.exp(1j * boundary.distance[:, None] * np.tensordot(ahead, out, 1))
-        for polarization, (e, h) in enumerate(((down, left), (left, -down))):
+        vertical, horizontal = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([0.0, 1.0, 0.0])
+        wave = np.exp(1j * boundary.distance[:, None] * np.tensordot(ahead, radial, 1))
+        for polarization, (e, h) in enumerate(((vertical, horizontal), (horizontal, -vertical))):
             for row, (vector, factor) in enumerate(((e, 1.0), (e, 1.0), (h, 1j), (h, 1j))):
-                axis = (along, phi)[row % 2]
-                field[polarization, number, row] = factor * wave * np.tensordot(vector, axis, 1)
+                axis = (tangent, phi)[row % 2]
+                field[polarization, look, row] = factor * wave * np.tensordot(vector, axis, 1)
     return field
 
 

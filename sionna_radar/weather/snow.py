@@ -34,8 +34,8 @@ INTERCEPT_EXPONENT = -0.94
 SLOPE_PER_M = 2290.0
 SLOPE_EXPONENT = -0.45
 # The same paper's Z = 1780 R^2.21 mm6/m3 (as tabulated in the literature notes of mgrover1/sail-xprecip-radar) is a
-# third of the untruncated distribution's 5450 R^2.21. The paper discusses truncation; that the two agree with a cut at
-# L D = 5.8 is our inference.
+# third of the untruncated distribution's 5450 R^2.21. The paper discusses truncation; the cut at L D = 5.8, where both
+# agree, is our inference.
 LARGEST = 5.8
 # Brandes et al. 2007 (J. Appl. Meteor. Climatol. 46, 634-650), Colorado: 0.178 D^-0.922 g/cm3, D in mm the diameter of
 # the sphere with the flake's volume. Read in J. Tiira's snowfall scripts beside other laws, five of which (Holroyd
@@ -101,7 +101,7 @@ class Flakes:
 def flakes(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float = LARGEST) -> Flakes:
     """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate.
 
-    largest: where the distribution is cut off, in mean melted diameters.
+    largest: truncation of the distribution, in mean melted diameters.
     """
     if not snowfall_mm_per_h > 0:
         message = f"snowfall_mm_per_h = {snowfall_mm_per_h:g} must be positive"

@@ -1,4 +1,4 @@
-"""Refusal of inputs outside the validity of a published model, and the kinds of particles in the air.
+"""Range checks of a published model's inputs, and the kinds of particles in the air.
 
 The particles are precipitation and obscurants.
 """
@@ -20,7 +20,7 @@ def require_between(name: str, value: float, low: float, high: float, source: st
 
 
 def require_not_negative(name: str, value: float) -> None:
-    """Raise `ValidityError` for a negative or missing amount."""
+    """Raise `ValidityError` for a negative or NaN amount."""
     if not value >= 0:
         message = f"{name} = {value:g} must not be negative"
         raise ValidityError(message)

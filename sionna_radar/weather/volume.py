@@ -77,9 +77,9 @@ class UnevenVolume:
         return reflectivity, np.stack([speeds.at(quantile) for _, speeds in echoes])
 
     def _rain_per_m(self, rate_mm_per_h: Float[np.ndarray, " tone"]) -> Float[np.ndarray, " tone"]:
-        some = rate_mm_per_h >= MIN_MM_PER_H
+        raining = rate_mm_per_h >= MIN_MM_PER_H
         log_rate = np.log(np.maximum(rate_mm_per_h, MIN_MM_PER_H))
-        return np.where(some, np.exp(np.interp(log_rate, self._log_rate, self._tables[0])), 0.0)
+        return np.where(raining, np.exp(np.interp(log_rate, self._log_rate, self._tables[0])), 0.0)
 
     def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
         """Return the reflectivity at positions east and north over that of the heaviest rain."""
@@ -89,7 +89,7 @@ class UnevenVolume:
     def fall_mps(
         self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
-        """Return fall speeds at positions: quantiles up to the rain's share are drops, those above everything else."""
+        """Return fall speeds at positions: quantiles up to the rain's share are drops, larger ones other particles."""
         rate = self._rain.rate_mm_per_h(position_m)
         rain_per_m = self._rain_per_m(rate)
         total = rain_per_m + self._still_per_m
@@ -98,22 +98,22 @@ class UnevenVolume:
         speed = np.empty_like(quantile)
         speed[drops] = self._drop_mps(rate[drops], quantile[drops] / share[drops])
         if self._still_speeds is not None:
-            rest = ~drops
-            speed[rest] = self._still_speeds.at((quantile[rest] - share[rest]) / (1 - share[rest]))
+            others = ~drops
+            speed[others] = self._still_speeds.at((quantile[others] - share[others]) / (1 - share[others]))
         return speed
 
     def _drop_mps(
         self, rate_mm_per_h: Float[np.ndarray, " tone"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
-        low, high = self._log_rate[0], self._log_rate[-1]
-        row = (np.log(np.maximum(rate_mm_per_h, MIN_MM_PER_H)) - low) / (high - low) * (RATES - 1)
+        first_log, last_log = self._log_rate[0], self._log_rate[-1]
+        row = (np.log(np.maximum(rate_mm_per_h, MIN_MM_PER_H)) - first_log) / (last_log - first_log) * (RATES - 1)
         column = quantile * (QUANTILES - 1)
         i, j = np.minimum(row.astype(np.int64), RATES - 2), np.minimum(column.astype(np.int64), QUANTILES - 2)
         u, v = row - i, column - j
         table = self._tables[1]
-        below = (1 - v) * table[i, j] + v * table[i, j + 1]
-        above = (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]
-        speed: Float[np.ndarray, " tone"] = (1 - u) * below + u * above
+        lower = (1 - v) * table[i, j] + v * table[i, j + 1]
+        upper = (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]
+        speed: Float[np.ndarray, " tone"] = (1 - u) * lower + u * upper
         return speed
 
 

@@ -1,8 +1,8 @@
-"""What is wrong with a log: some of it is put right and noted, the rest keeps it from being flown.
+"""Defects of a log: some are repaired and noted, the others prevent its use.
 
-Put right: values that are no numbers, double time stamps (the last one counts), rows out of order by less than a
+Repaired: values that are not finite, duplicate time stamps (the last one counts), rows out of order by less than a
 second, quaternions of either sign, attitudes that begin later or end earlier than the positions.
-Not flown: a clock that runs back, gaps, jumps, turns that no aircraft makes, a vehicle that never moves.
+Rejected: a clock that runs backward, gaps, jumps, implausible turns, a stationary vehicle.
 """
 
 from dataclasses import dataclass, replace
@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.logs.log import Attitudes, MetricLog, Positions, Spreads
 
-# Rows of a log are written in blocks, a little out of order at times.
+# Logs are written in blocks, sometimes slightly out of order.
 MAX_OUT_OF_ORDER_S = 1.0
-# A step beyond what twice the reported velocity explains, by this much, is a jump: of the receiver or the filter.
+# A step that exceeds twice the reported velocity by this much is a jump of the receiver or the filter.
 JUMP_MPS, JUMP_M = 20.0, 3.0
-# Without velocities: a step this many times as fast as the flight usually is.
+# Without velocities: ratio of a step's speed to the typical speed of the flight.
 JUMP_RATIO = 10.0
 TURN_RAD_S, TURN_RAD = np.deg2rad(1500.0), np.deg2rad(20.0)
-# What GPS at rest wanders over.
+# Drift of a GPS fix at rest.
 STANDSTILL_M = 5.0
 MIN_ROWS = 4
 MAX_STRETCHES = 10
@@ -31,7 +31,7 @@ Stream = TypeVar("Stream", Positions, Attitudes, Spreads)
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What keeps a part of a log from being flown: when, and what with its remedy."""
+    """A defect that prevents the use of a part of a log: its time, and a message with a remedy."""
 
     time_s: float
     message: str
@@ -39,10 +39,10 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class CleanLog:
-    """A part of a log, put right where it can be.
+    """A part of a log, repaired where possible.
 
-    positions, attitudes, spreads: sorted, each time once; attitudes are None where there are none.
-    findings: what keeps it from being flown, in the order of time; notes: what was put right.
+    positions, attitudes, spreads: sorted by unique times; attitudes are None without any.
+    findings: defects that prevent its use, in order of time; notes: repairs.
     """
 
     positions: Positions
@@ -53,7 +53,7 @@ class CleanLog:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last time that has a position and, where there are attitudes, an attitude."""
+        """Time span covered by positions and, if any, attitudes."""
         start, stop = float(self.positions.time_s[0]), float(self.positions.time_s[-1])
         if self.attitudes is not None:
             start = max(start, float(self.attitudes.time_s[0]))
@@ -62,7 +62,7 @@ class CleanLog:
 
 
 def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> CleanLog:
-    """Return the part of a log between two times, put right, with what keeps it from being flown."""
+    """Repair the part of a log between two times, and find the defects that prevent its use."""
     findings: list[Finding] = []
     notes: list[str] = []
     finite = np.isfinite(log.positions.place).all(axis=1)
@@ -73,16 +73,21 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
         notes.append(f"{np.sum(~finite):,} positions are no numbers, and left out")
     attitudes = spreads = None
     if log.attitudes is not None:
-        wanted = np.isfinite(log.attitudes.time_s)
-        # One on each side, so that the part's ends have an attitude.
+        finite_times = np.isfinite(log.attitudes.time_s)
+        # Include one attitude beyond each end for interpolation.
         attitudes = _in_order(
-            log.attitudes.rows(wanted), start_s - longest_gap_s, stop_s + longest_gap_s, "attitudes", findings, notes
+            log.attitudes.rows(finite_times),
+            start_s - longest_gap_s,
+            stop_s + longest_gap_s,
+            "attitudes",
+            findings,
+            notes,
         )
         if len(attitudes.time_s) < 2:
             attitudes = None
     if log.spreads is not None:
-        wanted = np.isfinite(log.spreads.time_s)
-        spreads = _in_order(log.spreads.rows(wanted), -np.inf, np.inf, "", [], [])
+        finite_times = np.isfinite(log.spreads.time_s)
+        spreads = _in_order(log.spreads.rows(finite_times), -np.inf, np.inf, "", [], [])
     if len(positions.time_s) < MIN_ROWS:
         message = f"has {len(positions.time_s)} positions between {start_s:.3g} and {stop_s:.6g} s; widen log_start_s "
         findings.append(Finding(time_s=max(start_s, 0.0), message=f"{message}and log_stop_s"))
@@ -95,44 +100,46 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
 
 
 def stretches(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> tuple[tuple[float, float], ...]:
-    """Return the longest parts of a log that can be flown, from when to when, in the order of time."""
-    part = clean(log, start_s, stop_s, longest_gap_s)
-    time_s = part.positions.time_s
+    """Return start and end times of the longest usable parts of a log, in order of time."""
+    log_part = clean(log, start_s, stop_s, longest_gap_s)
+    time_s = log_part.positions.time_s
     broken = np.diff(time_s) > longest_gap_s
-    broken[_jump_rows(part.positions)[0]] = True
-    if part.attitudes is not None:
-        at_s = part.attitudes.time_s
-        for row in np.flatnonzero((np.diff(at_s) > longest_gap_s) | _reset(part.attitudes)):
+    broken[_jump_rows(log_part.positions)[0]] = True
+    if log_part.attitudes is not None:
+        attitude_s = log_part.attitudes.time_s
+        for row in np.flatnonzero((np.diff(attitude_s) > longest_gap_s) | _reset(log_part.attitudes)):
             broken[
-                max(np.searchsorted(time_s, at_s[row], side="right") - 1, 0) : np.searchsorted(time_s, at_s[row + 1])
+                max(np.searchsorted(time_s, attitude_s[row], side="right") - 1, 0) : np.searchsorted(
+                    time_s, attitude_s[row + 1]
+                )
             ] = True
     edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(time_s)]])
-    parts = [(float(time_s[a]), float(time_s[b - 1])) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
-    longest = sorted(parts, key=lambda ends: ends[0] - ends[1])[:MAX_STRETCHES]
+    intervals = [(float(time_s[a]), float(time_s[b - 1])) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
+    longest = sorted(intervals, key=lambda ends: ends[0] - ends[1])[:MAX_STRETCHES]
     return tuple(sorted(ends for ends in longest if not clean(log, *ends, longest_gap_s).findings))
 
 
 def _in_order(
     stream: Stream, start_s: float, stop_s: float, name: str, findings: list[Finding], notes: list[str]
 ) -> Stream:
-    """Return the rows between two times, sorted and each time once."""
+    """Return the rows between two times, sorted by unique times."""
     stream = stream.rows((stream.time_s >= start_s) & (stream.time_s <= stop_s))
     time_s = stream.time_s
-    back = np.maximum.accumulate(time_s) - time_s if len(time_s) else time_s
-    if np.any(back > MAX_OUT_OF_ORDER_S):
-        row = int(np.argmax(back > MAX_OUT_OF_ORDER_S))
+    lag_s = np.maximum.accumulate(time_s) - time_s if len(time_s) else time_s
+    if np.any(lag_s > MAX_OUT_OF_ORDER_S):
+        row = int(np.argmax(lag_s > MAX_OUT_OF_ORDER_S))
         message = (
-            f"time runs back by {back[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
-            f"{time_s[row] + back[row] + 0.01:.2f}, or keep one flight in the file"
+            f"time runs back by {lag_s[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
+            f"{time_s[row] + lag_s[row] + 0.01:.2f}, or keep one flight in the file"
         )
         findings.append(Finding(time_s=float(time_s[row]), message=message))
-    elif np.any(back > 0):
-        notes.append(f"{np.sum(back > 0):,} {name} are out of order by up to {back.max():.2g} s, and sorted")
+    elif np.any(lag_s > 0):
+        notes.append(f"{np.sum(lag_s > 0):,} {name} are out of order by up to {lag_s.max():.2g} s, and sorted")
     order = np.argsort(time_s, kind="stable")
-    last: Bool[np.ndarray, " n"] = np.append(np.diff(time_s[order]) > 0, True)[: len(order)]
-    if not last.all() and name:
-        notes.append(f"{np.sum(~last):,} {name} have the time of the next one, and are left out")
-    return _taken(stream, order[last])
+    unique: Bool[np.ndarray, " n"] = np.append(np.diff(time_s[order]) > 0, True)[: len(order)]
+    if not unique.all() and name:
+        notes.append(f"{np.sum(~unique):,} {name} have the time of the next one, and are left out")
+    return _taken(stream, order[unique])
 
 
 def _taken(stream: Stream, rows: Int[np.ndarray, " m"]) -> Stream:
@@ -141,22 +148,22 @@ def _taken(stream: Stream, rows: Int[np.ndarray, " m"]) -> Stream:
 
 
 def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[Finding]:
-    """Return the first gap, with how many there are."""
+    """Return the first gap, with the number of gaps."""
     step = np.diff(time_s)
     gaps = np.flatnonzero(step > longest_s)
     if not len(gaps):
         return []
     row = gaps[0]
-    others = f" ({len(gaps) - 1:,} more, the longest of all {step.max():.3g} s)" if len(gaps) > 1 else ""
+    count_note = f" ({len(gaps) - 1:,} more, the longest of all {step.max():.3g} s)" if len(gaps) > 1 else ""
     message = (
-        f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}{others}; end before it with "
+        f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}{count_note}; end before it with "
         f"log_stop_s, begin behind it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
     )
     return [Finding(time_s=float(time_s[row]), message=message)]
 
 
 def _jump_rows(positions: Positions) -> tuple[Int[np.ndarray, " jump"], Float[np.ndarray, "step 3"]]:
-    """Return the rows before steps that no flight takes, and all steps."""
+    """Return the rows before implausible steps, and all steps."""
     step_s = np.diff(positions.time_s)
     step = np.diff(positions.place, axis=0)
     if positions.velocity_mps is None:
@@ -171,16 +178,16 @@ def _jump_rows(positions: Positions) -> tuple[Int[np.ndarray, " jump"], Float[np
 
 
 def _jumps(positions: Positions) -> list[Finding]:
-    """Return the first step that no flight takes, with how many there are."""
+    """Return the first implausible step, with the number of such steps."""
     jumps, step = _jump_rows(positions)
     step_s = np.diff(positions.time_s)
     if not len(jumps):
         return []
     row = jumps[0]
-    others = f" ({len(jumps) - 1:,} more)" if len(jumps) > 1 else ""
+    count_note = f" ({len(jumps) - 1:,} more)" if len(jumps) > 1 else ""
     message = (
         f"the position jumps by {np.linalg.norm(step[row]):.1f} m in {step_s[row]:.2g} s, a reset of the receiver or "
-        f"the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
+        f"the filter{count_note}; end before it with log_stop_s, or begin behind it with log_start_s"
     )
     return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
 
@@ -212,23 +219,23 @@ def _attitude_findings(
 ) -> list[Finding]:
     time_s = attitudes.time_s
     findings = []
-    for late, at, word in (
+    for delay_s, edge_s, verb in (
         (time_s[0] - position_s[0], position_s[0], "begin"),
         (position_s[-1] - time_s[-1], time_s[-1], "end"),
     ):
-        if late > longest_gap_s:
-            message = f"attitudes {word} {late:.3g} s {'after' if word == 'begin' else 'before'} the positions; "
-            remedy = f"set log_start_s = {time_s[0]:.2f}" if word == "begin" else f"set log_stop_s = {time_s[-1]:.2f}"
-            findings.append(Finding(time_s=float(at), message=message + remedy))
-    inside = (time_s >= position_s[0] - longest_gap_s) & (time_s <= position_s[-1] + longest_gap_s)
-    findings += _gaps(time_s[inside], "attitude", longest_gap_s)
+        if delay_s > longest_gap_s:
+            message = f"attitudes {verb} {delay_s:.3g} s {'after' if verb == 'begin' else 'before'} the positions; "
+            remedy = f"set log_start_s = {time_s[0]:.2f}" if verb == "begin" else f"set log_stop_s = {time_s[-1]:.2f}"
+            findings.append(Finding(time_s=float(edge_s), message=message + remedy))
+    overlap = (time_s >= position_s[0] - longest_gap_s) & (time_s <= position_s[-1] + longest_gap_s)
+    findings += _gaps(time_s[overlap], "attitude", longest_gap_s)
     angle = _turns_rad(attitudes)
-    resets = np.flatnonzero(_reset(attitudes) & inside[1:])
+    resets = np.flatnonzero(_reset(attitudes) & overlap[1:])
     for row in resets[:1]:
-        others = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
+        count_note = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
         message = (
             f"the attitude turns by {np.rad2deg(angle[row]):.0f} deg within {time_s[row + 1] - time_s[row]:.2g} s, a "
-            f"reset of the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
+            f"reset of the filter{count_note}; end before it with log_stop_s, or begin behind it with log_start_s"
         )
         findings.append(Finding(time_s=float(time_s[row + 1]), message=message))
     return findings

@@ -3,13 +3,13 @@
 `time_s`; `east_m,north_m,up_m` (local metres) or `lon_deg,lat_deg,height_m` (WGS 84); attitude, if any, as
 `roll_deg,pitch_deg,heading_deg` or as the quaternion `qw,qx,qy,qz` from body (nose, right, down) to north, east, down;
 `velocity_east_mps,velocity_north_mps,velocity_up_mps`; and standard deviations `sigma_east_m`, `sigma_north_m`,
-`sigma_up_m`, `sigma_velocity_east_mps`, ..., `sigma_roll_deg`, `sigma_pitch_deg`, `sigma_heading_deg`. An empty cell,
-or nan, has no value: streams of different rates share a file so. North is grid north for metres, and true north for
-longitude and latitude.
+`sigma_up_m`, `sigma_velocity_east_mps`, ..., `sigma_roll_deg`, `sigma_pitch_deg`, `sigma_heading_deg`. Empty cells and
+nan are missing values, so that streams of different rates can share a file. North is grid north for metres, and true
+north for longitude and latitude.
 
-Columns of other names are found by `ALIASES`, those of common ground stations, or by `platform.log_columns`. Cells are
-parted by commas, semicolons or tabs, as the header is; a comma within a number is a decimal one. Times are seconds, or
-dates as ISO 8601 writes them; a name that ends in (millisecond), (ms), (feet) or (ft) has that unit.
+Other column names are matched by `ALIASES`, those of common ground stations, or by `platform.log_columns`. The
+delimiter (comma, semicolon or tab) is that of the header; a comma within a number is a decimal one. Times are seconds,
+or ISO 8601 dates; a name that ends in (millisecond), (ms), (feet) or (ft) has that unit.
 """
 
 import csv
@@ -39,7 +39,7 @@ SIGMAS = (
     ("sigma_roll_deg", "sigma_pitch_deg", "sigma_heading_deg"),
 )
 KNOWN = {"time_s", *METRES, *DEGREES, *EULER, *QUATERNION, *VELOCITY, *(name for group in SIGMAS for name in group)}
-# Names in lower case, the first that a file has counts: AirData UAV's, QGroundControl's, and plain words.
+# Lower-case names in order of preference: AirData UAV's, QGroundControl's, and plain words.
 ALIASES = {
     "time_s": ("time(millisecond)", "timestamp", "datetime(utc)", "datetime", "time"),
     "lon_deg": ("longitude", "gps.lon", "lon", "lng"),
@@ -70,27 +70,27 @@ def read_csv(path: Path, name: str, named: Mapping[str, str] = AS_THEY_ARE) -> F
     """Return the flight in a CSV file.
 
     named: its columns by our names. Raises InputFileError, with the line, for a header without time and position, for a
-    name that the header does not have, and for a cell that is no number.
+    name missing from the header, and for a cell that is not a number.
     """
     columns, notes = _columns(path, name, named)
     time_s = columns["time_s"]
     on_map = all(key in columns for key in DEGREES)
-    place = DEGREES if on_map else METRES
+    keys = DEGREES if on_map else METRES
     positions = Positions(
-        source=",".join(place),
+        source=",".join(keys),
         time_s=time_s,
-        place=_stacked(columns, place),
+        place=_stacked(columns, keys),
         velocity_mps=_stacked(columns, VELOCITY) if VELOCITY[0] in columns else None,
     )
     positions = positions.rows(np.isfinite(positions.place).any(axis=1))
     if positions.velocity_mps is not None and not np.isfinite(positions.velocity_mps).all():
-        # Rows of a slower stream: the spline through the positions knows better than half of the velocities.
+        # Rows of a slower stream: the derivative of the position spline is more accurate than interpolated velocities.
         notes = (*notes, "velocities are missing in some rows, and those of the positions' spline are used")
         positions = Positions(source=positions.source, time_s=positions.time_s, place=positions.place)
     attitudes = _attitudes(columns)
     spreads = _spreads(columns)
-    found: list[Positions | Attitudes | Spreads] = [positions]
-    found += [stream for stream in (attitudes, spreads) if stream is not None]
+    streams: list[Positions | Attitudes | Spreads] = [positions]
+    streams += [stream for stream in (attitudes, spreads) if stream is not None]
     return FlightLog(
         kind="CSV",
         on_map=on_map,
@@ -98,66 +98,66 @@ def read_csv(path: Path, name: str, named: Mapping[str, str] = AS_THEY_ARE) -> F
         positions=positions,
         attitudes=attitudes,
         spreads=spreads,
-        sources=tuple(source_of(stream.source, stream.time_s) for stream in found),
+        sources=tuple(source_of(stream.source, stream.time_s) for stream in streams),
         notes=notes,
     )
 
 
 def _columns(
-    path: Path, name: str, named: Mapping[str, str]
+    path: Path, name: str, column_names: Mapping[str, str]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
-    where = f"{name} {shown(path)}"
+    label = f"{name} {shown(path)}"
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = _lines(file, where)
-            first = next(lines, "")
-            delimiter = max(DELIMITERS, key=first.count)
-            rows = csv.reader(chain([first], lines), strict=True, delimiter=delimiter)
-            found = [cell.strip() for cell in next(rows, [])]
-            header = _renamed(found, named, where)
-            _check_header(header, where)
-            columns, notes = _numbers(header, rows, where, [_unit(cell) for cell in found], delimiter != ",")
-            changed = [f"{cell} as {key}" for cell, key in zip(found, header, strict=True) if cell != key]
+            lines = _lines(file, label)
+            header_line = next(lines, "")
+            delimiter = max(DELIMITERS, key=header_line.count)
+            rows = csv.reader(chain([header_line], lines), strict=True, delimiter=delimiter)
+            cells = [cell.strip() for cell in next(rows, [])]
+            header = _renamed(cells, column_names, label)
+            _check_header(header, label)
+            columns, notes = _numbers(header, rows, label, [_unit(cell) for cell in cells], delimiter != ",")
+            changed = [f"{cell} as {key}" for cell, key in zip(cells, header, strict=True) if cell != key]
             return columns, (*notes, *([f"columns read: {shown(', '.join(changed))[1:-1]}"] if changed else []))
     except (UnicodeDecodeError, csv.Error, OSError) as error:
         message = f"{name} {shown(path)} is not CSV ({str(error)[:100]}); save it in UTF-8, with a header"
         raise InputFileError(message) from error
 
 
-def _lines(file: Iterator[str], where: str) -> Iterator[str]:
+def _lines(file: Iterator[str], label: str) -> Iterator[str]:
     for number, line in enumerate(file, start=1):
         if len(line) > LONGEST_LINE:
-            message = f"{where}: line {number} has {len(line):,} characters; give one row of numbers a line"
+            message = f"{label}: line {number} has {len(line):,} characters; give one row of numbers a line"
             raise InputFileError(message)
         yield line
 
 
-def _renamed(header: Sequence[str], named: Mapping[str, str], where: str) -> list[str]:
-    """Return a header with our names in place of those that are given, or known."""
-    for key, column in named.items():
+def _renamed(header: Sequence[str], column_names: Mapping[str, str], label: str) -> list[str]:
+    """Return a header with our names in place of configured names and aliases."""
+    for key, column in column_names.items():
         if key not in KNOWN:
             message = f"platform.log_columns: {key} is no column of a flight; give one of {', '.join(sorted(KNOWN))}"
             raise InputFileError(message)
         if column not in header:
             message = (
-                f"{where}: platform.log_columns.{key} = {shown(column)} is not in line 1: {shown(','.join(header))}"
+                f"{label}: platform.log_columns.{key} = {shown(column)} is not in line 1: {shown(','.join(header))}"
             )
             raise InputFileError(message)
-    ours = {column: key for key, column in named.items()}
-    renamed = [ours.get(cell, "" if cell in named else cell) for cell in header]
+    keys = {column: key for key, column in column_names.items()}
+    renamed = [keys.get(cell, "" if cell in column_names else cell) for cell in header]
     lower = [cell.lower() for cell in renamed]
-    there = {
+    matches = {
         key: next((lower.index(alias) for alias in aliases if alias in lower), None)
         for key, aliases in ALIASES.items()
         if key not in renamed
     }
     if "east_m" in renamed:
-        there = {key: place for key, place in there.items() if key not in DEGREES}
-    if "qw" in renamed or not all(key in renamed or there.get(key) is not None for key in EULER):
-        there = {key: place for key, place in there.items() if key not in EULER}
-    for key, place in there.items():
-        if place is not None:
-            renamed[place] = key
+        matches = {key: column_index for key, column_index in matches.items() if key not in DEGREES}
+    if "qw" in renamed or not all(key in renamed or matches.get(key) is not None for key in EULER):
+        matches = {key: column_index for key, column_index in matches.items() if key not in EULER}
+    for key, column_index in matches.items():
+        if column_index is not None:
+            renamed[column_index] = key
     return renamed
 
 
@@ -165,22 +165,22 @@ def _unit(column: str) -> float:
     return next((unit for end, unit in UNITS.items() if column.lower().endswith(end)), 1.0)
 
 
-def _check_header(header: Sequence[str], where: str) -> None:
+def _check_header(header: Sequence[str], label: str) -> None:
     doubled = sorted({key for key in header if key in KNOWN and header.count(key) > 1})
     complete = [group for group in (METRES, DEGREES) if set(group) <= set(header)]
     if "time_s" not in header or not complete:
-        wanted = f"time_s with {','.join(METRES)} or {','.join(DEGREES)}"
-        message = f"{where}: line 1 {shown(','.join(header))} is no header of a flight; give {wanted}, or say by "
+        required = f"time_s with {','.join(METRES)} or {','.join(DEGREES)}"
+        message = f"{label}: line 1 {shown(','.join(header))} is no header of a flight; give {required}, or say by "
         message += "platform.log_columns which column is which"
     elif doubled:
-        message = f"{where}: line 1 has {doubled[0]} twice; remove one"
+        message = f"{label}: line 1 has {doubled[0]} twice; remove one"
     elif len(complete) > 1:
-        message = f"{where}: line 1 has positions in metres and in degrees; remove one of them"
+        message = f"{label}: line 1 has positions in metres and in degrees; remove one of them"
     else:
         for group in (EULER, QUATERNION, VELOCITY, *SIGMAS):
             missing = [key for key in group if key not in header]
             if missing and len(missing) < len(group):
-                message = f"{where}: line 1 has {', '.join(group)} only in part; add {', '.join(missing)}"
+                message = f"{label}: line 1 has {', '.join(group)} only in part; add {', '.join(missing)}"
                 break
         else:
             return
@@ -188,32 +188,32 @@ def _check_header(header: Sequence[str], where: str) -> None:
 
 
 def _numbers(
-    header: Sequence[str], rows: Iterator[list[str]], where: str, unit: Sequence[float], decimal_comma: bool
+    header: Sequence[str], rows: Iterator[list[str]], label: str, unit: Sequence[float], decimal_comma: bool
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
-    used = [(place, key) for place, key in enumerate(header) if key in KNOWN]
-    found = {key: array("d") for _, key in used}
+    fields = [(column_index, key) for column_index, key in enumerate(header) if key in KNOWN]
+    cells = {key: array("d") for _, key in fields}
     for count, row in enumerate(rows):
         if not row or not any(cell.strip() for cell in row):
             continue
         if count >= MAX_ROWS:
-            message = f"{where}: has more than {MAX_ROWS:,} rows; thin it, or cut it"
+            message = f"{label}: has more than {MAX_ROWS:,} rows; thin it, or cut it"
             raise InputFileError(message)
         if len(row) != len(header):
-            message = f"{where}: line {count + 2} has {len(row)} cells and the header {len(header)}; correct the line"
+            message = f"{label}: line {count + 2} has {len(row)} cells and the header {len(header)}; correct the line"
             raise InputFileError(message)
-        for place, key in used:
-            cell = row[place].replace(",", ".") if decimal_comma else row[place]
-            found[key].append(_number(cell, key, f"{where}: line {count + 2}") * unit[place])
+        for column_index, key in fields:
+            cell = row[column_index].replace(",", ".") if decimal_comma else row[column_index]
+            cells[key].append(_number(cell, key, f"{label}: line {count + 2}") * unit[column_index])
     unused = [key for key in header if key not in KNOWN]
     notes = (f"columns not used: {shown(', '.join(unused))[1:-1]}",) if unused else ()
-    columns = {key: np.array(values) for key, values in found.items()}
+    columns = {key: np.array(values) for key, values in cells.items()}
     if np.nanmax(np.abs(columns["time_s"]), initial=0.0) > MAX_SECONDS:
         columns["time_s"] /= 1000.0
         notes = (*notes, "times since 1970 are taken for milliseconds")
     return columns, notes
 
 
-def _number(cell: str, key: str, where: str) -> float:
+def _number(cell: str, key: str, label: str) -> float:
     text = cell.strip()
     if text.lower() in NOTHING:
         return np.nan
@@ -222,13 +222,13 @@ def _number(cell: str, key: str, where: str) -> float:
     except ValueError:
         value = _seconds(text) if key == "time_s" else np.inf
     if np.isinf(value) or abs(value) > 1e15:
-        message = f"{where}: {key} = {shown(text)} is no number; correct it, or leave the cell empty"
+        message = f"{label}: {key} = {shown(text)} is no number; correct it, or leave the cell empty"
         raise InputFileError(message)
     return value
 
 
 def _seconds(text: str) -> float:
-    """Return the seconds since 1970 of a date, taken for UTC where it does not say; infinite for anything else."""
+    """Return the seconds since 1970 of a date, UTC unless it has a zone; infinite for anything else."""
     try:
         date = datetime.fromisoformat(text)
     except ValueError:
@@ -244,15 +244,15 @@ def _attitudes(columns: dict[str, Float[np.ndarray, " n"]]) -> Attitudes | None:
     if QUATERNION[0] in columns:
         quaternion = _stacked(columns, QUATERNION)
         with np.errstate(invalid="ignore"):
-            known = np.isfinite(quaternion).all(axis=1) & (np.linalg.norm(quaternion, axis=1) > 0.5)
-        unit = quaternion[known] / np.linalg.norm(quaternion[known], axis=1)[:, None]
-        return Attitudes(source=",".join(QUATERNION), time_s=columns["time_s"][known], quaternion=unit)
+            finite = np.isfinite(quaternion).all(axis=1) & (np.linalg.norm(quaternion, axis=1) > 0.5)
+        unit = quaternion[finite] / np.linalg.norm(quaternion[finite], axis=1)[:, None]
+        return Attitudes(source=",".join(QUATERNION), time_s=columns["time_s"][finite], quaternion=unit)
     if EULER[0] in columns:
         euler = _stacked(columns, EULER)
-        known = np.isfinite(euler).all(axis=1)
-        turned = Rotation.from_euler("ZYX", euler[known][:, ::-1], degrees=True).as_quat() if known.any() else None
+        finite = np.isfinite(euler).all(axis=1)
+        turned = Rotation.from_euler("ZYX", euler[finite][:, ::-1], degrees=True).as_quat() if finite.any() else None
         if turned is not None:
-            return Attitudes(source=",".join(EULER), time_s=columns["time_s"][known], quaternion=turned)
+            return Attitudes(source=",".join(EULER), time_s=columns["time_s"][finite], quaternion=turned)
     return None
 
 
@@ -263,5 +263,5 @@ def _spreads(columns: dict[str, Float[np.ndarray, " n"]]) -> Spreads | None:
     position, velocity, attitude = groups
     radians = None if attitude is None else np.deg2rad(attitude)
     spreads = spreads_of("sigma columns", columns["time_s"], position, velocity, radians)
-    known = np.isfinite(np.column_stack([spreads.position_m, spreads.velocity_mps, spreads.attitude_rad])).any(axis=1)
-    return spreads.rows(known)
+    finite = np.isfinite(np.column_stack([spreads.position_m, spreads.velocity_mps, spreads.attitude_rad])).any(axis=1)
+    return spreads.rows(finite)

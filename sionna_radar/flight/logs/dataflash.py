@@ -1,8 +1,8 @@
 """ArduPilot's DataFlash logs (`.bin`).
 
 A file describes its own messages: FMT gives the type, length, name, format characters and columns of each. Layout and
-characters as in ArduPilot's AP_Logger (LogStructure.h). It is read here: pymavlink 2.4 refuses a whole log for one FMT
-with an unknown character, and finds nothing in one with a message of no length; the tests hold the two side by side.
+characters as in ArduPilot's AP_Logger (LogStructure.h). This is a reader of our own: pymavlink 2.4 rejects a whole log
+for one FMT with an unknown character, and reads nothing from one with a message of zero length; the tests compare both.
 """
 
 import struct
@@ -29,7 +29,7 @@ CHARACTERS: dict[str, tuple[str, float]] = {
     "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7),
     "M": ("<u1", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0), "g": ("<f2", 1.0),
 }  # fmt: skip
-# Messages that are used, the first of each that is there.
+# Messages read from a log.
 WANTED = ("POS", "GPS", "AHR2", "ATT", "XKF1", "NKF1", "EKF1", "XKF3", "NKF3", "EKF3", "GPA", "XKQ")
 MIN_FIX = 3
 Columns = dict[str, Float[np.ndarray, " n"]]
@@ -46,12 +46,12 @@ class _Format:
 def read_dataflash(path: Path, name: str) -> FlightLog:
     """Return the flight in a DataFlash log.
 
-    Raises InputFileError for a file that is none, or without positions.
+    Raises InputFileError for any other file, and for a log without positions.
     """
-    where = f"{name} {shown(path)}"
+    label = f"{name} {shown(path)}"
     content = read_bytes(path, name, "give a DataFlash log", MAX_BYTES)
-    tables, skipped = _tables(content, where)
-    positions = _positions(tables, where)
+    tables, skipped = _tables(content, label)
+    positions = _positions(tables, label)
     attitudes, spreads = _attitudes(tables), _spreads(tables)
     notes = (f"{skipped:,} bytes between messages are damaged, and skipped",) if skipped else ()
     return FlightLog(
@@ -66,46 +66,46 @@ def read_dataflash(path: Path, name: str) -> FlightLog:
     )
 
 
-def _tables(content: bytes, where: str) -> tuple[dict[str, Columns], int]:
-    """Return the wanted messages as columns, and how many bytes belong to no message."""
+def _tables(content: bytes, label: str) -> tuple[dict[str, Columns], int]:
+    """Return the messages of `WANTED` as columns, and the number of bytes outside messages."""
     formats = {FMT: _Format("FMT", FMT_LENGTH, np.dtype([]), {})}
     starts: dict[int, list[int]] = {}
-    at, size, skipped, found = 0, len(content), 0, 0
-    while at + 3 <= size:
-        known = formats.get(content[at + 2]) if content.startswith(MAGIC, at) else None
-        if known is None or at + known.length > size:
-            following = content.find(MAGIC, at + 1)
-            skipped += (size if following < 0 else following) - at
-            if following < 0:
+    offset, size, skipped, count = 0, len(content), 0, 0
+    while offset + 3 <= size:
+        form = formats.get(content[offset + 2]) if content.startswith(MAGIC, offset) else None
+        if form is None or offset + form.length > size:
+            next_offset = content.find(MAGIC, offset + 1)
+            skipped += (size if next_offset < 0 else next_offset) - offset
+            if next_offset < 0:
                 break
-            at = following
+            offset = next_offset
             continue
-        kind = content[at + 2]
+        kind = content[offset + 2]
         if kind == FMT:
-            described = _format(content[at + 3 : at + FMT_LENGTH])
+            described = _format(content[offset + 3 : offset + FMT_LENGTH])
             if described is not None and described[0] != FMT and described[0] not in starts:
                 formats[described[0]] = described[1]
-        elif known.name in WANTED:
-            starts.setdefault(kind, []).append(at)
-        at += known.length
-        found += 1
-        if found > MAX_MESSAGES:
-            message = f"{where}: has more than {MAX_MESSAGES:,} messages; cut it"
+        elif form.name in WANTED:
+            starts.setdefault(kind, []).append(offset)
+        offset += form.length
+        count += 1
+        if count > MAX_MESSAGES:
+            message = f"{label}: has more than {MAX_MESSAGES:,} messages; cut it"
             raise InputFileError(message)
-    if not found:
-        message = f"{where}: holds no message of a DataFlash log; give a .bin of ArduPilot"
+    if not count:
+        message = f"{label}: holds no message of a DataFlash log; give a .bin of ArduPilot"
         raise InputFileError(message)
     return {
-        formats[kind].name: _columns(content, formats[kind], places)
-        for kind, places in starts.items()
+        formats[kind].name: _columns(content, formats[kind], offsets)
+        for kind, offsets in starts.items()
         if {"TimeUS", "TimeMS"} & set(formats[kind].scales)
     }, skipped
 
 
 def _format(body: bytes) -> tuple[int, _Format] | None:
-    """Return a type of message and its format; None for one that describes nothing readable."""
+    """Return a message type and its format; None if malformed."""
     kind, length, name, characters, columns = struct.unpack("<BB4s16s64s", body)
-    text = [part.split(b"\0")[0].decode("ascii", "replace") for part in (name, characters, columns)]
+    text = [field.split(b"\0")[0].decode("ascii", "replace") for field in (name, characters, columns)]
     keys = text[2].split(",")
     if not all(keys) or len(keys) != len(text[1]) or len(set(keys)) != len(keys) or not set(text[1]) <= set(CHARACTERS):
         types, scales = np.dtype([]), {}
@@ -114,26 +114,26 @@ def _format(body: bytes) -> tuple[int, _Format] | None:
         scales = {key: CHARACTERS[c][1] for key, c in zip(keys, text[1], strict=True) if c not in "anNZ"}
         if types.itemsize + 3 != length:
             types, scales = np.dtype([]), {}
-    # Shorter than its own head it would never end.
+    # A length within the header would loop forever.
     return (kind, _Format(text[0], length, types, scales)) if length > 3 else None
 
 
-def _columns(content: bytes, form: _Format, places: list[int]) -> Columns:
-    rows = np.frombuffer(b"".join(content[at + 3 : at + form.length] for at in places), dtype=form.types)
-    with np.errstate(invalid="ignore"):  # a damaged NaN says so when it is converted
+def _columns(content: bytes, form: _Format, offsets: list[int]) -> Columns:
+    rows = np.frombuffer(b"".join(content[offset + 3 : offset + form.length] for offset in offsets), dtype=form.types)
+    with np.errstate(invalid="ignore"):  # converting a damaged NaN warns
         columns = {key: rows[key].astype(np.float64) * scale for key, scale in form.scales.items()}
     if "TimeUS" not in columns:
         # Before 2015; TimeMS of a GPS is the week's, and T the autopilot's.
         columns["TimeUS"] = columns["T" if form.name == "GPS" and "T" in columns else "TimeMS"] * 1000.0
-    # Of several receivers or filters the first is used.
+    # Use the first of several receivers or filters.
     instance = next((columns[key] for key in ("I", "C") if key in columns and form.name != "ATT"), None)
     if instance is None or not len(instance):
         return columns
-    first = instance == instance.min()
-    return {key: column[first] for key, column in columns.items()}
+    primary = instance == instance.min()
+    return {key: column[primary] for key, column in columns.items()}
 
 
-def _positions(tables: Mapping[str, Columns], where: str) -> Positions:
+def _positions(tables: Mapping[str, Columns], label: str) -> Positions:
     for name in ("POS", "GPS", "AHR2"):
         table = tables.get(name)
         if table is None or not {"Lat", "Lng", "Alt"} <= set(table):
@@ -144,9 +144,11 @@ def _positions(tables: Mapping[str, Columns], where: str) -> Positions:
         if valid.sum() < 2:
             continue
         time_s = table["TimeUS"][valid] * 1e-6
-        place = np.column_stack([table[key][valid] for key in ("Lng", "Lat", "Alt")])
-        return Positions(source=name, time_s=time_s, place=place, velocity_mps=_velocity(tables, time_s, name, valid))
-    message = f"{where}: has no positions (POS, GPS or AHR2); give a log of a flight with a position"
+        position = np.column_stack([table[key][valid] for key in ("Lng", "Lat", "Alt")])
+        return Positions(
+            source=name, time_s=time_s, place=position, velocity_mps=_velocity(tables, time_s, name, valid)
+        )
+    message = f"{label}: has no positions (POS, GPS or AHR2); give a log of a flight with a position"
     raise InputFileError(message)
 
 
@@ -174,17 +176,17 @@ def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:
         table = tables.get(name)
         if table is not None and {"Roll", "Pitch", "Yaw"} <= set(table) and len(table["Roll"]):
             euler = np.column_stack([table[key] for key in ("Yaw", "Pitch", "Roll")])
-            known = np.isfinite(euler).all(axis=1)
-            if known.any():
-                turned = Rotation.from_euler("ZYX", euler[known], degrees=True).as_quat()
-                return Attitudes(source=name, time_s=table["TimeUS"][known] * 1e-6, quaternion=turned)
+            finite = np.isfinite(euler).all(axis=1)
+            if finite.any():
+                turned = Rotation.from_euler("ZYX", euler[finite], degrees=True).as_quat()
+                return Attitudes(source=name, time_s=table["TimeUS"][finite] * 1e-6, quaternion=turned)
     return None
 
 
 def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
     """Return the running RMS of the filter's innovations, else the receiver's stated accuracies; None without either.
 
-    XKF4 and its like hold ratios of innovations to gates, which are no lengths, and are left alone.
+    XKF4 and similar messages hold ratios of innovations to gates, not lengths, and are ignored.
     """
     for name in ("XKF3", "NKF3", "EKF3"):
         table = tables.get(name)

@@ -26,7 +26,7 @@ Datum = Literal["mean sea level", "unknown", "take-off"]
 
 @dataclass(frozen=True, kw_only=True)
 class Positions:
-    """Positions with the source they come from.
+    """Positions and their source.
 
     place: degrees and metres, or metres; see the module.
     velocity_mps: None where the source has none.
@@ -58,9 +58,9 @@ class Attitudes:
 
 @dataclass(frozen=True, kw_only=True)
 class Spreads:
-    """Standard deviations that a log states, or that its innovations show.
+    """Standard deviations stated by a log, or estimated from its innovations.
 
-    position_m, velocity_mps: east, north, up; attitude_rad: roll, pitch, heading. NaN where the log does not know.
+    position_m, velocity_mps: east, north, up; attitude_rad: roll, pitch, heading. NaN where unknown.
     """
 
     source: str
@@ -82,7 +82,7 @@ class Spreads:
 
 @dataclass(frozen=True, kw_only=True)
 class LogSource:
-    """A stream of a log: how many rows it has, and over which time."""
+    """A stream of a log: its number of rows and time span."""
 
     name: str
     rows: int
@@ -99,7 +99,7 @@ class FlightLog:
     """A log as it was read.
 
     kind: the format, in words; on_map: whether positions are longitude and latitude.
-    datum: what heights count from. sources: all streams that were found; notes: what was done to read them.
+    datum: reference of the heights. sources: all streams of the file; notes: remarks of the reader.
     """
 
     kind: str
@@ -125,37 +125,37 @@ def spreads_of(
     velocity_mps: Float[np.ndarray, "n 3"] | None = None,
     attitude_rad: Float[np.ndarray, "n 3"] | None = None,
 ) -> Spreads:
-    """Return standard deviations, of which those not given are unknown."""
-    unknown = np.full((len(time_s), 3), np.nan)
+    """Return standard deviations; omitted ones are NaN."""
+    nan_rows = np.full((len(time_s), 3), np.nan)
     return Spreads(
         source=source,
         time_s=time_s,
-        position_m=unknown if position_m is None else position_m,
-        velocity_mps=unknown if velocity_mps is None else velocity_mps,
-        attitude_rad=unknown if attitude_rad is None else attitude_rad,
+        position_m=nan_rows if position_m is None else position_m,
+        velocity_mps=nan_rows if velocity_mps is None else velocity_mps,
+        attitude_rad=nan_rows if attitude_rad is None else attitude_rad,
     )
 
 
 def running_rms(
     time_s: Float[np.ndarray, " n"], value: Float[np.ndarray, "n 3"], span_s: float = 10.0
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the root mean square of values over a span of time about each; NaN counts for nothing.
+    """Return the root mean square of values in a time window about each; NaNs are ignored.
 
     Innovations, the differences between measured and predicted positions, hold the errors of both: their RMS is an
     upper bound of the error of the estimate as long as the two are independent.
     """
     order = np.argsort(time_s, kind="stable")
     sorted_s = time_s[order]
-    known = np.isfinite(value[order])
-    total = np.vstack([np.zeros((1, 3)), np.cumsum(np.where(known, value[order], 0.0) ** 2, axis=0)])
-    count = np.vstack([np.zeros((1, 3)), np.cumsum(known, axis=0)])
-    low = np.searchsorted(sorted_s, sorted_s - span_s / 2, side="left")
-    high = np.searchsorted(sorted_s, sorted_s + span_s / 2, side="right")
+    finite = np.isfinite(value[order])
+    total = np.vstack([np.zeros((1, 3)), np.cumsum(np.where(finite, value[order], 0.0) ** 2, axis=0)])
+    count = np.vstack([np.zeros((1, 3)), np.cumsum(finite, axis=0)])
+    start = np.searchsorted(sorted_s, sorted_s - span_s / 2, side="left")
+    stop = np.searchsorted(sorted_s, sorted_s + span_s / 2, side="right")
     with np.errstate(invalid="ignore", divide="ignore"):
-        rms = np.sqrt(np.maximum(total[high] - total[low], 0.0) / (count[high] - count[low]))
-    back: Float[np.ndarray, "n 3"] = np.empty_like(rms)
-    back[order] = rms
-    return back
+        rms = np.sqrt(np.maximum(total[stop] - total[start], 0.0) / (count[stop] - count[start]))
+    unsorted: Float[np.ndarray, "n 3"] = np.empty_like(rms)
+    unsorted[order] = rms
+    return unsorted
 
 
 STEP_M = 100.0
@@ -174,9 +174,9 @@ class MetricLog:
 
 
 def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
-    """Return a log in the metres of a local frame on the map; without one, of a frame about its own middle.
+    """Convert a log to the metres of a local frame on the map; by default, of a frame about its own middle.
 
-    A log that is in metres already is returned as it is. Raises pyproj.exceptions.ProjError if the frame's projection
+    A log already in metres is returned unchanged. Raises pyproj.exceptions.ProjError if the frame's projection
     cannot be applied; positions beyond it are not finite.
     """
     if not log.on_map:
@@ -203,7 +203,7 @@ def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
 
 
 def own_frame(lon_deg: float, lat_deg: float) -> MapFrame:
-    """Return a frame about a place whose metres are those of the ground, and whose north is true there."""
+    """Return a frame about a place, of unit scale and true north there."""
     crs = CRS.from_dict({"proj": "tmerc", "lat_0": lat_deg, "lon_0": lon_deg, "datum": "WGS84", "units": "m"})
     return MapFrame(crs=crs, origin_m=(0.0, 0.0))
 
@@ -218,10 +218,10 @@ def grid_from_ground(frame: MapFrame, lon_deg: float, lat_deg: float) -> Float[n
 
 
 def _near(lon: Float[np.ndarray, " n"]) -> float:
-    known = lon[np.isfinite(lon)]
-    return float(known[0]) if len(known) else 0.0
+    finite = lon[np.isfinite(lon)]
+    return float(finite[0]) if len(finite) else 0.0
 
 
 def _middle(values: Float[np.ndarray, " n"]) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else 0.0

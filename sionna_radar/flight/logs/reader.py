@@ -1,7 +1,7 @@
-"""Reading of a flight log of any format, told by its first bytes; GPX tracks are read here.
+"""Reading of a flight log of any format, detected from its first bytes; GPX tracks are read here.
 
-A GPX track holds longitude, latitude, elevation and time, and nothing else. Of the elevation the standard says
-"elevation in metres" and no more; receivers write heights above mean sea level, which is assumed.
+A GPX track holds longitude, latitude, elevation and time, and nothing else. The standard defines the elevation only as
+"elevation in metres"; receivers write heights above mean sea level, which is assumed.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,30 +29,30 @@ def read_gpx(path: Path, name: str) -> FlightLog:
     Raises
     ------
     InputFileError
-        It is not XML or has entities, holds no timed track, or points without an elevation.
+        It is not XML, has entities, or holds no track with times and elevations.
 
     """
-    where = f"{name} {shown(path)}"
+    label = f"{name} {shown(path)}"
     regular_file(path, name, "give a GPX track", GPX_MAX_BYTES)
-    points = [point for track in _parsed(path, where).tracks for part in track.segments for point in part.points]
+    points = [point for track in _parsed(path, label).tracks for segment in track.segments for point in segment.points]
     if len(points) < 2:
-        message = f"{where}: holds {len(points)} points of a track; give a recorded track, not a route or waypoints"
+        message = f"{label}: holds {len(points)} points of a track; give a recorded track, not a route or waypoints"
         raise InputFileError(message)
     for number, point in enumerate(points):
         if point.time is None:
-            message = f"{where}: point {number + 1} of the track has no time; give a recorded track"
+            message = f"{label}: point {number + 1} of the track has no time; give a recorded track"
             raise InputFileError(message)
         if point.elevation is None:
-            message = f"{where}: point {number + 1} of the track has no elevation; add <ele>, or drop the point"
+            message = f"{label}: point {number + 1} of the track has no elevation; add <ele>, or drop the point"
             raise InputFileError(message)
-    first = points[0].time
+    start_time = points[0].time
     try:
-        time_s = np.array([(point.time - first).total_seconds() for point in points])
+        time_s = np.array([(point.time - start_time).total_seconds() for point in points])
     except TypeError as error:
-        message = f"{where}: some times have a zone and some have none; write all of them alike"
+        message = f"{label}: some times have a zone and some have none; write all of them alike"
         raise InputFileError(message) from error
-    place = np.array([[point.longitude, point.latitude, point.elevation] for point in points], dtype=float)
-    positions = Positions(source="trkpt", time_s=time_s, place=place)
+    position = np.array([[point.longitude, point.latitude, point.elevation] for point in points], dtype=float)
+    positions = Positions(source="trkpt", time_s=time_s, place=position)
     return FlightLog(
         kind="GPX",
         on_map=True,
@@ -65,23 +65,23 @@ def read_gpx(path: Path, name: str) -> FlightLog:
     )
 
 
-def _parsed(path: Path, where: str) -> Any:
+def _parsed(path: Path, label: str) -> Any:
     import gpxpy
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
     try:
         content = path.read_bytes()
-        # gpxpy expands entities with whatever parser is installed: none reach it.
+        # gpxpy expands entities, depending on the installed parser: reject them first.
         fromstring(content, forbid_dtd=True)
         return gpxpy.parse(content.decode("utf-8-sig") if _is_utf8(content) else content)
     except DefusedXmlException as error:
-        message = f"{where}: declares entities or a document type, which GPX does not need; remove them"
+        message = f"{label}: declares entities or a document type, which GPX does not need; remove them"
         raise InputFileError(message) from error
     except InputFileError:
         raise
-    except (Exception, RecursionError) as error:  # gpxpy and the XML parsers raise whatever they like
-        message = f"{where} is not GPX ({str(error)[:100]}); give a GPX track"
+    except (Exception, RecursionError) as error:  # gpxpy and the XML parsers raise undocumented types
+        message = f"{label} is not GPX ({str(error)[:100]}); give a GPX track"
         raise InputFileError(message) from error
 
 
@@ -114,26 +114,26 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
     path:
         The file.
     name:
-        What requested it, as error messages begin.
+        Prefix of error messages: the key or option that names the file.
     columns:
-        Columns of a CSV file by our names, where it has others.
+        Columns of a CSV file by our names, where they differ.
 
     Raises
     ------
     InputFileError
-        It is no log of a flight, is damaged beyond use, or its format needs a package that is not installed.
+        It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
 
     """
     regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)
-    read, package = READERS[kind]
+    reader, package = READERS[kind]
     if package is not None and find_spec(package) is None:
         message = f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'"
         raise InputFileError(message)
     if columns and kind != "csv":
         message = f"{name} {shown(path)} is no CSV file, and platform.log_columns names columns of one; remove it"
         raise InputFileError(message)
-    log = read_csv(path, name, columns) if kind == "csv" else read(path, name)
+    log = read_csv(path, name, columns) if kind == "csv" else reader(path, name)
     log = replace(log, positions=log.positions.rows(np.isfinite(log.positions.time_s)))
     if len(log.positions.time_s) < 2:
         message = f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more"

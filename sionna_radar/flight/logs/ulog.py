@@ -1,8 +1,8 @@
 """PX4's ULog, read by pyulog.
 
 `vehicle_local_position` is north, east, down about a reference that PX4 places on the map by an azimuthal equidistant
-projection on a sphere (its MapProjection, src/lib/geo/geo.cpp), which is undone here; without a reference the flight is
-in local metres. Where the filter resets its position it logs by how much, and what came before is moved by it.
+projection on a sphere (its MapProjection, src/lib/geo/geo.cpp), which is inverted here; without a reference the flight
+is in local metres. The filter logs its position resets; earlier positions are shifted by them.
 """
 
 import re
@@ -19,7 +19,7 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
 
 MAX_BYTES = 1_000_000_000
-# Of the sphere that PX4 projects on (CONSTANTS_RADIUS_OF_EARTH).
+# Radius of PX4's sphere (CONSTANTS_RADIUS_OF_EARTH).
 EARTH_RADIUS_M = 6_371_000.0
 TOPICS = (
     "vehicle_local_position",
@@ -31,9 +31,9 @@ TOPICS = (
     "estimator_innovations",
     "ekf2_innovations",
 )
-# More elements than a message of 64 kB has bytes; pyulog names each of them before it looks at the data.
+# Bytes of the largest message (64 kB); pyulog creates a name per declared element before it reads the data.
 MAX_ELEMENTS = 65_535
-# A sound file is read once; a read costs as much as some bytes.
+# Read budget: multiples of the file size, extra bytes, and the bytes charged per read. An intact file is read once.
 MAX_READINGS, MAX_EXTRA, READ_COST = 20, 1_000_000, 20
 LARGE_ARRAY = re.compile(rb"\w\[(\d{5,})\] ?\w")
 MIN_FIX = 3
@@ -45,10 +45,10 @@ def read_ulog(path: Path, name: str) -> FlightLog:
 
     Raises InputFileError for a file that pyulog cannot read, and for one without positions.
     """
-    where = f"{name} {shown(path)}"
+    label = f"{name} {shown(path)}"
     regular_file(path, name, "give a ULog", MAX_BYTES)
-    tables, corrupt = _tables(path, where)
-    positions, on_map, notes = _positions(tables, where)
+    tables, corrupt = _tables(path, label)
+    positions, on_map, notes = _positions(tables, label)
     notes = (*notes, *(("the file is damaged in places; what can be read is used",) if corrupt else ()))
     return FlightLog(
         kind="PX4 ULog",
@@ -63,76 +63,76 @@ def read_ulog(path: Path, name: str) -> FlightLog:
 
 
 class _Patient(BytesIO):
-    """Bytes that are read a few times over, and no more: pyulog goes back in some damaged files for ever."""
+    """A byte stream with a limited read budget: pyulog loops forever on some damaged files."""
 
     def __init__(self, content: bytes) -> None:
         super().__init__(content)
         self._left = MAX_READINGS * len(content) + MAX_EXTRA
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Return some of the bytes; RuntimeError once they have been read too often."""
-        found = super().read(size)
-        self._left -= len(found) + READ_COST
+        """Read bytes; RuntimeError once the budget is spent."""
+        content = super().read(size)
+        self._left -= len(content) + READ_COST
         if self._left < 0:
             message = "read over and over without an end"
             raise RuntimeError(message)
-        return found
+        return content
 
 
-def _tables(path: Path, where: str) -> tuple[dict[str, Columns], bool]:
+def _tables(path: Path, label: str) -> tuple[dict[str, Columns], bool]:
     from pyulog import ULog
 
     try:
         content = path.read_bytes()
-        large = [count for count in LARGE_ARRAY.findall(content) if int(count[:9]) > MAX_ELEMENTS]
-        if large:
-            count = shown(large[0].decode())
-            message = f"{where}: declares an array of {count} elements, which no message holds; give a ULog of PX4"
+        oversized = [count for count in LARGE_ARRAY.findall(content) if int(count[:9]) > MAX_ELEMENTS]
+        if oversized:
+            count = shown(oversized[0].decode())
+            message = f"{label}: declares an array of {count} elements, which no message holds; give a ULog of PX4"
             raise InputFileError(message)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             log = ULog(_Patient(content), list(TOPICS))
     except InputFileError:
         raise
-    except (Exception, RecursionError) as error:  # pyulog raises whatever its parsing comes upon
-        message = f"{where} cannot be read as a ULog ({type(error).__name__}: {str(error)[:100]}); give one of PX4"
+    except (Exception, RecursionError) as error:  # pyulog raises undocumented types
+        message = f"{label} cannot be read as a ULog ({type(error).__name__}: {str(error)[:100]}); give one of PX4"
         raise InputFileError(message) from error
     tables: dict[str, Columns] = {}
     for data in sorted(log.data_list, key=lambda data: data.multi_id):
         if data.name not in tables and len(data.data.get("timestamp", ())):
-            with np.errstate(invalid="ignore"):  # a damaged NaN says so when it is converted
+            with np.errstate(invalid="ignore"):  # converting a damaged NaN warns
                 tables[data.name] = {key: np.asarray(column, dtype=np.float64) for key, column in data.data.items()}
     return tables, bool(log.file_corruption)
 
 
-def _positions(tables: Mapping[str, Columns], where: str) -> tuple[Positions, bool, tuple[str, ...]]:
+def _positions(tables: Mapping[str, Columns], label: str) -> tuple[Positions, bool, tuple[str, ...]]:
     local = tables.get("vehicle_local_position")
     if local is not None and {"x", "y", "z"} <= set(local):
-        found = _local_positions(local)
-        if found is not None:
-            return found
+        local_positions = _local_positions(local)
+        if local_positions is not None:
+            return local_positions
     world = tables.get("vehicle_global_position")
     if world is not None and {"lat", "lon", "alt"} <= set(world):
-        place = np.column_stack([world["lon"], world["lat"], world["alt"]])
-        valid = np.isfinite(place).all(axis=1) & np.any(place[:, :2] != 0, axis=1)
+        position = np.column_stack([world["lon"], world["lat"], world["alt"]])
+        valid = np.isfinite(position).all(axis=1) & np.any(position[:, :2] != 0, axis=1)
         velocity = _velocity(world, ("vel_e", "vel_n", "vel_d"))
-        return _of("vehicle_global_position", world, place, velocity, valid), True, ()
+        return _of("vehicle_global_position", world, position, velocity, valid), True, ()
     gps = tables.get("vehicle_gps_position")
     if gps is not None and ({"lat", "lon", "alt"} <= set(gps) or "latitude_deg" in gps):
         return _receiver_positions(gps), True, ()
-    message = f"{where}: has no positions ({', '.join(TOPICS[:3])}); give a log of a flight with a position"
+    message = f"{label}: has no positions ({', '.join(TOPICS[:3])}); give a log of a flight with a position"
     raise InputFileError(message)
 
 
 def _of(
     source: str,
     table: Columns,
-    place: Float[np.ndarray, "n 3"],
+    position: Float[np.ndarray, "n 3"],
     velocity_mps: Float[np.ndarray, "n 3"] | None,
     valid: Bool[np.ndarray, " n"],
 ) -> Positions:
     time_s = table.get("timestamp_sample", table["timestamp"])
     time_s = np.where(time_s > 0, time_s, table["timestamp"]) * 1e-6
-    return Positions(source=source, time_s=time_s, place=place, velocity_mps=velocity_mps).rows(valid)
+    return Positions(source=source, time_s=time_s, place=position, velocity_mps=velocity_mps).rows(valid)
 
 
 def _velocity(table: Columns, keys: tuple[str, str, str]) -> Float[np.ndarray, "n 3"] | None:
@@ -144,12 +144,12 @@ def _velocity(table: Columns, keys: tuple[str, str, str]) -> Float[np.ndarray, "
 
 def _receiver_positions(gps: Columns) -> Positions:
     if "latitude_deg" in gps:
-        place = np.column_stack([gps["longitude_deg"], gps["latitude_deg"], gps["altitude_msl_m"]])
+        position = np.column_stack([gps["longitude_deg"], gps["latitude_deg"], gps["altitude_msl_m"]])
     else:
-        place = np.column_stack([gps["lon"] * 1e-7, gps["lat"] * 1e-7, gps["alt"] * 1e-3])
-    valid = np.isfinite(place).all(axis=1) & (gps.get("fix_type", np.full(len(place), MIN_FIX)) >= MIN_FIX)
+        position = np.column_stack([gps["lon"] * 1e-7, gps["lat"] * 1e-7, gps["alt"] * 1e-3])
+    valid = np.isfinite(position).all(axis=1) & (gps.get("fix_type", np.full(len(position), MIN_FIX)) >= MIN_FIX)
     velocity = _velocity(gps, ("vel_e_m_s", "vel_n_m_s", "vel_d_m_s"))
-    return _of("vehicle_gps_position", gps, place, velocity, valid)
+    return _of("vehicle_gps_position", gps, position, velocity, valid)
 
 
 def _local_positions(table: Columns) -> tuple[Positions, bool, tuple[str, ...]] | None:
@@ -177,10 +177,10 @@ def _local_positions(table: Columns) -> tuple[Positions, bool, tuple[str, ...]] 
 def _without_resets(
     table: Columns,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], int]:
-    """Return north, east and down with what came before a reset moved by it, and how many resets there were."""
+    """Return north, east and down, shifted by the later resets, and the number of resets."""
     axes = [table["x"].copy(), table["y"].copy(), table["z"].copy()]
     deltas = (("xy_reset_counter", "delta_xy[0]"), ("xy_reset_counter", "delta_xy[1]"), ("z_reset_counter", "delta_z"))
-    # A new reference moves the origin; degrees know it already.
+    # A new reference moves the origin; degrees already account for it.
     reference = table.get("ref_timestamp", np.zeros(len(axes[0])))
     resets: set[int] = set()
     for axis, (counter, delta) in zip(axes, deltas, strict=True):
@@ -217,23 +217,23 @@ def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:
     if table is None or not set(keys) <= set(table):
         return None
     quaternion = np.column_stack([table[key] for key in keys])
-    size = np.linalg.norm(quaternion, axis=1)
-    known = np.isfinite(size) & (np.abs(size - 1) < 0.1)
+    norm = np.linalg.norm(quaternion, axis=1)
+    valid = np.isfinite(norm) & (np.abs(norm - 1) < 0.1)
     time_s = table.get("timestamp_sample", table["timestamp"])
-    time_s = np.where(time_s > 0, time_s, table["timestamp"])[known] * 1e-6
+    time_s = np.where(time_s > 0, time_s, table["timestamp"])[valid] * 1e-6
     return (
-        Attitudes(source="vehicle_attitude", time_s=time_s, quaternion=quaternion[known] / size[known][:, None])
-        if known.any()
+        Attitudes(source="vehicle_attitude", time_s=time_s, quaternion=quaternion[valid] / norm[valid][:, None])
+        if valid.any()
         else None
     )
 
 
 def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
-    """Return the standard deviations of the filter's covariance; else what it states; else its innovations."""
+    """Return standard deviations from the filter's covariance, its stated accuracies, or else its innovations."""
     for topic in ("estimator_states", "estimator_status"):
-        found = _covariances(topic, tables.get(topic))
-        if found is not None:
-            return found
+        spreads = _covariances(topic, tables.get(topic))
+        if spreads is not None:
+            return spreads
     local = tables.get("vehicle_local_position", {})
     if {"eph", "epv"} <= set(local):
         across = local["eph"] / np.sqrt(2)  # a horizontal figure combines both axes
@@ -265,12 +265,15 @@ def _covariances(topic: str, table: Columns | None) -> Spreads | None:
     count = float(np.median(table["n_states"])) if "n_states" in table else 24.0
     if count not in (23.0, 24.0):
         return None
-    first = 4 if count == 24 else 3
-    variance = np.column_stack([table[f"covariances[{i}]"] for i in range(first + 6)])
-    if not np.isfinite(variance).all() or np.any(variance < 0) or not np.any(variance[:, first:] > 0):
+    attitude_states = 4 if count == 24 else 3
+    variance = np.column_stack([table[f"covariances[{i}]"] for i in range(attitude_states + 6)])
+    if not np.isfinite(variance).all() or np.any(variance < 0) or not np.any(variance[:, attitude_states:] > 0):
         return None
-    turn = variance[:, :first].sum(axis=1) * (4.0 if first == 4 else 1.0) / 3
-    velocity, position = variance[:, first : first + 3], variance[:, first + 3 : first + 6]
+    turn = variance[:, :attitude_states].sum(axis=1) * (4.0 if attitude_states == 4 else 1.0) / 3
+    velocity, position = (
+        variance[:, attitude_states : attitude_states + 3],
+        variance[:, attitude_states + 3 : attitude_states + 6],
+    )
     to_east = [1, 0, 2]
     return spreads_of(
         f"{topic} covariances",

@@ -1,6 +1,6 @@
-"""Contents of pattern files, two cuts or a grid over the sphere, and the pattern each makes.
+"""Contents of pattern files, two cuts or a grid over the sphere, and their patterns.
 
-Rows of theta, phi and power, in any order, are brought into a grid.
+Rows of theta, phi and power, in any order, are arranged in a grid.
 """
 
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, directions_of
 
-# Below every side lobe that a measurement can tell from its noise; a null of minus infinity becomes this.
+# Below every measurable side lobe; replaces nulls of minus infinity.
 FLOOR_DB = -150.0
 HIGHEST_DB = 300.0
-# Between the samples of a file: so many more, by a shape-preserving cubic in decibels.
+# Refinement factor of a file's samples, by a shape-preserving cubic in decibels.
 FINER = 4
 COARSEST_RAD, FINEST_RAD, FINEST_CUT_RAD = np.deg2rad([0.5, 0.05, 0.005])
 
 
 def check_levels(power_db: Float[np.ndarray, " n"]) -> None:
-    """Raise ValueError for levels that no antenna has."""
+    """Raise ValueError for implausible levels."""
     highest = float(power_db.max())
     if not -HIGHEST_DB <= highest <= HIGHEST_DB:
         message = f"its highest level is {highest:g} dB, beyond {HIGHEST_DB:g}; give dBi or relative decibels"
@@ -46,11 +46,11 @@ class PatternCuts:
 
     @property
     def reach_deg(self) -> float:
-        """Angle from boresight that is covered on every side."""
+        """Angle from boresight covered on every side."""
         return float(min(-self.azimuth_deg[0], self.azimuth_deg[-1], -self.elevation_deg[0], self.elevation_deg[-1]))
 
     def pattern(self, boresight: str = "z") -> ProductPattern:
-        """Return the product of the cuts, without any radiation where a cut has not been measured.
+        """Return the product of the cuts, zero where a cut was not measured.
 
         boresight: "z" for cuts about boresight; "x" for a vertical cut whose angles count from the zenith.
         """
@@ -79,58 +79,58 @@ class PatternGrid:
 
     @property
     def reach_deg(self) -> float:
-        """Largest angle from the z axis that is covered."""
+        """Largest covered angle from the z axis."""
         return float(self.theta_deg[-1])
 
     def pattern(self, boresight: str) -> SphericalPattern:
-        """Return the pattern, without any radiation where it has not been measured.
+        """Return the pattern, zero where it was not measured.
 
         boresight: the axis of the file along which the antenna looks. For "z" its x axis is left and its y axis up; for
         "x" its y axis is left and its z axis up.
         """
         theta, phi, power_db = self._finer()
         amplitude = 10 ** (power_db / 20)
-        between = RegularGridInterpolator((theta, phi), amplitude, bounds_error=False, fill_value=0.0)
+        interpolate = RegularGridInterpolator((theta, phi), amplitude, bounds_error=False, fill_value=0.0)
         step = np.clip(min(np.diff(theta).min(), np.diff(phi).min()), FINEST_RAD, COARSEST_RAD)
 
-        def toward(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        def amplitude_at(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
             ahead, left, up = direction.T
             x, y, z = (left, up, ahead) if boresight == "z" else (ahead, left, up)
-            return between(np.column_stack([np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi)]))
+            return interpolate(np.column_stack([np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi)]))
 
-        return SphericalPattern.of(toward, float(step))
+        return SphericalPattern.of(amplitude_at, float(step))
 
     def _finer(self) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " p"], Float[np.ndarray, "t p"]]:
         """Return the grid in radians with more samples between those of the file."""
         theta, phi, power = np.deg2rad(self.theta_deg), np.deg2rad(self.phi_deg), np.maximum(self.power_db, FLOOR_DB)
-        fine = []
+        finer = []
         for angle in (theta, phi):
             step = float(np.diff(angle).min())
-            more = int(np.clip(np.ceil(step / FINEST_RAD), 1, FINER))
-            fine.append(np.interp(np.arange((len(angle) - 1) * more + 1) / more, np.arange(len(angle)), angle))
-        power = PchipInterpolator(theta, power, axis=0)(fine[0])
-        return fine[0], fine[1], PchipInterpolator(phi, power, axis=1)(fine[1])
+            factor = int(np.clip(np.ceil(step / FINEST_RAD), 1, FINER))
+            finer.append(np.interp(np.arange((len(angle) - 1) * factor + 1) / factor, np.arange(len(angle)), angle))
+        power = PchipInterpolator(theta, power, axis=0)(finer[0])
+        return finer[0], finer[1], PchipInterpolator(phi, power, axis=1)(finer[1])
 
 
 def _resampled(
-    angle_deg: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"], half: float, *, turns: bool
+    angle_deg: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"], half_span: float, *, turns: bool
 ) -> Float[np.ndarray, " m"]:
-    """Return amplitudes over the peak's, equally spaced from minus to plus `half`, zero where nothing was measured."""
+    """Return amplitudes over the peak's, equally spaced within +-`half_span`, zero where not measured."""
     angle, power = np.deg2rad(angle_deg), np.maximum(power_db - power_db.max(), FLOOR_DB)
     if turns and angle[-1] - angle[0] < 2 * np.pi - 1e-9 and _is_closed(angle):
         # From the last sample around the back to the first.
         angle, power = np.append(angle, angle[0] + 2 * np.pi), np.append(power, power[0])
     step = np.clip(np.diff(angle).min() / FINER, FINEST_CUT_RAD, COARSEST_RAD)
-    place = np.linspace(-half, half, 2 * int(np.ceil(half / step)) + 1)
+    samples = np.linspace(-half_span, half_span, 2 * int(np.ceil(half_span / step)) + 1)
     if turns:
-        place = np.where(place < angle[0], place + 2 * np.pi, place)
-    inside = (place >= angle[0] - 1e-9) & (place <= angle[-1] + 1e-9)
-    amplitude = 10 ** (PchipInterpolator(angle, power)(np.clip(place, angle[0], angle[-1])) / 20)
-    return np.where(inside, amplitude, 0.0)
+        samples = np.where(samples < angle[0], samples + 2 * np.pi, samples)
+    measured = (samples >= angle[0] - 1e-9) & (samples <= angle[-1] + 1e-9)
+    amplitude = 10 ** (PchipInterpolator(angle, power)(np.clip(samples, angle[0], angle[-1])) / 20)
+    return np.where(measured, amplitude, 0.0)
 
 
 def _is_closed(angle: Float[np.ndarray, " n"]) -> bool:
-    """Whether a cut goes all around but for one step."""
+    """Whether a cut covers the full circle but for one step."""
     gap = angle[0] + 2 * np.pi - angle[-1]
     return bool(gap <= 1.5 * np.diff(angle).max())
 
@@ -141,7 +141,7 @@ def axis_gain_db(pattern: ProductPattern | SphericalPattern) -> float:
     return float(20 * np.log10(max(ahead, 1e-9)))
 
 
-# Angles in files are rounded; closer ones are the same.
+# Tolerance for equal angles: files round them.
 SAME_DEG = 1e-4
 
 
@@ -155,7 +155,7 @@ def grid_of(
     Raises
     ------
     ValueError
-        The rows fill no grid.
+        The rows do not fill a grid.
 
     """
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
@@ -167,31 +167,31 @@ def grid_of(
     thetas, row = _levels(theta)
     phis, column = _levels(phi)
     power = np.full((len(thetas), len(phis)), -np.inf)
-    known = np.zeros(power.shape, dtype=bool)
+    filled = np.zeros(power.shape, dtype=bool)
     power[row, column] = np.maximum(power_db, FLOOR_DB + power_db.max())
-    known[row, column] = True
-    for pole in (0.0, 180.0):  # all phis meet there: one of them is enough
-        at = np.flatnonzero(np.abs(thetas - pole) < SAME_DEG)
-        if len(at) and known[at[0]].any():
-            power[at[0], ~known[at[0]]] = power[at[0], known[at[0]]].max()
-            known[at[0]] = True
-    if len(thetas) < 2 or len(phis) < 2 or not known.all():
+    filled[row, column] = True
+    for pole in (0.0, 180.0):  # one direction for all phis: one value is enough
+        pole_row = np.flatnonzero(np.abs(thetas - pole) < SAME_DEG)
+        if len(pole_row) and filled[pole_row[0]].any():
+            power[pole_row[0], ~filled[pole_row[0]]] = power[pole_row[0], filled[pole_row[0]]].max()
+            filled[pole_row[0]] = True
+    if len(thetas) < 2 or len(phis) < 2 or not filled.all():
         message = (
-            f"{np.count_nonzero(~known):,} of the {known.size:,} directions of its {len(thetas):,} thetas and "
+            f"{np.count_nonzero(~filled):,} of the {filled.size:,} directions of its {len(thetas):,} thetas and "
             f"{len(phis):,} phis are missing; give every pair of at least two of each"
         )
         raise ValueError(message)
     if phis[0] + 360 - phis[-1] <= 1.5 * np.diff(phis).max():  # all around
         phis, power = np.append(phis, phis[0] + 360), np.column_stack([power, power[:, 0]])
     if phis[0] > SAME_DEG and phis[-1] > 360:
-        # The first phi need not be 0: another turn behind it covers what lies before it.
+        # The first phi need not be 0: wrap the last interval to cover smaller ones.
         phis, power = np.append(phis[-2] - 360, phis[:-1]), np.column_stack([power[:, -2], power[:, :-1]])
         phis, power = np.append(phis, phis[1] + 360), np.column_stack([power, power[:, 1]])
     return PatternGrid(thetas, phis, power - power.max())
 
 
 def _levels(angle_deg: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " level"], np.ndarray]:
-    """Return the different angles, and which of them each is."""
+    """Return the unique angles, and the index of each angle among them."""
     order = np.sort(angle_deg)
     levels = order[np.concatenate([[True], np.diff(order) > SAME_DEG])]
     index = np.clip(np.searchsorted(levels, angle_deg - SAME_DEG), 0, len(levels) - 1)

@@ -32,7 +32,7 @@ def read_planet(text: str) -> PatternCuts:
     Raises
     ------
     ValueError
-        A section is missing, has another number of rows than it says, or rows that are not an angle and a loss.
+        A section is missing, its number of rows differs from its header, or a row is not an angle and a loss.
 
     """
     lines = text.splitlines()
@@ -42,50 +42,54 @@ def read_planet(text: str) -> PatternCuts:
         if words and words[0].upper() in SECTIONS:
             cuts[words[0].upper()] = _section(lines, number, words)
     if set(cuts) != set(SECTIONS):
-        lacking = ", ".join(section for section in SECTIONS if section not in cuts)
-        message = f"expected a line with {lacking} and a number of rows, and found none"
+        missing = ", ".join(section for section in SECTIONS if section not in cuts)
+        message = f"expected a line with {missing} and a number of rows, and found none"
         raise ValueError(message)
-    (right, right_loss), (down, down_loss) = (cuts[section] for section in SECTIONS)
-    azimuth, elevation = _turned(right, right_loss), _turned(down, down_loss)
+    (horizontal, horizontal_loss), (vertical, vertical_loss) = (cuts[section] for section in SECTIONS)
+    azimuth, elevation = _turned(horizontal, horizontal_loss), _turned(vertical, vertical_loss)
     return PatternCuts(*azimuth, *elevation, turnable=True)
 
 
-def _section(lines: list[str], first: int, words: list[str]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _section(
+    lines: list[str], header_line: int, words: list[str]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MAX_ROWS:
         message = (
-            f"line {first + 1} holds {lines[first].strip()[:60]!r}; expected {words[0].upper()} and how many rows "
-            f"follow, 3 to {MAX_ROWS:,}"
+            f"line {header_line + 1} holds {lines[header_line].strip()[:60]!r}; expected {words[0].upper()} and how "
+            f"many rows follow, 3 to {MAX_ROWS:,}"
         )
         raise ValueError(message)
     count = int(words[1])
-    found = []
-    for number, row in enumerate(lines[first + 1 : first + 1 + count], start=first + 2):
+    rows = []
+    for number, row in enumerate(lines[header_line + 1 : header_line + 1 + count], start=header_line + 2):
         try:
             values = [float(word.replace(",", ".")) for word in row.split()]
         except ValueError:
             values = []
         if len(values) != 2 or not np.isfinite(values).all():
             message = (
-                f"line {number} holds {row.strip()[:60]!r}; expected an angle and a loss, as line {first + 1} "
+                f"line {number} holds {row.strip()[:60]!r}; expected an angle and a loss, as line {header_line + 1} "
                 f"announces {count} rows of them"
             )
             raise ValueError(message)
-        found.append(values)
-    if len(found) < count:
-        message = f"line {first + 1} announces {count} rows of an angle and a loss; the file ends after {len(found)}"
+        rows.append(values)
+    if len(rows) < count:
+        message = (
+            f"line {header_line + 1} announces {count} rows of an angle and a loss; the file ends after {len(rows)}"
+        )
         raise ValueError(message)
-    table = np.array(found)
+    table = np.array(rows)
     return table[:, 0], table[:, 1]
 
 
 def _turned(
     angle_deg: Float[np.ndarray, " n"], loss_db: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return angles the other way around, from -180 to 180 and increasing, and powers."""
+    """Return sign-reversed angles, increasing from -180 to 180, and powers."""
     angle = -((angle_deg + 180) % 360 - 180)
-    angle, first = np.unique(angle, return_index=True)
-    # Losses are positive; a file with powers below zero means the same.
-    return angle, -np.abs(loss_db[first])
+    angle, unique_row = np.unique(angle, return_index=True)
+    # Losses are positive; some files list negative powers instead.
+    return angle, -np.abs(loss_db[unique_row])
 
 
 CUTS = ("angle_deg", "azimuth_db", "elevation_db")
@@ -108,7 +112,7 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
     Raises
     ------
     ValueError
-        A column is missing, or a row holds something else than numbers.
+        A column is missing, or a row has a cell that is not a number.
 
     """
     rows = csv.reader(text.splitlines())
@@ -128,19 +132,19 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
 
 
 def _check_angles(lines: Sequence[int], angle_deg: Float[np.ndarray, " n"]) -> None:
-    """Raise ValueError for angles that are no cut, naming the line of the first that is wrong."""
+    """Raise ValueError, with the line of the first wrong angle, for angles that do not form a cut."""
     if len(angle_deg) < 3:
         message = f"lines {lines[0]} to {lines[-1]} are {len(angle_deg)} angles; give three or more"
         raise ValueError(message)
-    beyond = np.flatnonzero((angle_deg < -180) | (angle_deg > 180))
-    falling = np.flatnonzero(np.diff(angle_deg) <= 0) + 1
-    if len(beyond):
-        message = f"line {lines[beyond[0]]} has angle_deg = {angle_deg[beyond[0]]:g}; give angles within -180 to 180"
+    wide = np.flatnonzero((angle_deg < -180) | (angle_deg > 180))
+    not_increasing = np.flatnonzero(np.diff(angle_deg) <= 0) + 1
+    if len(wide):
+        message = f"line {lines[wide[0]]} has angle_deg = {angle_deg[wide[0]]:g}; give angles within -180 to 180"
         raise ValueError(message)
-    if len(falling):
-        at = falling[0]
+    if len(not_increasing):
+        row = not_increasing[0]
         message = (
-            f"line {lines[at]} has angle_deg = {angle_deg[at]:g} after {angle_deg[at - 1]:g}; it must increase from "
+            f"line {lines[row]} has angle_deg = {angle_deg[row]:g} after {angle_deg[row - 1]:g}; it must increase from "
             "row to row"
         )
         raise ValueError(message)
@@ -156,10 +160,10 @@ def _cuts(
 
 def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> PatternGrid:
     """Return a report of HFSS: theta, phi and power in columns, or theta and one column of power for each phi."""
-    low = [name.lower() for name in header]
-    theta = next((i for i, name in enumerate(low) if name.startswith("theta")), None)
-    phi = next((i for i, name in enumerate(low) if name.startswith("phi")), None)
-    power = [i for i, name in enumerate(low) if name.startswith("db(") or name.startswith("db10(")]
+    names = [name.lower() for name in header]
+    theta = next((i for i, name in enumerate(names) if name.startswith("theta")), None)
+    phi = next((i for i, name in enumerate(names) if name.startswith("phi")), None)
+    power = [i for i, name in enumerate(names) if name.startswith("db(") or name.startswith("db10(")]
     if theta is None or not power:
         message = (
             f"line 1 names {', '.join(header[:6])}; give {', '.join(CUTS)}, or {', '.join(GRID)}, or a report of HFSS "
@@ -171,23 +175,23 @@ def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> P
         raise ValueError(message)
     if phi is not None and len(power) == 1:
         return grid_of(values[:, theta], values[:, phi], values[:, power[0]])
-    varied = [(i, match) for i in power if (match := VARIED.search(header[i]))]
-    if phi is not None or len(varied) != len(power):
-        named = ", ".join(header[i] for i in power[:4])
-        message = f"line 1 has several columns in dB ({named}); export one quantity, such as dB(GainTotal)"
+    by_phi = [(i, match) for i in power if (match := VARIED.search(header[i]))]
+    if phi is not None or len(by_phi) != len(power):
+        columns = ", ".join(header[i] for i in power[:4])
+        message = f"line 1 has several columns in dB ({columns}); export one quantity, such as dB(GainTotal)"
         raise ValueError(message)
     count = len(values)
     return grid_of(
-        np.tile(values[:, theta], len(varied)),
-        np.repeat([float(match.group(1)) for _, match in varied], count),
-        np.concatenate([values[:, i] for i, _ in varied]),
+        np.tile(values[:, theta], len(by_phi)),
+        np.repeat([float(match.group(1)) for _, match in by_phi], count),
+        np.concatenate([values[:, i] for i, _ in by_phi]),
     )
 
 
 def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int], Float[np.ndarray, "row column"]]:
     """Return the numbers of the rows under a header, and the line of each."""
     expected = f"{len(header)} numbers ({', '.join(header)[:80]})"
-    lines, found = [], []
+    lines, table = [], []
     for number, row in enumerate(rows, start=2):
         if not row or not "".join(row).strip():
             continue
@@ -199,11 +203,11 @@ def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int
             message = f"line {number} holds {', '.join(row)[:60]!r}; expected {expected}"
             raise ValueError(message)
         lines.append(number)
-        found.append(values)
-    if not found:
+        table.append(values)
+    if not table:
         message = f"nothing follows line 1; expected rows of {expected}"
         raise ValueError(message)
-    return lines, np.array(found)
+    return lines, np.array(table)
 
 
 MAX_SAMPLES = 20_000_000
@@ -221,8 +225,8 @@ def read_cst_table(text: str) -> PatternGrid:
     """
     lines = text.splitlines()
     name = re.split(r"\s{2,}|(?<=\])\s*", lines[0].strip())
-    total = next((part for part in name if part.lower().startswith("abs")), "")
-    table = [(at, line) for at, line in enumerate(lines[1:], start=2) if not line.strip().startswith("--")]
+    total = next((column for column in name if column.lower().startswith("abs")), "")
+    table = [(number, line) for number, line in enumerate(lines[1:], start=2) if not line.strip().startswith("--")]
     values = _rows(table, ("theta", "phi", "total"))
     if "db" in total.lower():
         power = values[:, 2]
@@ -249,8 +253,8 @@ def read_cst_source(text: str) -> PatternGrid:
     if head is None:
         message = "expected a line '// >> Phi, Theta, Re(E_Theta), ...' over the table of fields, and found none"
         raise ValueError(message)
-    first = text.count("\n", 0, head.end()) + 1
-    table = list(enumerate(text[head.end() :].splitlines(), start=first))
+    table_line = text.count("\n", 0, head.end()) + 1
+    table = list(enumerate(text[head.end() :].splitlines(), start=table_line))
     values = _rows(table, ("phi", "theta", "Re(E_Theta)", "Im(E_Theta)", "Re(E_Phi)", "Im(E_Phi)"))
     return grid_of(values[:, 1], values[:, 0], _decibels((values[:, 2:6] ** 2).sum(axis=1)))
 
@@ -263,15 +267,17 @@ def is_hfss_field(text: str) -> bool:
 def read_hfss_field(text: str) -> PatternGrid:
     """Return a field of HFSS: for each theta, for each phi, both components.
 
-    Raises ValueError for a file of several frequencies, or of another number of rows than it says.
+    Raises ValueError for a file of several frequencies, or with a number of rows that differs from its header.
     """
     blank = len(text[: len(text) - len(text.lstrip())].splitlines())
     lines = text.lstrip().splitlines()
     axes = []
-    for at, line in enumerate(lines[:2], start=1 + blank):
+    for number, line in enumerate(lines[:2], start=1 + blank):
         start, stop, count = line.split()
         if not 2 <= int(count) <= 100_000:
-            message = f"line {at} announces {count} angles along an axis; expected start, stop and 2 to 100,000 of them"
+            message = (
+                f"line {number} announces {count} angles along an axis; expected start, stop and 2 to 100,000 of them"
+            )
             raise ValueError(message)
         axes.append((float(start), float(stop), int(count)))
     size = axes[0][2] * axes[1][2]
@@ -281,11 +287,11 @@ def read_hfss_field(text: str) -> PatternGrid:
             "coarser grid"
         )
         raise ValueError(message)
-    named = [line for line in lines[2:20] if line[:4].lower() == "freq"]
-    if len(named) > 2:
+    frequencies = [line for line in lines[2:20] if line[:4].lower() == "freq"]
+    if len(frequencies) > 2:
         message = "it holds several frequencies; export the one of the carrier"
         raise ValueError(message)
-    table = [(at, line) for at, line in enumerate(lines[2:], start=3 + blank) if line[:4].lower() != "freq"]
+    table = [(number, line) for number, line in enumerate(lines[2:], start=3 + blank) if line[:4].lower() != "freq"]
     values = _rows(table, ("Re(E_Theta)", "Im(E_Theta)", "Re(E_Phi)", "Im(E_Phi)"))
     if len(values) != size:
         message = (
@@ -300,7 +306,7 @@ def read_hfss_field(text: str) -> PatternGrid:
 def _rows(lines: Sequence[tuple[int, str]], columns: Sequence[str]) -> Float[np.ndarray, "row column"]:
     """Return the first columns of rows of numbers, given with their line in the file."""
     expected = f"{len(columns)} numbers ({', '.join(columns)})"
-    found = []
+    table = []
     for number, line in lines:
         words = line.split()
         if not words:
@@ -312,11 +318,11 @@ def _rows(lines: Sequence[tuple[int, str]], columns: Sequence[str]) -> Float[np.
         if len(values) < len(columns) or not np.isfinite(values).all():
             message = f"line {number} holds {line.strip()[:60]!r}; expected {expected}"
             raise ValueError(message)
-        found.append(values)
-    if not found:
+        table.append(values)
+    if not table:
         message = f"its table is empty; expected rows of {expected}"
         raise ValueError(message)
-    return np.array(found)
+    return np.array(table)
 
 
 def _decibels(value: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -1,4 +1,4 @@
-"""Reading a radiation pattern from a file of any known format, told by its content, and the antenna that it makes."""
+"""Reading of a radiation pattern from a file of any known format, detected from its content, and its antenna."""
 
 import logging
 from pathlib import Path
@@ -27,9 +27,9 @@ logger = logging.getLogger("sionna_radar")
 
 MAX_BYTES = 200_000_000
 REMEDY = "give a CSV of cuts or of a grid, an MSI/PLN file, or a far field of HFSS (.csv, .ffd) or CST (.txt, .ffs)"
-# A beam farther from the axis has its half-power width elsewhere: the file's axes are not those expected.
+# Level on boresight below which the file's axes are wrong (error), or the beam squints (warning).
 MIN_ON_AXIS_DB, WARNED_ON_AXIS_DB = -3.0, -0.5
-# Of a measurement that leaves out less than it shows.
+# Least angular coverage of a measurement around boresight without a warning.
 MIN_REACH_DEG = 60.0
 FORMATS = (
     (is_cst_source, read_cst_source),
@@ -57,7 +57,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
         It cannot be read, is of no known format, or its beam is not where the antenna looks.
 
     """
-    # Makers write their names and comments in any encoding; what counts is in ASCII.
+    # Names and comments may be in any encoding; the data are ASCII.
     text = read_bytes(path, f"{key} =", REMEDY, MAX_BYTES).decode("utf-8-sig", errors="replace")
     contents = _contents(text, f"{key} = {shown(path)}")
     try:
@@ -86,15 +86,15 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
 
 
 def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
-    for fits, read in FORMATS:
-        if fits(text):
+    for matches, parse in FORMATS:
+        if matches(text):
             try:
-                return read(text)
+                return parse(text)
             except (ValueError, OverflowError) as error:
                 message = f"{name}: {error}"
                 raise InputFileError(message) from error
-    first = text.split("\n", 1)[0].strip()
-    message = f"{name} is no pattern of a known format: its first line is {first[:60]!r}; {REMEDY}"
+    first_line = text.split("\n", 1)[0].strip()
+    message = f"{name} is no pattern of a known format: its first line is {first_line[:60]!r}; {REMEDY}"
     raise InputFileError(message)
 
 
@@ -104,13 +104,13 @@ def measured_antenna(table: PatternAntennaTable) -> Antenna:
 
     Raises InputFileError for a file that cannot be read.
     """
-    sent = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
-    heard = None
+    transmit = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
+    receive = None
     if table.receive_pattern is not None:
-        heard = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
+        receive = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
     return antenna_of(
-        sent,
-        heard,
+        transmit,
+        receive,
         polarization=table.polarization,
         receives=table.receive_polarization,
         axial_ratio_db=table.axial_ratio_db,

@@ -1,7 +1,7 @@
-"""glTF 2.0 scenes, binary (GLB) and text: read by trimesh, which is given nodes, triangles and names of materials only.
+"""glTF 2.0 scenes, binary (GLB) and text: read by trimesh from a reduced document of nodes, triangles and materials.
 
-It reads every accessor there is, so each is held against the bytes of its buffer before, and ends no circle of nodes.
-What it passes over without a word is refused: fans, `normalized` and sparse accessors, and nodes below two others.
+Trimesh does not check accessors against their buffers or nodes for cycles, so both are checked before. Features that it
+silently ignores are rejected: fans, `normalized` and sparse accessors, and nodes with two parents.
 
 Source: Khronos Group 2021, "glTF 2.0 Specification".
 """
@@ -28,12 +28,12 @@ from sionna_radar.scene.mesh_files.part import (
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", b"JSON", b"BIN\0"
 DEEPEST_NODES = 100
-# Accessors may share bytes: in sum they may be so many times those there are, and a few more.
+# Accessors may share bytes: largest total size, relative to that of the buffers, plus an allowance.
 MAX_REUSE, SMALL_BYTES = 10, 1_000_000
 COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6
-# Extensions that the places of triangles depend on; those of materials, textures and lights do not matter here.
+# Extensions that affect vertex positions; those of materials, textures and lights are ignored.
 PLACES_CHANGED_BY = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -74,7 +74,7 @@ def read_gltf(path: Path) -> tuple[MeshPart, ...]:
 
 
 def _document(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the JSON of a file and the binary chunk that comes with it."""
+    """Return the JSON of a file and its binary chunk."""
     data = path.read_bytes()
     binary = b""
     text = data
@@ -84,14 +84,14 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
             message = f"claims {length:,} bytes of version 2 and has {len(data):,} bytes; get the whole file"
             raise MeshError(message)
         chunks: dict[bytes, bytes] = {}
-        at = 12
-        while at + 8 <= length:
-            size, kind = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
-            if at + 8 + size > length:
-                message = f"claims a chunk of {size:,} bytes where {length - at - 8:,} are left; get the whole file"
+        offset = 12
+        while offset + 8 <= length:
+            size, kind = int.from_bytes(data[offset : offset + 4], "little"), data[offset + 4 : offset + 8]
+            if offset + 8 + size > length:
+                message = f"claims a chunk of {size:,} bytes where {length - offset - 8:,} are left; get the whole file"
                 raise MeshError(message)
-            chunks.setdefault(kind, data[at + 8 : at + 8 + size])
-            at += 8 + size
+            chunks.setdefault(kind, data[offset + 8 : offset + 8 + size])
+            offset += 8 + size
         text, binary = chunks.get(JSON_CHUNK, b""), chunks.get(BINARY_CHUNK, b"")
     if len(text) > MAX_TEXT_BYTES:
         message = f"has {len(text):,} bytes of JSON, more than {MAX_TEXT_BYTES:,}; save it as GLB"
@@ -119,92 +119,92 @@ def _entry(document: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
 
 
 def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
-    """Refuse accessors and views of more than the bytes there are, or of far more in sum."""
+    """Reject accessors and views that exceed their buffers, or exceed them by far in total."""
     views = document.setdefault("bufferViews", [])
     total = 0
     for number, accessor in enumerate(document.setdefault("accessors", [])):
-        count, start, where = accessor["count"], accessor.get("byteOffset", 0), f"accessors[{number}]"
+        count, start, label = accessor["count"], accessor.get("byteOffset", 0), f"accessors[{number}]"
         row = WIDTHS[accessor["type"]] * COMPONENT_BYTES[accessor["componentType"]]
         if not (_is_count(count) and _is_count(start)):
-            message = f"has {where} with a place or a count that is no number of bytes or rows; export it again"
+            message = f"has {label} with a place or a count that is no number of bytes or rows; export it again"
             raise MeshError(message)
-        check_count(count, 3 * MAX_FACES, f"rows in {where}")
+        check_count(count, 3 * MAX_FACES, f"rows in {label}")
         total += count * row
         if "bufferView" not in accessor:
             continue
         view = _entry(document, "bufferViews", accessor["bufferView"])
         step, length = view.get("byteStride", row), view["byteLength"]
         if not _is_count(step) or step < row or start + (count - 1) * step + row > length:
-            message = f"has {where} of {count:,} rows, beyond the {length:,} bytes of its view; get the whole file"
+            message = f"has {label} of {count:,} rows, beyond the {length:,} bytes of its view; get the whole file"
             raise MeshError(message)
     for number, view in enumerate(views):
-        have, length = sizes[view["buffer"]], view["byteLength"]
+        available, length = sizes[view["buffer"]], view["byteLength"]
         if (
             not _is_count(length)
             or not _is_count(view.get("byteOffset", 0))
-            or view.get("byteOffset", 0) + length > have
+            or view.get("byteOffset", 0) + length > available
         ):
-            message = f"has bufferViews[{number}], beyond the {have:,} bytes of its buffer; get the whole file"
+            message = f"has bufferViews[{number}], beyond the {available:,} bytes of its buffer; get the whole file"
             raise MeshError(message)
         total += length
     check_count(total, MAX_REUSE * sum(sizes) + SMALL_BYTES, "bytes in its accessors and their views")
 
 
 def _meshes(document: dict[str, Any]) -> list[list[dict[str, Any]]]:
-    """Return the primitives of each mesh that are triangles, and of them what makes a place; refuse others."""
-    found = []
+    """Return the triangle primitives of each mesh, reduced to positions and indices; reject unsupported ones."""
+    primitives = []
     for number, mesh in enumerate(document.get("meshes", [])):
-        found.append([p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)])
-        if any(p.get("mode") == FAN for p in found[-1]):
+        primitives.append([p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)])
+        if any(p.get("mode") == FAN for p in primitives[-1]):
             message = f"has a fan of triangles in meshes[{number}]; export it as plain triangles"
             raise MeshError(message)
-        found[-1] = [
+        primitives[-1] = [
             {"attributes": {"POSITION": p["attributes"]["POSITION"]}}
             | {key: p[key] for key in ("indices", "material", "mode") if key in p}
-            for p in found[-1]
+            for p in primitives[-1]
             if "POSITION" in p["attributes"]
         ]
-        used = [(p["attributes"]["POSITION"], "VEC3") for p in found[-1]]
-        for accessor, kind in (*used, *((p["indices"], "SCALAR") for p in found[-1] if "indices" in p)):
+        accessors = [(p["attributes"]["POSITION"], "VEC3") for p in primitives[-1]]
+        for accessor, kind in (*accessors, *((p["indices"], "SCALAR") for p in primitives[-1] if "indices" in p)):
             rows = _entry(document, "accessors", accessor)
             if rows["type"] != kind or "sparse" in rows or "bufferView" not in rows or rows.get("normalized"):
                 message = f"has accessors[{accessor}] that is sparse, normalized or no {kind}; export plain numbers"
                 raise MeshError(message)
-    return found
+    return primitives
 
 
 def _tree(
     document: dict[str, Any], meshes: list[list[dict[str, Any]]]
 ) -> tuple[list[int], list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return roots, nodes and meshes: each primitive of a node's mesh is a mesh of its own, of a node below that one.
+    """Return roots, nodes and meshes, with each primitive of a node's mesh as the mesh of a separate child node.
 
-    For trimesh calls the primitives of one mesh by random numbers of six digits, and loses those called the same. It
-    takes the last child first, so that children stand here in reverse.
+    Trimesh names the primitives of one mesh by random six-digit numbers, and loses duplicates. It visits the last child
+    first, so that children are listed in reverse.
     """
     source = document.get("nodes", [])
-    below = {child for node in source for child in node.get("children", [])}
-    roots = [number for number in range(len(source)) if number not in below]
+    children_set = {child for node in source for child in node.get("children", [])}
+    roots = [index for index in range(len(source)) if index not in children_set]
     if document.get("scenes"):
         roots = _entry(document, "scenes", document.get("scene", 0)).get("nodes", [])
     nodes: list[dict[str, Any]] = [{} for _ in source]
     parts: list[dict[str, Any]] = []
-    waiting, seen, vertices = [(root, 0) for root in reversed(roots)], set(), 0
-    while waiting:
-        number, depth = waiting.pop()
-        node = _entry(document, "nodes", number)
-        if number in seen or depth > DEEPEST_NODES:
+    stack, visited, vertices = [(root, 0) for root in reversed(roots)], set(), 0
+    while stack:
+        index, depth = stack.pop()
+        node = _entry(document, "nodes", index)
+        if index in visited or depth > DEEPEST_NODES:
             message = f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again"
             raise MeshError(message)
-        seen.add(number)
+        visited.add(index)
         children = node.get("children", [])
-        waiting += [(child, depth + 1) for child in reversed(children)]
-        places = ("matrix",) if "matrix" in node else ("translation", "rotation", "scale")
-        nodes[number] = {key: node[key] for key in places if key in node} | {"children": children[::-1]}
+        stack += [(child, depth + 1) for child in reversed(children)]
+        transform_keys = ("matrix",) if "matrix" in node else ("translation", "rotation", "scale")
+        nodes[index] = {key: node[key] for key in transform_keys if key in node} | {"children": children[::-1]}
         if node.get("mesh") is None:
             continue
         name = str(_entry(document, "meshes", node["mesh"]).get("name") or node.get("name") or "")
         for primitive in reversed(meshes[node["mesh"]]):
-            nodes[number]["children"].append(len(nodes))
+            nodes[index]["children"].append(len(nodes))
             nodes.append({"mesh": len(parts)})
             parts.append({"primitives": [primitive], "extras": {"name": name}})
             vertices += document["accessors"][primitive["attributes"]["POSITION"]]["count"]
@@ -213,8 +213,8 @@ def _tree(
     return roots[::-1], nodes, parts
 
 
-def _bytes_of(path: Path, uri: str, place: str) -> bytes:
-    """Return the bytes that a URI stands for: its own, or a file of the same folder."""
+def _bytes_of(path: Path, uri: str, label: str) -> bytes:
+    """Return the bytes of a URI: embedded data, or a file of the same folder."""
     from urllib.parse import unquote
 
     if uri.startswith("data:"):
@@ -222,13 +222,13 @@ def _bytes_of(path: Path, uri: str, place: str) -> bytes:
         try:
             return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
         except (binascii.Error, ValueError) as error:
-            message = f"has data in {place} that is not base64; export it again"
+            message = f"has data in {label} that is not base64; export it again"
             raise MeshError(message) from error
-    found = beside(path, unquote(uri), place)
-    if not found.is_file() or found.stat().st_size > MAX_BYTES:
-        message = f"{place} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there"
+    file = beside(path, unquote(uri), label)
+    if not file.is_file() or file.stat().st_size > MAX_BYTES:
+        message = f"{label} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there"
         raise MeshError(message)
-    return found.read_bytes()
+    return file.read_bytes()
 
 
 def _is_count(number: Any) -> bool:

@@ -1,7 +1,7 @@
-"""Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; the rest is passed over.
+"""Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; other elements are ignored.
 
-Sionna's own loader runs the plug-ins that a scene names and reads any file; this one reads meshes of its own folder.
-Mitsuba also holds positions as float32: 0.25 m at a northing of 5,000 km.
+Sionna's own loader runs a scene's plug-ins and reads any file; this one reads only meshes of the scene's folder.
+Mitsuba also stores positions as float32, in steps of 0.25 m at a northing of 5,000 km.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ from sionna_radar.scene.mesh_files.part import (
 from sionna_radar.scene.mesh_files.ply import read_ply
 
 READERS = {"ply": read_ply, "obj": read_obj}
-# Elements of a scene that neither are surfaces nor bring any from elsewhere.
+# Ignored elements: neither surfaces nor references to surfaces.
 PASSED_OVER = frozenset(
     (
         "bsdf",
@@ -52,7 +52,7 @@ PASSED_OVER = frozenset(
         "spectrum",
     )
 )
-# Sionna's loader calls the material "mat-NAME" NAME.
+# Sionna's loader strips this prefix of a material's name.
 MATERIAL_PREFIX = "mat-"
 DEEPEST_ELEMENTS = 50
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
@@ -81,7 +81,7 @@ def read_mitsuba(path: Path) -> tuple[MeshPart, ...]:
 
 
 def _parsed(path: Path) -> Any:
-    """Return the root of a document whose elements know their lines."""
+    """Return the root of a document whose elements have their line numbers."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
@@ -115,32 +115,32 @@ def _parsed(path: Path) -> Any:
         raise MeshError(message) from error
 
 
-def _refuse(element: Any, what: str) -> None:
-    message = f"line {element.line}: {what}; remove it, or convert the scene to one GLB or PLY file"
+def _refuse(element: Any, reason: str) -> None:
+    message = f"line {element.line}: {reason}; remove it, or convert the scene to one GLB or PLY file"
     raise MeshError(message)
 
 
 def _shape(path: Path, shape: Any, names: dict[str, str]) -> list[MeshPart]:
     kind = shape.get("type", "")
-    place, flipped = _transform(shape), _value(shape, "flip_normals", "boolean") == "true"
+    transform, flipped = _transform(shape), _value(shape, "flip_normals", "boolean") == "true"
     if kind in READERS:
-        own = READERS[kind](_file(path, shape))
+        parts = READERS[kind](_file(path, shape))
     elif kind == "rectangle":
-        own = (MeshPart(name="", vertices=SQUARE, faces=np.array([[0, 1, 2], [0, 2, 3]])),)
+        parts = (MeshPart(name="", vertices=SQUARE, faces=np.array([[0, 1, 2], [0, 2, 3]])),)
     elif kind == "cube":
-        own = (_cube(),)
+        parts = (_cube(),)
     else:
         _refuse(shape, f"a shape of type {shown(kind)} is not read (ply, obj, rectangle and cube are)")
     material = _material(shape, names)
-    if np.linalg.det(place[:3, :3]) < 0:
+    if np.linalg.det(transform[:3, :3]) < 0:
         flipped = not flipped
     return [
         MeshPart(
             name=material or part.name or shape.get("id", ""),
-            vertices=part.vertices @ place[:3, :3].T + place[:3, 3],
+            vertices=part.vertices @ transform[:3, :3].T + transform[:3, 3],
             faces=part.faces[:, ::-1] if flipped else part.faces,
         )
-        for part in own
+        for part in parts
     ]
 
 
@@ -154,10 +154,10 @@ def _cube() -> MeshPart:
 
 
 def _file(path: Path, shape: Any) -> Path:
-    name, place = _value(shape, "filename", "string"), f"line {shape.line}"
-    found = beside(path, name, place)
-    regular_file(found, f"{place} of {shown(path)} names", "put it into the scene's folder", MAX_BYTES)
-    return found
+    name, label = _value(shape, "filename", "string"), f"line {shape.line}"
+    file = beside(path, name, label)
+    regular_file(file, f"{label} of {shown(path)} names", "put it into the scene's folder", MAX_BYTES)
+    return file
 
 
 def _value(element: Any, name: str, kind: str) -> str:
@@ -165,7 +165,7 @@ def _value(element: Any, name: str, kind: str) -> str:
 
 
 def _material(shape: Any, names: dict[str, str]) -> str:
-    """Return the name of a shape's material: that which it refers to, or one of its own."""
+    """Return the name of a shape's material, referenced or nested."""
     for element in shape:
         if element.tag == "bsdf":
             inner = [e.get("id", "") for e in element.iter("bsdf")]
@@ -178,13 +178,13 @@ def _material(shape: Any, names: dict[str, str]) -> str:
 
 
 def _transform(shape: Any) -> Float[np.ndarray, "4 4"]:
-    """Return a shape's transform: its steps act one after the other."""
-    place = np.eye(4)
+    """Return a shape's transform, the product of its steps."""
+    transform = np.eye(4)
     for element in shape:
         if element.tag == "transform" and element.get("name") == "to_world":
             for step in element:
-                place = _step(step) @ place
-    return place
+                transform = _step(step) @ transform
+    return transform
 
 
 def _step(step: Any) -> Float[np.ndarray, "4 4"]:
@@ -201,9 +201,9 @@ def _step(step: Any) -> Float[np.ndarray, "4 4"]:
         turn = np.deg2rad(_floats(step, step.get("angle", "0"), (1,))[0])
         matrix[:3, :3] = Rotation.from_rotvec(turn * axis / length).as_matrix()
     elif step.tag == "matrix":
-        given = _floats(step, step.get("value", ""), (9, 16))
-        side = int(np.sqrt(len(given)))
-        matrix[:side, :side] = given.reshape(side, side)
+        values = _floats(step, step.get("value", ""), (9, 16))
+        side = int(np.sqrt(len(values)))
+        matrix[:side, :side] = values.reshape(side, side)
     else:
         _refuse(step, f"a transform by <{step.tag}> is not read")
     return matrix
@@ -212,16 +212,16 @@ def _step(step: Any) -> Float[np.ndarray, "4 4"]:
 def _numbers(step: Any, default: float) -> Float[np.ndarray, " 3"]:
     """Return the x, y and z of a step, or its one value."""
     if step.get("value") is not None:
-        given = _floats(step, step.get("value"), (1, 3))
-        return np.broadcast_to(given, 3).astype(np.float64)
+        values = _floats(step, step.get("value"), (1, 3))
+        return np.broadcast_to(values, 3).astype(np.float64)
     return np.array([_floats(step, step.get(axis, str(default)), (1,))[0] for axis in "xyz"])
 
 
 def _floats(step: Any, text: str, allowed: tuple[int, ...]) -> Float[np.ndarray, " n"]:
     try:
-        found = np.array([float(word) for word in text.replace(",", " ").split()])
+        values = np.array([float(word) for word in text.replace(",", " ").split()])
     except ValueError:
-        found = np.zeros(0)
-    if len(found) not in allowed or not np.isfinite(found).all():
+        values = np.zeros(0)
+    if len(values) not in allowed or not np.isfinite(values).all():
         _refuse(step, f"{shown(text)} is not {' or '.join(map(str, allowed))} number(s)")
-    return found
+    return values

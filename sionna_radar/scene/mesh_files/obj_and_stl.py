@@ -1,10 +1,10 @@
 """Wavefront OBJ meshes, read here, and stereolithography (STL) meshes, read by trimesh.
 
-The names of the materials of an OBJ mesh stand in the file itself, so that its MTL is never opened. OBJ is not read by
+The names of the materials of an OBJ mesh are in the file itself, so that its MTL is never opened. OBJ is not read by
 trimesh, which loses the names without the MTL and vertices after a tab, counts negative indices from the end of the
 file, and splits concave polygons as fans: `concave_polygon.obj` of assimp of 0.25 m2 becomes 3.2.
 
-STL meshes, binary and text, are read by trimesh once the file is as long as it claims.
+STL meshes, binary and text, are read by trimesh after a check of the file's length.
 """
 
 import io
@@ -46,37 +46,37 @@ def read_obj(path: Path) -> tuple[MeshPart, ...]:
     if not faces:
         message = "has no faces; give a mesh of polygons"
         raise MeshError(message)
-    place = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    vertex_array = np.array(vertices, dtype=np.float64).reshape(-1, 3)
     parts = []
-    for name, found in faces.items():
-        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in (found.size, found.corner))
-        triangles = triangles_of(place, sides, corner)
-        used, index = np.unique(triangles, return_inverse=True)
-        parts.append(MeshPart(name=name, vertices=place[used], faces=index.reshape(-1, 3)))
+    for name, polygons in faces.items():
+        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in (polygons.size, polygons.corner))
+        triangles = triangles_of(vertex_array, sides, corner)
+        kept_vertices, index = np.unique(triangles, return_inverse=True)
+        parts.append(MeshPart(name=name, vertices=vertex_array[kept_vertices], faces=index.reshape(-1, 3)))
     return tuple(parts)
 
 
 def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
-    """Return the coordinates of all vertices, one after the other, and the polygons of each material."""
+    """Return the flat coordinates of all vertices, and the polygons of each material."""
     vertices = array("d")
     faces: dict[str, _Faces] = {}
     material = group = ""
     for number, line in enumerate(io.StringIO(text), 1):
-        word, _, rest = line.strip().replace("\t", " ").partition(" ")
+        word, _, arguments = line.strip().replace("\t", " ").partition(" ")
         try:
             if word == "v":
-                x, y, z = rest.split()[:3]
+                x, y, z = arguments.split()[:3]
                 vertices.extend((float(x), float(y), float(z)))
             elif word == "f":
-                part = faces.setdefault(material or group, _Faces())
-                corners = [int(c.partition("/")[0]) for c in rest.partition("#")[0].split()]
+                polygons = faces.setdefault(material or group, _Faces())
+                corners = [int(c.partition("/")[0]) for c in arguments.partition("#")[0].split()]
                 # Indices count from 1; negative ones count back from the vertex read last.
-                part.corner.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
-                part.size.append(len(corners))
+                polygons.corner.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
+                polygons.size.append(len(corners))
             elif word == "usemtl":
-                material = rest.strip()
+                material = arguments.strip()
             elif word in ("o", "g"):
-                group = rest.strip()
+                group = arguments.strip()
         except (ValueError, OverflowError) as error:
             message = f"line {number} reads {shown(line.strip())}; export the mesh again"
             raise MeshError(message) from error
@@ -112,8 +112,8 @@ def read_stl(path: Path) -> tuple[MeshPart, ...]:
         count = sum(1 for _ in VERTEX.finditer(data)) // 3
         check_count(count, MAX_FACES, "triangles")
     parts = read_by_trimesh(data, "stl")
-    found = sum(len(part.faces) for part in parts)
-    if found != count:  # trimesh passes over a solid that does not end, and takes a vertex of two or four numbers
-        message = f"has {count:,} triangles, of which {found:,} are whole; get the whole file"
+    triangles = sum(len(part.faces) for part in parts)
+    if triangles != count:  # trimesh skips an unterminated solid, and accepts a vertex of two or four numbers
+        message = f"has {count:,} triangles, of which {triangles:,} are whole; get the whole file"
         raise MeshError(message)
     return tuple(MeshPart(name="", vertices=part.vertices, faces=part.faces) for part in parts)

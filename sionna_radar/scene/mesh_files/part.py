@@ -1,7 +1,7 @@
-"""The parts of a mesh that every reader returns, their bounds, triangulation, and reading by trimesh.
+"""Parts of a mesh as returned by all readers, their bounds, triangulation, and reading by trimesh.
 
 Polygons of a mesh file are split into triangles, also concave ones, which trimesh splits as fans. Trimesh reads
-triangles as they are, with nothing merged, and from the bytes given alone.
+unprocessed triangles, without merging vertices, and only from the given bytes.
 """
 
 import io
@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from sionna_radar.foundation.input_file import shown
 
 MAX_BYTES = 2_000_000_000
-# Numbers as text take several times their bytes in memory while they are read.
+# Parsing text takes several times its size in memory.
 MAX_TEXT_BYTES = 200_000_000
 MAX_VERTICES = 20_000_000
 MAX_FACES = 20_000_000
@@ -25,14 +25,14 @@ MAX_PARTS = 100_000
 
 
 class MeshError(ValueError):
-    """What is wrong with a mesh file and what to give instead; the caller adds the file's name."""
+    """A defect of a mesh file with a remedy; the caller adds the file's name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshPart:
     """The triangles of one material, in the file's own axes and units.
 
-    name: the material's own name, or the object's where it has none; empty if the file names neither.
+    name: the material's name, otherwise the object's; empty if the file names neither.
     """
 
     name: str
@@ -41,16 +41,16 @@ class MeshPart:
 
 
 def check_count(count: int, most: int, what: str) -> None:
-    """Raise MeshError for more of something than can be used."""
+    """Raise MeshError if a count exceeds its limit."""
     if count > most:
         message = f"has {count:,} {what}, more than {most:,}; simplify the mesh, or cut out the part that is flown"
         raise MeshError(message)
 
 
 def beside(path: Path, name: str, place: str) -> Path:
-    """Return a file that another one names; it must lie in that one's own folder, links followed.
+    """Resolve a file named by another one; it must lie in the same folder after resolving links.
 
-    Raises MeshError, with the place where the name stands.
+    Raises MeshError, with the position of the name.
     """
     inner = Path(name.replace("\\", "/"))
     remedy = "a mesh may only name files of its own folder; put it there, or convert the mesh to one GLB file"
@@ -58,14 +58,14 @@ def beside(path: Path, name: str, place: str) -> Path:
         message = f"{place} names {shown(name)}; {remedy}"
         raise MeshError(message)
     try:
-        folder, found = path.parent.resolve(), (path.parent / inner).resolve()
+        folder, target = path.parent.resolve(), (path.parent / inner).resolve()
     except (OSError, RuntimeError, ValueError) as error:
         message = f"{place} names {shown(name)}, which cannot be reached; {remedy}"
         raise MeshError(message) from error
-    if not found.is_relative_to(folder):
+    if not target.is_relative_to(folder):
         message = f"{place} names {shown(name)}, a link to elsewhere; {remedy}"
         raise MeshError(message)
-    return found
+    return target
 
 
 def triangles_of(
@@ -76,16 +76,16 @@ def triangles_of(
     Parameters
     ----------
     vertices:
-        Places of the corners.
+        Positions of the corners.
     size:
-        How many corners each polygon has.
+        Number of corners of each polygon.
     corner:
-        The corners of all polygons, one polygon after the other, as indices of vertices.
+        The corners of all polygons, concatenated, as indices of vertices.
 
     Raises
     ------
     MeshError
-        An index is of no vertex, or there are too many triangles.
+        An index is out of range, or there are too many triangles.
 
     """
     check_indices(corner, len(vertices))
@@ -95,59 +95,59 @@ def triangles_of(
     start = np.cumsum(size) - size
     parts, order = [], []
     for sides, split in ((3, None), (4, _split_quads)):
-        which = np.flatnonzero(size == sides)
-        rows = corner[start[which, None] + np.arange(sides)]
+        polygons = np.flatnonzero(size == sides)
+        rows = corner[start[polygons, None] + np.arange(sides)]
         parts.append(rows if split is None else split(vertices, rows))
-        order.append(np.repeat(which, sides - 2))
-    for number in np.flatnonzero(size > 4):
-        ring = corner[start[number] : start[number] + size[number]]
-        found = _split_ring(vertices, ring)
-        parts.append(found)
-        order.append(np.full(len(found), number))
+        order.append(np.repeat(polygons, sides - 2))
+    for polygon in np.flatnonzero(size > 4):
+        ring = corner[start[polygon] : start[polygon] + size[polygon]]
+        triangles = _split_ring(vertices, ring)
+        parts.append(triangles)
+        order.append(np.full(len(triangles), polygon))
     faces = np.concatenate(parts)
     return faces[np.argsort(np.concatenate(order), kind="stable")]
 
 
 def check_indices(index: Int[np.ndarray, "..."], count: int) -> None:
-    """Raise MeshError, with how many there are, for indices of no vertex."""
-    beyond = np.count_nonzero((index < 0) | (index >= count))
-    if beyond:
-        message = f"has {beyond:,} of {index.size:,} indices beyond its {count:,} vertices; export the mesh again"
+    """Raise MeshError, with their number, for indices out of range."""
+    invalid = np.count_nonzero((index < 0) | (index >= count))
+    if invalid:
+        message = f"has {invalid:,} of {index.size:,} indices beyond its {count:,} vertices; export the mesh again"
         raise MeshError(message)
 
 
 def _split_quads(vertices: Float[np.ndarray, "vertex 3"], quad: Int[np.ndarray, "n 4"]) -> Int[np.ndarray, "m 3"]:
-    """Return two triangles for each quadrilateral, cut along the diagonal that lies inside it."""
+    """Return two triangles for each quadrilateral, split along its inner diagonal."""
     a, b, c, d = np.moveaxis(vertices[quad], 1, 0)
-    with np.errstate(invalid="ignore", over="ignore"):  # vertices that are no places are found later
+    with np.errstate(invalid="ignore", over="ignore"):  # non-finite vertices are detected later
         folded = np.einsum("ni,ni->n", np.cross(b - a, c - a), np.cross(c - a, d - a)) < 0
     cut = np.where(folded[:, None], np.roll(quad, -1, axis=1), quad)
     return cut[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
 def _split_ring(vertices: Float[np.ndarray, "vertex 3"], ring: Int[np.ndarray, " n"]) -> Int[np.ndarray, "m 3"]:
-    """Return triangles of a polygon of any shape, by cutting ears off it as seen along its normal."""
+    """Triangulate a polygon of any shape by ear clipping in the projection along its normal."""
     import mapbox_earcut
 
     fan = np.column_stack([np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]])
-    place = vertices[ring]
-    if not np.isfinite(place).all():
+    points = vertices[ring]
+    if not np.isfinite(points).all():
         return fan
-    away = place - place[0]
+    offsets = points - points[0]
     with np.errstate(over="ignore", invalid="ignore"):
-        turn = np.cross(away[1:-1], away[2:])
+        turn = np.cross(offsets[1:-1], offsets[2:])
         normal = turn.sum(axis=0)  # Newell's normal: twice the area of the polygon's shadow along each axis
         if np.all(turn @ normal >= 0) or not np.isfinite(normal).all():
             return fan
     axis = int(np.argmax(np.abs(normal)))
-    plan = np.delete(away, axis, axis=1)
+    plan = np.delete(offsets, axis, axis=1)
     cut = np.asarray(mapbox_earcut.triangulate_float64(plan, np.array([len(ring)], dtype=np.uint32)), dtype=np.int64)
     faces = ring[cut.reshape(-1, 3)]
     if len(faces) == 0:
         return fan
     corner = vertices[faces]
-    found = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]).sum(axis=0)
-    return faces if found @ normal >= 0 else faces[:, ::-1]
+    area_vector = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]).sum(axis=0)
+    return faces if area_vector @ normal >= 0 else faces[:, ::-1]
 
 
 def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None = None) -> tuple[MeshPart, ...]:
@@ -158,9 +158,9 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
     data:
         The whole file; what it claims must have been checked against its bytes.
     kind:
-        Its format, by the name trimesh has for it.
+        Its format in trimesh's notation.
     beside:
-        All other files that trimesh may have, by the names it asks for.
+        All other files available to trimesh, by name.
 
     Raises
     ------
@@ -173,18 +173,18 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", module=r"trimesh\.")
-            warnings.simplefilter("ignore", RuntimeWarning)  # vertices that are no places are found later
+            warnings.simplefilter("ignore", RuntimeWarning)  # non-finite vertices are detected later
             scene = trimesh.load_scene(
                 io.BytesIO(data),
                 file_type=kind,
-                resolver=dict(beside or {}),  # whatever is not in it cannot be opened
+                resolver=dict(beside or {}),  # no other file can be opened
                 allow_remote=False,
                 process=False,
             )
             return tuple(_parts(scene))
     except MeshError:
         raise
-    except Exception as error:  # trimesh raises whatever it meets
+    except Exception as error:  # trimesh raises undocumented types
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         message = f"cannot be read as {kind.upper()} ({reason}); export it again"
         raise MeshError(message) from error
@@ -195,7 +195,7 @@ def _parts(scene: Any) -> Iterator[MeshPart]:
 
     vertex_count = face_count = 0
     for node in scene.graph.nodes_geometry:
-        place, name = scene.graph[node]
+        transform, name = scene.graph[node]
         mesh = scene.geometry[name]
         if not isinstance(mesh, trimesh.Trimesh):  # points and lines
             continue
@@ -204,10 +204,10 @@ def _parts(scene: Any) -> Iterator[MeshPart]:
         check_count(face_count, MAX_FACES, "triangles")
         faces = np.array(mesh.faces, dtype=np.int64)
         check_indices(faces, len(mesh.vertices))
-        if np.linalg.det(place[:3, :3]) < 0:  # a mirrored copy
+        if np.linalg.det(transform[:3, :3]) < 0:  # a mirrored copy
             faces = faces[:, ::-1]
         vertices = np.array(mesh.vertices, dtype=np.float64)
-        if not np.array_equal(place, np.eye(4)):
-            vertices = vertices @ place[:3, :3].T + place[:3, 3]
+        if not np.array_equal(transform, np.eye(4)):
+            vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
         material = getattr(getattr(mesh.visual, "material", None), "name", None)
         yield MeshPart(name=str(material or mesh.metadata.get("name") or ""), vertices=vertices, faces=faces)

@@ -1,4 +1,4 @@
-"""Mesh files of all formats, by the ending of their names."""
+"""Reading of mesh files of all formats, by file extension."""
 
 import warnings
 from pathlib import Path
@@ -22,7 +22,7 @@ READERS = {
     ".xml": read_mitsuba,
 }
 REMEDY = f"give a mesh: {', '.join(READERS)} (.xml: a scene of Mitsuba 3 or Sionna RT)"
-# The axis that points up, where a format says so; others are z up as most CAD and survey exports are.
+# The up axis of formats that define it; others are z up, as most CAD and survey exports are.
 UP = {".glb": "y", ".gltf": "y"}
 
 
@@ -39,7 +39,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     Raises
     ------
     InputFileError
-        It is no such file, is too large, is broken, or names files beyond its own folder.
+        It is of another format, too large or damaged, or names files outside its folder.
 
     """
     name = f"{key} ="
@@ -70,7 +70,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
         OSError,
         RecursionError,
     ) as error:
-        # Numbers that are none, entries of the wrong kind: whatever a broken file holds in the place of a value.
+        # Invalid numbers or entries of the wrong type in a damaged file.
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"
         raise InputFileError(message) from error
@@ -85,5 +85,5 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
 
 
 def up_axis(path: Path) -> str:
-    """Return the axis that points up in a file of this name: "y" or "z"."""
+    """Return the up axis of a file by its extension: "y" or "z"."""
     return UP.get(path.suffix.lower(), "z")

@@ -1,8 +1,8 @@
 """The city scenes shipped with Sionna RT, with materials defined at 77 GHz.
 
-Their ITU materials (concrete, marble, brick, ...) are slabs with a specular reflection, and most end far below
-77 GHz. Here each object scatters diffusely instead: the ground as `ground`, everything else as `building`, unless the
-scenario maps a Sionna material to one of its own.
+Their ITU materials (concrete, marble, brick, ...) are slabs with a specular reflection, most of them defined only far
+below 77 GHz. Here each object scatters diffusely instead: the ground as `ground`, everything else as `building`, unless
+the scenario maps a Sionna material to one of its own.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ GROUND_OBJECTS = ("ground", "terrain")
 def load_city(
     terrain: CityTerrain, carrier_hz: float, channel: Channel
 ) -> tuple[tuple[Surface, ...], dict[str, RadarMaterial]]:
-    """Return the surfaces of a Sionna city and the materials kept; log how Sionna's materials are replaced.
+    """Return the surfaces of a Sionna city and its kept materials; log the replacement of the others.
 
     Raises
     ------
@@ -41,52 +41,52 @@ def load_city(
     import sionna.rt as rt
 
     scene = rt.load_scene(getattr(rt.scene, terrain.city))
-    surfaces, mapped, theirs_by_name = [], {}, {}
-    for number, (name, thing) in enumerate(sorted(scene.objects.items(), key=_place)):
-        theirs = thing.radio_material.name
+    surfaces, mapped, kept_materials = [], {}, {}
+    for index, (name, item) in enumerate(sorted(scene.objects.items(), key=_place)):
+        sionna_name = item.radio_material.name
         default = "ground" if _is_ground(name) else "building"
-        ours = terrain.materials.get(theirs, default)
-        if ours == KEEP_SIONNA:
-            ours = f"{KEEP_SIONNA}:{theirs}"
-            theirs_by_name[ours] = thing.radio_material
-        mapped[theirs] = ours
-        mesh = thing.mi_mesh
+        material = terrain.materials.get(sionna_name, default)
+        if material == KEEP_SIONNA:
+            material = f"{KEEP_SIONNA}:{sionna_name}"
+            kept_materials[material] = item.radio_material
+        mapped[sionna_name] = material
+        mesh = item.mi_mesh
         vertices = mesh.vertex_positions_buffer().numpy().reshape(-1, 3)
         faces = mesh.faces_buffer().numpy().reshape(-1, 3)
         surfaces.append(
             Surface(
-                name=name if _is_ground(name) else f"{terrain.city}-{number}",
+                name=name if _is_ground(name) else f"{terrain.city}-{index}",
                 vertices_m=vertices.astype(np.float64),
                 faces=faces.astype(np.int64),
-                material=ours,
+                material=material,
             )
         )
-    unknown = sorted(set(terrain.materials) - set(mapped))
-    if unknown:
-        message = f"{terrain.kind} has no {', '.join(unknown)}; map any of {', '.join(sorted(mapped))}"
+    missing = sorted(set(terrain.materials) - set(mapped))
+    if missing:
+        message = f"{terrain.kind} has no {', '.join(missing)}; map any of {', '.join(sorted(mapped))}"
         raise ScenarioError([Problem("terrain.materials", message)])
     logger.warning(
         "%s: Sionna's materials are replaced by 77 GHz ones: %s",
         terrain.kind,
-        ", ".join(f"{theirs} -> {ours}" for theirs, ours in sorted(mapped.items())),
+        ", ".join(f"{sionna_name} -> {material}" for sionna_name, material in sorted(mapped.items())),
     )
-    return tuple(surfaces), _kept(theirs_by_name, carrier_hz, channel)
+    return tuple(surfaces), _kept(kept_materials, carrier_hz, channel)
 
 
 def _is_ground(name: str) -> bool:
     return name.lower().startswith(GROUND_OBJECTS)
 
 
-def _place(named: tuple[str, Any]) -> tuple[bool, str, bytes]:
-    """Return the sort key of a city's objects: Mitsuba loads them on many threads and names them in arrival order."""
-    name, thing = named
-    vertices = thing.mi_mesh.vertex_positions_buffer().numpy()
-    return not _is_ground(name), thing.radio_material.name, hashlib.sha256(vertices.tobytes()).digest()
+def _place(entry: tuple[str, Any]) -> tuple[bool, str, bytes]:
+    """Return a stable sort key of a city's objects, which Mitsuba's threads name in order of arrival."""
+    name, item = entry
+    vertices = item.mi_mesh.vertex_positions_buffer().numpy()
+    return not _is_ground(name), item.radio_material.name, hashlib.sha256(vertices.tobytes()).digest()
 
 
-def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[str, RadarMaterial]:
-    kept, problems = {}, []
-    for name, material in theirs.items():
+def _kept(sionna_materials: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[str, RadarMaterial]:
+    materials, problems = {}, []
+    for name, material in sionna_materials.items():
         slab = SionnaSlab(
             itu_type=getattr(material, "itu_type", material.name),
             thickness_m=float(material.thickness[0]),
@@ -94,12 +94,12 @@ def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[s
             xpd_coefficient=float(material.xpd_coefficient[0]),
         )
         try:
-            kept[name] = slab_material(slab, carrier_hz, channel)
+            materials[name] = slab_material(slab, carrier_hz, channel)
         except ValueError as error:
             problems.append(Problem(f"terrain.materials.{name.removeprefix(f'{KEEP_SIONNA}:')}", str(error)))
     if problems:
         raise ScenarioError(problems)
-    return kept
+    return materials
 
 
 @register_terrain("sionna:san_francisco", CityTerrain, uses=("carrier_hz", "channel"))
@@ -108,9 +108,9 @@ def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[s
 @register_terrain("sionna:etoile", CityTerrain, uses=("carrier_hz", "channel"))
 def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
-    surfaces, kept = load_city(terrain, given.carrier_hz, given.channel)
+    surfaces, materials = load_city(terrain, given.carrier_hz, given.channel)
     ground_m = _under_city(surfaces)
-    return Landscape(surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(kept))
+    return Landscape(surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(materials))
 
 
 def _under_city(surfaces: tuple[Surface, ...]) -> Heights:

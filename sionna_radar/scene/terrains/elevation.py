@@ -19,24 +19,24 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_
 
 logger = logging.getLogger("sionna_radar")
 
-# Cells of a roughened terrain along one of its file.
+# Refinement factor of a roughened terrain's cells relative to the file's.
 FINER = 10
 
 
 def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
-    """Return the local frame of a terrain's elevation file; the file itself is closed again.
+    """Return the local frame of a terrain's elevation file.
 
     Raises ScenarioError or InputFileError if it cannot be read or georeferenced.
     """
     with _opened(terrain) as dataset:
-        place = place_file(dataset, _stated(terrain))
-    return MapFrame(crs=place.local, origin_m=place.origin)
+        placed = place_file(dataset, _stated(terrain))
+    return MapFrame(crs=placed.local, origin_m=placed.origin)
 
 
 @register_terrain("jacksboro", SampleTerrain, frame=file_frame, uses=("window_m",))
 @register_terrain("raster", RasterTerrain, frame=file_frame, uses=("window_m",))
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
-    """Return the ground of an elevation raster, read only as far as the survey can see."""
+    """Return the ground of an elevation raster, read only within the survey's window."""
     with _opened(terrain) as dataset:
         post_m = min(place_file(dataset, _stated(terrain)).steps_m)
         spacing_m = terrain.spacing_m

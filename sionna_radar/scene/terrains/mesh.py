@@ -24,9 +24,9 @@ KEY = "terrain"
 
 
 def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
-    """Return the local frame of a mesh with map coordinates, or that about a stated place; None on no map.
+    """Return the local frame of a mesh with map coordinates, or about a stated position; None without either.
 
-    Raises ScenarioError or InputFileError if it cannot be read or is not of its CRS.
+    Raises ScenarioError or InputFileError if it cannot be read or does not match its CRS.
     """
     if terrain.crs is None:
         return frame_at(*terrain.centre_lonlat_deg) if terrain.centre_lonlat_deg else None
@@ -35,7 +35,7 @@ def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
 
 @register_terrain("mesh", MeshTerrain, frame=mesh_frame, uses=())
 def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
-    """Return the ground of a mesh file, with what stands on it."""
+    """Return the ground of a mesh file, with the objects in it."""
     parts = upright(terrain, KEY)
     frame = None
     if terrain.crs is not None:
@@ -46,11 +46,11 @@ def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
         frame = frame_at(*terrain.centre_lonlat_deg)
     parts = about_box(parts, terrain)
     materials = material_of_parts(parts, terrain, KEY)
-    found = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
-    found = replace(found, vertices_m=found.vertices_m + np.array(terrain.position_m))
-    check_reach(found.vertices_m[np.unique(found.faces)], f"{KEY}.position_m", terrain.path)
+    repaired = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
+    repaired = replace(repaired, vertices_m=repaired.vertices_m + np.array(terrain.position_m))
+    check_reach(repaired.vertices_m[np.unique(repaired.faces)], f"{KEY}.position_m", terrain.path)
     georeference = frame.georeference() if frame else None
-    surfaces = _covered(found, materials, terrain, georeference)
+    surfaces = _covered(repaired, materials, terrain, georeference)
     caster = RayCaster(surfaces)
     heights = np.concatenate([s.vertices_m[:, 2] for s in surfaces])
     bottom, top = float(heights.min()) - 10.0, float(heights.max()) + 10.0
@@ -69,7 +69,7 @@ def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
 
 
 def _covered(
-    mesh: RepairedMesh, materials: list[str], terrain: MeshTerrain, place: Georeference | None
+    mesh: RepairedMesh, materials: list[str], terrain: MeshTerrain, georeference: Georeference | None
 ) -> tuple[Surface, ...]:
     """Return a mesh as surfaces, with land cover over the faces of the terrain's own material."""
     if terrain.cover_raster is None and terrain.cover_vector is None and not terrain.cover:
@@ -78,14 +78,14 @@ def _covered(
     if not bare.any():
         message = f"no face is of terrain.material = {terrain.material!r}, which it covers; remove it"
         raise ScenarioError([Problem(f"{KEY}.cover", message)])
-    used, index = np.unique(mesh.faces[bare], return_inverse=True)
-    ground = cover_ground(mesh.vertices_m[used], index.reshape(-1, 3), terrain, place)
+    kept_vertices, index = np.unique(mesh.faces[bare], return_inverse=True)
+    ground = cover_ground(mesh.vertices_m[kept_vertices], index.reshape(-1, 3), terrain, georeference)
     two_sided = bool(mesh.two_sided[bare].any())
     ground = tuple(replace(surface, two_sided=two_sided, divided=True) for surface in ground)
     if bare.all():
         return ground
-    rest = replace(mesh, faces=mesh.faces[~bare], owner=mesh.owner[~bare], two_sided=mesh.two_sided[~bare])
-    return ground + surfaces_of(rest, materials, "terrain-mesh")
+    uncovered = replace(mesh, faces=mesh.faces[~bare], owner=mesh.owner[~bare], two_sided=mesh.two_sided[~bare])
+    return ground + surfaces_of(uncovered, materials, "terrain-mesh")
 
 
 def _crs_of(name: str) -> CRS:
@@ -97,14 +97,14 @@ def _crs_of(name: str) -> CRS:
 
 
 def _frame_of(terrain: MeshTerrain, crs: CRS, parts: Sequence[MeshPart]) -> MapFrame:
-    """Return the frame of a mesh with map coordinates: its own projection or UTM zone, about a whole unit of it."""
+    """Return the frame of a mesh with map coordinates: its own projection or UTM zone, with a rounded origin."""
     (west, south, _), (east, north, _) = corners_of(parts)
     x, y = np.round(np.array([west + east, south + north]) / 2 / _metres(crs))
     return frame_about(crs, (float(x), float(y)), terrain.centre_lonlat_deg, "mesh's middle")
 
 
 def _local(part: MeshPart, crs: CRS, frame: MapFrame) -> MeshPart:
-    """Return a part in local metres; its map coordinates lose their offset while they are float64."""
+    """Return a part in local metres; the map offset is subtracted in float64."""
     x, y = part.vertices[:, :2].T / _metres(crs)
     if frame.crs is crs:
         east, north = x - frame.origin_m[0], y - frame.origin_m[1]

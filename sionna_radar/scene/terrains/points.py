@@ -21,7 +21,7 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_
 
 logger = logging.getLogger("sionna_radar")
 
-# Points in a cell on average, where no spacing is stated; and the finest of such spacings.
+# Default spacing: mean number of points per cell, and least spacing in metres.
 POINTS_IN_CELL, FINEST_M = 4, 0.05
 MAX_CELLS = 4_000_000
 NO_UNIT = ("",)
@@ -29,7 +29,7 @@ NO_UNIT = ("",)
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedCloud:
-    """Where a cloud lies: its CRS and the frame of the terrain, None for one in local metres; and its heights.
+    """Placement of a cloud: its CRS and the frame of the terrain, None for one in local metres; and its heights.
 
     middle: of the file, in its own coordinates; heights: their unit and datum.
     """
@@ -52,7 +52,7 @@ class PlacedCloud:
 
 @dataclass(frozen=True)
 class Unstated:
-    """What `height_system` asks of a raster, of a file that has no band."""
+    """Stand-in for a raster without a unit, for `height_system`."""
 
     units: tuple[str, ...] = NO_UNIT
 
@@ -60,19 +60,19 @@ class Unstated:
 def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
     """Return the placement of a cloud: CRS, local frame, middle and height system.
 
-    Raises ScenarioError for a CRS that is none, or that does not hold the cloud.
+    Raises ScenarioError for an invalid CRS, or one that does not contain the cloud.
     """
     middle = float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2
-    whole = _crs_of(cloud, terrain)
-    if whole is None:
+    file_crs = _crs_of(cloud, terrain)
+    if file_crs is None:
         if terrain.centre_lonlat_deg is not None:
             message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
             raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
         unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(terrain.height_unit or "m", 1.0)
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
-    crs = map_part(whole)
+    crs = map_part(file_crs)
     frame = frame_about(crs, middle, terrain.centre_lonlat_deg, "cloud's middle")
-    heights = height_system(Unstated(), whole, terrain.vertical_crs, terrain.height_unit)
+    heights = height_system(Unstated(), file_crs, terrain.vertical_crs, terrain.height_unit)
     return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
 
 
@@ -90,7 +90,7 @@ def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
 
 @register_terrain("points", PointsTerrain, frame=cloud_frame, uses=("window_m",))
 def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
-    """Return the ground of a point cloud, gridded as far as the survey can see."""
+    """Return the ground of a point cloud, gridded within the survey's window."""
     with open_cloud(terrain.path) as cloud:
         placed = place_cloud(cloud, terrain)
         grid = _grid(cloud, placed, terrain, given.window_m)
@@ -125,7 +125,7 @@ def _lowered(raster: Raster, base_m: float) -> Raster:
 def _grid(
     cloud: CloudFile, placed: PlacedCloud, terrain: PointsTerrain, window_m: tuple[float, float, float, float]
 ) -> Grid:
-    """Return the cells of the part of the cloud that the survey can see."""
+    """Return the cells of the part of the cloud visible to the survey."""
     corner_x, corner_y = (grid.ravel() for grid in np.meshgrid(*np.column_stack([cloud.low, cloud.high])[:2]))
     x, y = placed.local_of(corner_x, corner_y)
     west, south = max(float(x.min()), window_m[0]), max(float(y.min()), window_m[1])
@@ -139,18 +139,18 @@ def _grid(
         raise ScenarioError([Problem("terrain", message)])
     area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
     spacing = terrain.spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
-    most = math.sqrt((east - west) * (north - south) / MAX_CELLS)
-    if spacing < most:
-        wanted, spacing = spacing, math.ceil(most * 100) / 100
+    min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
+    if spacing < min_spacing:
+        requested, spacing = spacing, math.ceil(min_spacing * 100) / 100
         logger.warning(
             "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. Shorten the flight or raise "
             "terrain.spacing_m",
             f"{MAX_CELLS:,}",
-            wanted,
+            requested,
             spacing,
         )
     if spacing > min(east - west, north - south):
         message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
-    columns, rows = (max(2, int((high - low) / spacing)) for low, high in ((west, east), (south, north)))
+    columns, rows = (max(2, int((upper - lower) / spacing)) for lower, upper in ((west, east), (south, north)))
     return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)

@@ -15,8 +15,8 @@ MAX_SYNTHETIC_CELLS = 16_000_000
 
 
 def synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Grid:
-    """Return the grid whose outermost centres bound the terrain, so that its mesh has the whole size."""
-    # The small number keeps 1.1 / 0.1 = 11.000000000000002 from adding a twelfth cell.
+    """Return the grid whose outermost centres bound the terrain, so that its mesh has the full size."""
+    # The tolerance keeps 1.1 / 0.1 = 11.000000000000002 from adding a twelfth cell.
     columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
     if terrain.spacing_m > min(terrain.size_m):
         message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m ({min(terrain.size_m):g} m)"
@@ -49,7 +49,7 @@ def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
     return landscape_of_heights(Raster(grid=grid, height_m=np.zeros(grid.shape)), terrain)
 
 
-# Cells times filter width up to which a filter is applied tap by tap; above it Fourier transforms are faster.
+# Cells times filter width up to which direct convolution is used; above, Fourier transforms are faster.
 MAX_DIRECT_FILTERING = 1e6
 
 
@@ -58,15 +58,15 @@ def hills(terrain: HillsTerrain, given: TerrainInputs) -> Landscape:
     """Return white noise under a Gaussian filter, shifted and scaled to heights of 0 to `height_m`."""
     grid = synthetic_grid(terrain)
     if terrain.filter_sigma_m > 0.5 * min(terrain.size_m):
-        # A wider filter leaves only rounding errors to scale up.
+        # A wider filter leaves only rounding errors.
         message = (
             f"{terrain.filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
             f"({min(terrain.size_m):g} m); lower it or enlarge the terrain"
         )
         raise ScenarioError([Problem("terrain.filter_sigma_m", message)])
     noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
-    # With wrap-around, every cell averages equally many independent neighbours; a mirrored or repeated edge
-    # would count some twice and make the hills rougher along the border.
+    # Periodic filtering averages the same number of independent cells everywhere; mirrored or repeated edges
+    # would make the hills rougher along the border.
     surface = _filtered(noise, terrain.filter_sigma_m / terrain.spacing_m)
     return landscape_of_heights(scaled(surface, grid, terrain.height_m), terrain)
 
@@ -79,7 +79,7 @@ def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.
     for axis, cells in enumerate(noise.shape):
         impulse = np.zeros(cells)
         impulse[0] = 1.0
-        # The same taps as above, so that a terrain does not depend on the method of filtering.
+        # Same taps as above: the terrain does not depend on the method of filtering.
         response = np.fft.fft(gaussian_filter1d(impulse, sigma, mode="wrap")).real
         spectrum *= response[:, None] if axis == 0 else response[: spectrum.shape[1]]
     return np.fft.irfft2(spectrum, s=noise.shape)
