@@ -23,11 +23,10 @@ from sionna_radar.cli.session import (
     ReportOption,
     ResumeOption,
     Session,
+    command_on_a_scenario,
     complete_key,
     log_to_stderr,
-    on_a_scenario_by_a_team,
     progress_shown,
-    with_options_of,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
@@ -64,7 +63,7 @@ def demo(
     _fly(session, None, map_coordinates, report)
 
 
-@with_options_of(on_a_scenario_by_a_team)
+@command_on_a_scenario(team=True)
 def run_command(
     session: Session,
     block_size: BlockOption = None,
@@ -134,7 +133,7 @@ def _fly(
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
-@with_options_of(on_a_scenario_by_a_team)
+@command_on_a_scenario(team=True)
 def crosscheck(
     session: Session,
 ) -> None:
@@ -161,7 +160,7 @@ def crosscheck(
     )
 
 
-@with_options_of(on_a_scenario_by_a_team)
+@command_on_a_scenario(team=True)
 def budget(
     session: Session,
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
@@ -187,7 +186,7 @@ def budget(
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
 
 
-@with_options_of(on_a_scenario_by_a_team)
+@command_on_a_scenario(team=True)
 def sweep(
     session: Session,
     vary: Annotated[

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.session import Session, on_a_scenario, with_options_of
+from sionna_radar.cli.session import Session, command_on_a_scenario
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
 
@@ -15,7 +15,7 @@ def add_to(app: typer.Typer) -> None:
         app.command()(command)
 
 
-@with_options_of(on_a_scenario)
+@command_on_a_scenario()
 def link(
     session: Session,
     incidence: Annotated[
@@ -52,7 +52,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
         raise ScenarioError([Problem(option, message)], "command line") from error
 
 
-@with_options_of(on_a_scenario)
+@command_on_a_scenario()
 def image(session: Session) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
     from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
@@ -68,7 +68,7 @@ def image(session: Session) -> None:
     )
 
 
-@with_options_of(on_a_scenario)
+@command_on_a_scenario()
 def range_doppler(
     session: Session,
     chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,

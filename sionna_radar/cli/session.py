@@ -324,48 +324,39 @@ def on_a_scenario(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> Session:
-    """Return the session of a command that works on a scenario alone."""
-    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-
-
-def on_a_scenario_by_a_team(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
     backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> Session:
-    """Return the session of a command whose work can be shared, interrupted and resumed."""
+    """Return the session of a command that works on a scenario."""
     team = (workers, scheduler)
     return Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=team)
 
 
-def with_options_of(session: Callable[..., Session]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator: a command has the options of a session, which it takes as its first argument, and its own.
+# Options of commands whose work can be shared, interrupted and resumed.
+TEAM = ("workers", "scheduler", "resume")
 
-    The options stand in the order of `--help`: scenario and output, those of the command, and the others.
+
+def command_on_a_scenario(*, team: bool = False) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: a command takes a `Session` first, and has the options of `on_a_scenario` beside its own.
+
+    The options stand in the order of `--help`: scenario and output, those of the command, and the others; those of
+    `TEAM` only with `team`.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        shared = list(inspect.signature(session).parameters.values())
+        shared = [o for o in inspect.signature(on_a_scenario).parameters.values() if team or o.name not in TEAM]
         _, *own = inspect.signature(command).parameters.values()
 
         @wraps(command)
-        def called(**given: Any) -> None:
-            command(session(**{each.name: given.pop(each.name) for each in shared}), **given)
+        def called(**values: Any) -> None:
+            command(on_a_scenario(**{option.name: values.pop(option.name) for option in shared}), **values)
 
         options = [*shared[:2], *own, *shared[2:]]
         called.__dict__["__signature__"] = inspect.Signature(options)
-        called.__annotations__ = {each.name: each.annotation for each in options}
+        called.__annotations__ = {option.name: option.annotation for option in options}
         return called
 
     return decorate

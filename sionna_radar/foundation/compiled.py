@@ -18,11 +18,12 @@ import logging
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import TypeVar, cast, no_type_check
+from typing import Any, TypeVar, cast, no_type_check
 
 import numpy as np
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -40,10 +41,22 @@ def compiled(function: Function) -> Function:
     # Nothing calls them as C functions: without the entry for that a tenth less is to be compiled.
     machine_code = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     try:
-        machine_code.enable_caching()
+        machine_code._cache = _Cache(function)  # as `enable_caching` does
     except RuntimeError:  # neither the package's folder nor that of the user's caches can be written
         _say_once("machine code cannot be kept, and each run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
     return cast(Function, machine_code)
+
+
+class _Cache(FunctionCache):
+    """Machine code on disk; an index whose types have been renamed since it was written is emptied."""
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return the machine code for some types; None if there is none."""
+        try:
+            return super().load_overload(signature, target)
+        except AttributeError:  # of unpickling, which comes before the comparison of time stamps
+            self.flush()
+            return None
 
 
 class _Compilations(event.Listener):

@@ -20,9 +20,10 @@ def write_pixels(
     transform: tuple[float, ...],
     crs_wkt: str | None,
     description: str,
-    metadata: Mapping[str, str] | None = None,
+    unit: str,
+    metadata: Mapping[str, str],
 ) -> None:
-    """Write heights as a cloud-optimised GeoTIFF.
+    """Write values as a cloud-optimised GeoTIFF.
 
     The band has its description, its unit, and the statistics of its pixels as GDAL names them (STATISTICS_MINIMUM,
     _MAXIMUM, _MEAN, _STDDEV, _VALID_PERCENT): programs show them without reading a pixel.
@@ -32,13 +33,13 @@ def write_pixels(
     path:
         Where to write.
     pixels:
-        In metres, rows from north to south; an empty one is NaN.
+        Rows from north to south; an empty one is NaN.
     transform:
         The six numbers from columns and rows, counted from the north-west corner, to coordinates.
     crs_wkt:
         Their reference system; None for local metres.
-    description:
-        What the band holds.
+    description, unit:
+        Contents of the band.
     metadata:
         Metadata of the file, besides the band's description.
 
@@ -69,9 +70,9 @@ def write_pixels(
         with rasterio.open(path, "w", **profile) as file:
             file.write(pixels, 1)
             file.set_band_description(1, description)
-            file.units = ("m",)
+            file.units = (unit,)
             file.update_tags(1, **_statistics(pixels))
-            file.update_tags(**(metadata or {}), QUANTITY=description, UNITS="m")
+            file.update_tags(**metadata, QUANTITY=description, UNITS=unit)
 
 
 def _statistics(pixels: Float32[np.ndarray, "row column"]) -> dict[str, str]:

@@ -150,7 +150,7 @@ def advance(count: int = 1) -> None:
 
 
 def steps_done() -> int:
-    """Return how many steps of the current stage are done."""
+    """Return the number of steps of the current stage that are done."""
     current = _current.get()
     return 0 if current is None else current.done
 

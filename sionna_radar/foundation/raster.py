@@ -1,6 +1,7 @@
 """Elevation rasters in the local frame, and the position of that frame on the Earth."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,11 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import DataArray
 
-Quantity = Literal["height", "height error", "standard deviation of the height"]
+Quantity = Literal["height", "height error", "standard deviation of the height", "probability", "mask"]
 COLOURS: dict[Quantity, str] = {
     "height": "terrain",
     "height error": "RdBu_r",
     "standard deviation of the height": "viridis",
+    "probability": "magma",
+    "mask": "Greys",
 }
 # Cells of the largest raster that is read as a whole, 800 MB in memory.
 MAX_READ_CELLS = 100_000_000
@@ -83,9 +86,10 @@ class Grid:
         inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
         return np.clip(row, 0, self.rows - 1), np.clip(column, 0, self.columns - 1), inside
 
-    def transform(self, georeference: "Georeference | None") -> tuple[float, ...]:
+    @property
+    def transform(self) -> tuple[float, ...]:
         """Return the six numbers from columns and rows, counted from the north-west corner, to map coordinates."""
-        east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
+        east_m, north_m = self.georeference.origin_m[:2] if self.georeference else (0.0, 0.0)
         west_edge, _, _, north_edge = self.extent_m
         # To a micrometre: sums of local and map coordinates have round-off that other rasters of the same cells lack.
         # Not rasterio's from_origin: its multiplication causes a warning with affine 3.
@@ -226,23 +230,30 @@ class Raster:
         place = self.grid.georeference
         return self.height_m + (place.origin_m[2] if place and self.quantity == "height" else 0.0)
 
-    def to_geotiff(self, path: str | Path) -> None:
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return "1" if self.quantity in ("probability", "mask") else "m"
+
+    def to_geotiff(
+        self, path: str | Path, description: str | None = None, metadata: Mapping[str, str] | None = None
+    ) -> None:
         """Write a cloud-optimised GeoTIFF in map coordinates, or in local ones where the place is not known.
 
-        Rows go from north to south, empty cells are NaN. A file that is there already is not overwritten.
+        Rows go from north to south, empty cells are NaN. The band has a description, without one the quantity, and the
+        file what metadata it is given. A file that is there already is not overwritten.
 
         Raises OutputError for a file that exists, or a folder that cannot be written.
         """
         from sionna_radar.foundation.geotiff import write_pixels
 
-        path = Path(path)
+        path, place, metadata = Path(path), self.grid.georeference, metadata or {}
         if path.exists():
             message = f"{shown(path)} exists already; name another file, or remove it"
             raise OutputError(message)
-        place = self.grid.georeference
+        crs_wkt, pixels = place.crs_wkt if place else None, self.map_height_m[::-1].astype(np.float32)
         try:
-            pixels = self.map_height_m[::-1].astype(np.float32)
-            write_pixels(path, pixels, self.grid.transform(place), place.crs_wkt if place else None, self.quantity)
+            write_pixels(path, pixels, self.grid.transform, crs_wkt, description or self.quantity, self.unit, metadata)
         except OSError as error:
             message = f"{shown(path)} cannot be written ({error}); name another folder, or free some space"
             raise OutputError(message) from error
@@ -262,7 +273,7 @@ class Raster:
             dims=("y", "x"),
             coords={"y": grid.y_m + north_m, "x": grid.x_m + east_m},
             name=self.quantity.replace(" ", "_"),
-            attrs={"long_name": self.quantity, "units": "m"},
+            attrs={"long_name": self.quantity, "units": self.unit},
         )
         for axis, way in (("x", "east"), ("y", "north")):
             array[axis].attrs = {"long_name": f"{way}ing" if place else f"{way} of the local origin", "units": "m"}
@@ -285,7 +296,7 @@ class Raster:
             vmax=limit,
         )
         axes.set(xlabel="East (m)", ylabel="North (m)", title=self.quantity.capitalize())
-        axes.figure.colorbar(image, ax=axes, label="m")
+        axes.figure.colorbar(image, ax=axes, label=self.unit)
         return axes
 
 

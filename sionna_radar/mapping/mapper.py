@@ -225,9 +225,12 @@ class Mapper:
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
+        # A method of one's own may return rasters on an equal grid, without its place on the map.
+        estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
         if estimate.sigma is not None:
             sigma_m = np.hypot(estimate.sigma.height_m, np.hypot(self.microrelief_m, self._shared_m(points)))
-            estimate = replace(estimate, sigma=replace(estimate.sigma, height_m=sigma_m))
+            sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
+            estimate = replace(estimate, sigma=sigma)
         return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
 
     def _shared_m(self, points: Points) -> float:

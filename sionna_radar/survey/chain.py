@@ -87,7 +87,7 @@ def run(
 def _recorders(
     recordings: Mapping[str, str | Path] | None, sample_type: SampleType
 ) -> Callable[[Prepared], AbstractContextManager[Sequence[Recorder]]]:
-    """Return what opens the recorders of a survey, after a check of their files; loaded if there are any."""
+    """Check the files of recordings, and return a function that opens the recorders of a prepared survey."""
     if not recordings:
         return lambda _: nullcontext(())
     from sionna_radar.survey.recordings.recorder import checked_files, recorders
@@ -101,7 +101,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     """Observe, place, map and compare."""
     sensor, observed = observe(prepared, execution, recorders)
     with stage("mapping"), timed("map"):
-        make_room(sensor, len(observed.echoes))
+        _make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
         estimate = map_observed(prepared, observed, points, execution)
     hits = observed.hits
@@ -139,7 +139,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     )
 
 
-def make_room(sensor: Sensor, echoes: int) -> None:
+def _make_room(sensor: Sensor, echoes: int) -> None:
     """Give memory of the flight back before a large map, which takes as much."""
     if echoes > MANY_ECHOES:
         if isinstance(sensor, HoldsMemory):

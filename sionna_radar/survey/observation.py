@@ -146,7 +146,7 @@ class Observed(Segment):
 
     @staticmethod
     def unpacked(content: bytes) -> "Observed":
-        """Return what was observed from its bytes."""
+        """Return the observations of some bytes."""
         columns = columns_of(content)
         of_hits = f"observed{OF}hits"
         hits = table_of(TrueHits, of_hits, columns) if f"{of_hits}{OF}lit" in columns else None
@@ -178,7 +178,7 @@ class Source(Protocol):
         ...
 
     def document(self) -> Task:
-        """Return what a worker opens it from, JSON; PluginError where it has parts that workers do not have."""
+        """Return the inputs, JSON, from which a worker opens it; PluginError for parts that workers do not have."""
         ...
 
     def build_sensor(self) -> Sensor:

@@ -111,7 +111,7 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
 
 
 def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) -> EachPiece:
-    """Return what makes the pieces of the tiles: the workers, or this process if it has parts that they do not."""
+    """Return a function that makes the pieces of tiles on workers, or here if there are parts that they do not have."""
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
         distributed = execution.distributed and count > 1 and not prepared.custom.described()

@@ -262,7 +262,7 @@ class Prepared:
         return self.mapper.keeps_profiles
 
     def document(self) -> dict[str, str]:
-        """Return what another process prepares it from, JSON.
+        """Return the scenario, JSON, from which a worker prepares the survey.
 
         Raises PluginError for parts given in Python: workers have what a scenario names, and packages registered.
         """
@@ -329,7 +329,7 @@ class Prepared:
         )
 
     def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
-        """Return what the survey's sensor observes in some of its pulses, by their running numbers, increasing.
+        """Observe some pulses, by their running numbers, increasing, with the survey's sensor.
 
         Examples
         --------

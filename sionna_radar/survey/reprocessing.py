@@ -39,7 +39,7 @@ from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
-from sionna_radar.survey.observation import PLACED_AT_ONCE, SegmentObserver, observe, place
+from sionna_radar.survey.observation import SegmentObserver, observe, place
 from sionna_radar.survey.preparation import CustomParts, refuse_for_workers
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
@@ -157,7 +157,7 @@ class RecordingSource:
         return (self.parts.dem_method or build_dem_method(self.settings.dem)).profiles != "unused"
 
     def document(self) -> dict[str, Any]:
-        """Return what a worker opens it from, JSON; PluginError where parts were given in Python."""
+        """Return the path and the settings, JSON, for workers; PluginError where parts were given in Python."""
         refuse_for_workers(self.parts.described())
         return {"recording": str(self.path.absolute()), "overrides": json.dumps(dict(self.overrides))}
 
@@ -165,7 +165,7 @@ class RecordingSource:
         """Return None: a recording holds no true hits."""
 
     def build_sensor(self) -> "RecordedSensor":
-        """Return what detects its echoes."""
+        """Return the detector of its echoes."""
         expected, flight = self.settings.processing.expected_ground, self.file.flight
         ground = None
         if expected is not None and flight is not None:
@@ -372,7 +372,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         settings=source.settings,
         sweeps=source.sweeps,
         time_s=flight.time_s,
-        echoes=_corrected(observed.echoes, sensor, flight),
+        echoes=observed.echoes if points is None else replace(observed.echoes, range_m=points.range_m),
         points=points,
         measured=partial(_poses, source.path) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
@@ -389,14 +389,6 @@ def _middle_chirp(sensor: Sensor, flight: RecordedPulses) -> ChirpRecord:
     chirp = sensor.record_chirp(flight.pulses(np.array([len(flight) // 2])))
     assert chirp is not None  # recordings are of radars
     return chirp
-
-
-def _corrected(echoes: Echoes, sensor: Sensor, flight: RecordedPulses) -> Echoes:
-    """Return all echoes with their ranges corrected for motion, where the poses are known."""
-    if not flight.located:
-        return echoes
-    blocks = flight.blocks(PLACED_AT_ONCE)
-    return Echoes.concatenate([sensor.correct(echoes.of_pulses(b.index), b.index, b.measured) for b in blocks])
 
 
 def _compared(dem: Raster, truth: RecordedTruth | None) -> DemComparison | None:

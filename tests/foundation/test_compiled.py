@@ -1,5 +1,9 @@
 """Machine code where it cannot be kept, and what is said of compiling it."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 from numba.core.caching import FunctionCache
 
@@ -34,3 +38,38 @@ def test_the_first_compilation_is_told_once(monkeypatch):
     for values in (np.array([1.5]), np.array([1, 2])):
         function(values)
     assert told == [True]
+
+
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from sionna_radar.foundation.compiled import compiled
+
+class {name}(NamedTuple):
+    values: np.ndarray
+
+@compiled
+def first(table):
+    return table.values[0]
+
+print(first({name}(np.array([{value}]))))
+"""
+
+
+def test_machine_code_of_a_type_that_was_renamed_is_compiled_anew(tmp_path):
+    """The index on disk names its types, and is read before its time stamp is compared."""
+    said = []
+    for name, value in (("Older", 1.0), ("Newer", 2.0), ("Newer", 2.0)):
+        (tmp_path / "kernel.py").write_text(KERNEL.format(name=name, value=value))
+        done = subprocess.run(
+            [sys.executable, "-c", "import kernel"],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout.strip())
+    assert said == ["1.0", "2.0", "2.0"]
+    assert list((tmp_path / "cache").rglob("*.nbc"))

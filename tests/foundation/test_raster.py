@@ -12,7 +12,6 @@ from pyproj import CRS
 
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
-from sionna_radar.report.files.geotiff import write_geotiff
 
 GRID = Grid(west_m=10.0, south_m=-4.0, spacing_m=2.0, columns=3, rows=2)
 
@@ -74,7 +73,7 @@ def test_a_spacing_that_is_none_is_refused(spacing_m):
 def test_a_written_raster_is_read_where_it_was(georeference, tmp_path):
     height_m = np.array([[0.0, 2.0, np.nan], [10.0, 12.0, 14.0]], dtype=np.float32)
     path = tmp_path / "dem.tif"
-    write_geotiff(path, Raster(grid=GRID, height_m=height_m), georeference, "heights", 0.0)
+    Raster(grid=replace(GRID, georeference=georeference), height_m=height_m).to_geotiff(path)
     east_m, north_m, _ = georeference.origin_m if georeference else (0.0, 0.0, 0.0)
     copy = Raster.read(path)
     assert (copy.grid.west_m, copy.grid.south_m) == (GRID.west_m + east_m, GRID.south_m + north_m)
@@ -84,13 +83,9 @@ def test_a_written_raster_is_read_where_it_was(georeference, tmp_path):
 
 @pytest.mark.parametrize(("crs", "unit"), [("EPSG:4326", "degree"), ("EPSG:2263", "US survey foot")])
 def test_a_raster_that_does_not_count_in_metres_is_refused(crs, unit, tmp_path):
-    write_geotiff(
-        tmp_path / "far.tif",
-        Raster(grid=GRID, height_m=np.zeros(GRID.shape)),
-        Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0)),
-        "heights",
-        0.0,
-    )
+    place = Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0))
+    far = Raster(grid=replace(GRID, georeference=place), height_m=np.zeros(GRID.shape))
+    far.to_geotiff(tmp_path / "far.tif")
     with pytest.raises(InputFileError, match=rf"counts in {unit}, not in metres; convert it"):
         Raster.read(tmp_path / "far.tif")
 

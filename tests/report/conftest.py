@@ -7,7 +7,7 @@ import pytest
 from pyproj import CRS
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.foundation.raster import Georeference
+from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.report.files.contents import Report
 from sionna_radar.report.page.compare import read_results
 from sionna_radar.report.survey.products import write_survey
@@ -26,7 +26,12 @@ def georeferenced(survey: Survey) -> Survey:
     place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(747_000.0, 4_035_000.0, 400.0))
     built = survey.prepared.scene
     built = replace(built, scene=replace(built.scene, georeference=place))
-    return replace(survey, prepared=replace(survey.prepared, scene=built))
+    placed = {
+        name: replace(raster, grid=replace(raster.grid, georeference=place))
+        for name, raster in vars(survey).items()
+        if isinstance(raster, Raster)
+    }
+    return replace(survey, prepared=replace(survey.prepared, scene=built), **placed)
 
 
 @pytest.fixture(scope="session")

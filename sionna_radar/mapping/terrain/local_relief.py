@@ -153,7 +153,7 @@ class Windows:
 
 
 def calm(measured: Measured) -> Bool[np.ndarray, " n"]:
-    """Return which heights lie where the relief does not stand out from that of the terrain: not by poles or walls."""
+    """Return a mask of the heights where the relief does not stand out from the terrain: away from poles and walls."""
     windows = Windows.of(measured)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)

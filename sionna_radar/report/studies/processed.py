@@ -147,15 +147,15 @@ def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) 
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
-    height_m = place.origin_m[2] if place else 0.0
-    rasters = {} if processed.dem is None else {"dem": (processed.dem, "DEM height", height_m)}
-    if processed.dem_sigma is not None:
-        rasters["dem_sigma"] = (processed.dem_sigma, "standard deviation of the DEM height", 0.0)
-    if processed.comparison is not None:
-        rasters["truth"] = (processed.comparison.truth, "true height", height_m)
-        rasters["error"] = (processed.comparison.error, "DEM minus truth", 0.0)
+    comparison = processed.comparison
+    rasters = {
+        "dem": (processed.dem, "DEM height"),
+        "dem_sigma": (processed.dem_sigma, "standard deviation of the DEM height"),
+        "truth": (comparison.truth if comparison else None, "true height"),
+        "error": (comparison.error if comparison else None, "DEM minus truth"),
+    }
     if processed.points is not None:
-        write_rasters(directory, rasters, place, provenance(processed.scenario, processed.points))
+        write_rasters(directory, rasters, provenance(processed.scenario, processed.points))
     draw_processed(processed, directory / "figures", coordinates)
 
 

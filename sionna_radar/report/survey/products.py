@@ -12,13 +12,12 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
 from sionna_radar.report.drawing import Coordinates
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, PointsFile, Report
 from sionna_radar.report.files.folder import COSTS, costs_json, write_folder, write_text
-from sionna_radar.report.files.geotiff import write_geotiff
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
@@ -125,38 +124,30 @@ def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
 
 
 def _write_rasters(survey: Survey, directory: Path) -> None:
-    place = survey.georeference
-    origin_height_m = place.origin_m[2] if place else 0.0
     rasters = {
-        "dem": (survey.dem, "DEM height", origin_height_m),
-        "truth": (survey.truth, "true height", origin_height_m),
-        # A difference of heights does not depend on their datum.
-        "error": (survey.error, "DEM minus truth", 0.0),
+        "dem": (survey.dem, "DEM height"),
+        "truth": (survey.truth, "true height"),
+        "error": (survey.error, "DEM minus truth"),
+        "dem_sigma": (survey.dem_sigma, "standard deviation of the DEM height"),
+        "dem_sigma_navigation": (survey.dem_sigma_navigation, "standard deviation of the DEM height from navigation"),
     }
-    if survey.dem_sigma is not None:
-        rasters["dem_sigma"] = (survey.dem_sigma, "standard deviation of the DEM height", 0.0)
-    if survey.dem_sigma_navigation is not None:
-        shared = survey.dem_sigma_navigation
-        rasters["dem_sigma_navigation"] = (shared, "standard deviation of the DEM height from navigation", 0.0)
     if isinstance(survey.uncertainty, SteppedUncertainty):
         other_side = np.where(survey.dem.filled, survey.uncertainty.other_side, np.nan)
-        raster = Raster(grid=survey.dem.grid, height_m=other_side)
-        rasters["dem_other_side"] = (raster, "probability that the cell is of the other side of a step", 0.0)
+        raster = Raster(grid=survey.dem.grid, height_m=other_side, quantity="probability")
+        rasters["dem_other_side"] = (raster, "probability that the cell is of the other side of a step")
     if survey.no_echo is not None and survey.no_echo.any():
-        silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan))
-        rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back", 0.0)
-    write_rasters(directory, rasters, place, provenance(survey.scenario, survey.points))
+        silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan), quantity="mask")
+        rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back")
+    write_rasters(directory, rasters, provenance(survey.scenario, survey.points))
 
 
 def write_rasters(
-    directory: Path,
-    rasters: Mapping[str, tuple[Raster, str, float]],
-    place: Georeference | None,
-    made_by: Mapping[str, str],
+    directory: Path, rasters: Mapping[str, tuple[Raster | None, str]], made_by: Mapping[str, str]
 ) -> None:
-    """Write rasters by name, each with its description and height offset."""
-    for name, (raster, description, offset_m) in rasters.items():
-        write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
+    """Write the rasters that there are by name, each with its description."""
+    for name, (raster, description) in rasters.items():
+        if raster is not None:
+            raster.to_geotiff(directory / f"{name}.tif", description, made_by)
 
 
 def _write_page(survey: Survey, coordinates: Coordinates, path: Path) -> None:

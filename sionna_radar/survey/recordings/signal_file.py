@@ -212,7 +212,14 @@ class SignalFile:
             self._file.fail(f"true_height has the shape {shape}; it is (y, x), of at most {MAX_DEM_CELLS:,} cells")
         kept, names = self._file.attributes_of("true_height"), ("local_west_m", "local_south_m", "spacing_m")
         west_m, south_m, spacing_m = (self._vector(kept, name, 1)[0] for name in names)
-        grid = Grid(west_m=west_m, south_m=south_m, spacing_m=spacing_m, columns=shape[1], rows=shape[0])
+        grid = Grid(
+            west_m=west_m,
+            south_m=south_m,
+            spacing_m=spacing_m,
+            columns=shape[1],
+            rows=shape[0],
+            georeference=self.georeference,
+        )
         height_m = np.asarray(self._file.variable("true_height")[...], dtype=np.float64)
         return RecordedTruth(
             surface=Raster(grid=grid, height_m=height_m),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 from pyproj import CRS
 
 from sionna_radar.accuracy.truth import Comparison
@@ -168,26 +169,24 @@ class SignalRecorder:
     def finish(self, comparison: Comparison) -> None:
         """Add the truth on the DEM's grid, pack the samples if they are to be, and close the file."""
         self._add_truth(comparison.truth)
-        self._file.variable(
-            "lit",
-            ("y", "x"),
-            comparison.lit.astype(np.int8),
-            long_name="whether the main beam reached the cell",
-            flag_values=np.array([0, 1], dtype=np.int8),
-            flag_meanings="unlit lit",
-        )
+        self._add_mask("lit", comparison.lit, "whether the main beam reached the cell", "unlit lit")
         if comparison.beside_wall is not None:
-            self._file.variable(
-                "beside_wall",
-                ("y", "x"),
-                comparison.beside_wall.astype(np.int8),
-                long_name="whether a wall lies within half a footprint of the cell",
-                flag_values=np.array([0, 1], dtype=np.int8),
-                flag_meanings="away_from_walls beside_wall",
-            )
+            meaning = "whether a wall lies within half a footprint of the cell"
+            self._add_mask("beside_wall", comparison.beside_wall, meaning, "away_from_walls beside_wall")
         if self._loose:
             self._pack()
         self.close()
+
+    def _add_mask(self, name: str, cells: Bool[np.ndarray, "row column"], meaning: str, flags: str) -> None:
+        """Add a mask of the DEM's cells."""
+        self._file.variable(
+            name,
+            ("y", "x"),
+            cells.astype(np.int8),
+            long_name=meaning,
+            flag_values=np.array([0, 1], dtype=np.int8),
+            flag_meanings=flags,
+        )
 
     def _add_truth(self, truth: Raster) -> None:
         """Add the true heights over the origin; on the map their cells have its coordinates, otherwise local ones.

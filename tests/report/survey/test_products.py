@@ -15,7 +15,6 @@ from pyproj import CRS
 from beams import make_antenna
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.files.geotiff import write_geotiff
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_points_csv
 from sionna_radar.report.survey import products
@@ -142,7 +141,7 @@ def test_le90_is_defined_where_it_is_written(survey: Survey) -> None:
 def test_geotiff_has_absolute_heights_at_the_right_places(georeferenced: Survey, tmp_path: Path) -> None:
     path, place = tmp_path / "dem.tif", georeferenced.georeference
     assert place is not None
-    write_geotiff(path, georeferenced.dem, place, "DEM height", place.origin_m[2])
+    georeferenced.dem.to_geotiff(path, "DEM height")
     with rasterio.open(path) as file:
         assert file.crs == rasterio.CRS.from_epsg(32616)
         assert file.dtypes == ("float32",)
@@ -178,7 +177,7 @@ def test_error_is_a_difference_without_origin(georeferenced: Survey, tmp_path: P
 def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
     # Unit cells in the corner of the frame: the transform nearest to the identity that GDAL takes for none.
     grid = replace(survey.dem.grid, west_m=0.5, south_m=0.5 - survey.dem.grid.rows)
-    write_geotiff(tmp_path / "dem.tif", Raster(grid=grid, height_m=survey.dem.height_m), None, "DEM", 0.0)
+    Raster(grid=grid, height_m=survey.dem.height_m).to_geotiff(tmp_path / "dem.tif")
     with rasterio.open(tmp_path / "dem.tif") as file:
         assert file.crs is None
         assert file.bounds.left == 0.0

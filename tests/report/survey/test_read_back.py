@@ -20,7 +20,6 @@ from sionna_radar.accuracy.breakdown import Breakdown
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.progress import progress_to
 from sionna_radar.report.files.contents import PointsFile, Report
-from sionna_radar.report.files.geotiff import write_geotiff
 from sionna_radar.report.files.points_table import ON_MAP, columns_of, write_points_csv
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
@@ -122,7 +121,7 @@ def test_a_large_raster_is_a_valid_cog_with_overviews(flown, tmp_path):
     height[:100, :100] = np.nan
     paths = [tmp_path / name for name in ("a.tif", "b.tif")]
     for path in paths:
-        write_geotiff(path, replace(flown.dem, grid=grid, height_m=height), flown.georeference, "DEM height", 0.0)
+        replace(flown.dem, grid=grid, height_m=height).to_geotiff(path, "DEM height")
     valid, errors, warnings = cogeo.cog_validate(paths[0], strict=True)
     assert (valid, errors, warnings) == (True, [], [])
     with rasterio.open(paths[0]) as file:
@@ -130,7 +129,8 @@ def test_a_large_raster_is_a_valid_cog_with_overviews(flown, tmp_path):
         assert file.block_shapes == [(256, 256)]
         half = file.read(1, out_shape=(300, 350))
     # An average of four, without the empty ones; rows from the north.
-    assert half[0, 0] == pytest.approx(height[-2:, :2].mean())
+    origin_height_m = flown.georeference.origin_m[2]
+        assert half[0, 0] == pytest.approx(height[-2:, :2].mean() + origin_height_m)
     assert np.isnan(half[-1, 0])
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
