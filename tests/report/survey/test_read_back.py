@@ -130,7 +130,7 @@ def test_a_large_raster_is_a_valid_cog_with_overviews(flown, tmp_path):
         half = file.read(1, out_shape=(300, 350))
     # An average of four, without the empty ones; rows from the north.
     origin_height_m = flown.georeference.origin_m[2]
-        assert half[0, 0] == pytest.approx(height[-2:, :2].mean() + origin_height_m)
+    assert half[0, 0] == pytest.approx(height[-2:, :2].mean() + origin_height_m)
     assert np.isnan(half[-1, 0])
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
