@@ -36,7 +36,7 @@ _GHZ = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class Citation:
     """The source of a permittivity and its range (frequencies in hertz)."""
 
     document: str
@@ -45,27 +45,27 @@ class Source:
     note: str
 
 
-SOURCES: Mapping[str, Source] = MappingProxyType(
+SOURCES: Mapping[str, Citation] = MappingProxyType(
     {
-        "water": Source(
+        "water": Citation(
             document="ITU-R P.527-6 section 5.1.1, eqs. 5-13 (double Debye)",
             published_hz=(0.0, 1000e9),
             measured_hz=None,
             note="inside its range at 77 GHz; within 2 % of tabulated 94 GHz indices at 10 and 20 deg C",
         ),
-        "ice": Source(
+        "ice": Citation(
             document="ITU-R P.527-6 section 5.1.3.1, eqs. 28-34 (Maetzler 2006)",
             published_hz=(0.0, 1000e9),
             measured_hz=None,
             note="inside its range at 77 GHz",
         ),
-        "dry_snow": Source(
+        "dry_snow": Citation(
             document="ITU-R P.527-6 section 5.1.4.1, eqs. 51-53",
             published_hz=(0.0, 100e9),
             measured_hz=None,
             note="inside its range at 77 GHz; absorption only, scattering by grains is not in a permittivity",
         ),
-        "wet_snow": Source(
+        "wet_snow": Citation(
             document="ITU-R P.527-6 section 5.1.4.2, eqs. 54-55 (water spheres in dry snow)",
             published_hz=(0.0, 100e9),
             measured_hz=None,
@@ -74,7 +74,7 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
                 "(Ulaby and Long 2014, Figs. 4-22 and 4-23)"
             ),
         ),
-        "soil": Source(
+        "soil": Citation(
             document="ITU-R P.527-6 section 5.2, eqs. 57-70 (the form of Dobson and others 1985)",
             published_hz=(0.0, 1000e9),
             measured_hz=(1.4e9, 18e9),
@@ -84,13 +84,13 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
                 "fits of Hallikainen and others 1985"
             ),
         ),
-        "vegetation": Source(
+        "vegetation": Citation(
             document="ITU-R P.527-6 section 5.3.1, eqs. 72-77 (the form of Ulaby and El-Rayes)",
             published_hz=(0.0, 1000e9),
             measured_hz=(0.2e9, 20e9),
             note="published to 1000 GHz, measured to 20 GHz: an extrapolation at 77 GHz; leaf, not canopy",
         ),
-        "asphalt": Source(
+        "asphalt": Citation(
             document="Kurz and others 2021 (doi 10.5194/ars-19-165-2021), data in OpenMATERIAL",
             published_hz=(76e9, 81e9),
             measured_hz=(76e9, 81e9),
