@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
-from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario.objects import Building
@@ -100,10 +98,13 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     """Return horizontal positions along the edges of a surface's steep faces within a map."""
     west, east, south, north = grid.extent_m
     least_m = 0.0 if surface.divided else WALL_HEIGHT_M
-    marked, steepest = np.zeros(len(surface.faces), dtype=np.bool_), float(np.cos(np.deg2rad(WALL_SLOPE_DEG)))
-    mark_walls(surface.vertices_m, surface.faces.astype(np.int32, copy=False), least_m, steepest, grid.extent_m, marked)
-    steep = np.flatnonzero(marked)
-    corner = surface.vertices_m[surface.faces[steep]]
+    height_m = surface.vertices_m[:, 2][surface.faces]
+    corner = surface.vertices_m[surface.faces[np.ptp(height_m, axis=1) >= least_m]]
+    low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)
+    corner = corner[np.all((high >= [west, south]) & (low <= [east, north]), axis=1)]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    # Faces without an area count as steep.
+    corner = corner[~(np.abs(normal[:, 2]) >= np.cos(np.deg2rad(WALL_SLOPE_DEG)) * np.linalg.norm(normal, axis=1))]
     if surface.divided:
         corner = corner[_height_of_walls(corner, grid.spacing_m) >= WALL_HEIGHT_M]
     start = corner[..., :2].reshape(-1, 2)
@@ -127,25 +128,3 @@ def _height_of_walls(corner: Float[np.ndarray, "face 3 3"], spacing_m: float) ->
     np.minimum.at(low, number, corner[..., 2].min(axis=1))
     np.maximum.at(high, number, corner[..., 2].max(axis=1))
     return (high - low)[number]
-
-
-@compiled
-@no_type_check
-def mark_walls(vertices, faces, least_m, most_cosine, extent, marked):
-    """Mark the faces over a map that are at least so high, and so steep: by the cosine of their slope."""
-    west, east, south, north = extent
-    for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        za, zb, zc = vertices[a, 2], vertices[b, 2], vertices[c, 2]
-        if max(za, zb, zc) - min(za, zb, zc) < least_m:
-            continue
-        xa, xb, xc = vertices[a, 0], vertices[b, 0], vertices[c, 0]
-        if max(xa, xb, xc) < west or min(xa, xb, xc) > east:
-            continue
-        ya, yb, yc = vertices[a, 1], vertices[b, 1], vertices[c, 1]
-        if max(ya, yb, yc) < south or min(ya, yb, yc) > north:
-            continue
-        ux, uy, uz = xb - xa, yb - ya, zb - za
-        vx, vy, vz = xc - xa, yc - ya, zc - za
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        marked[face] = not abs(nz) >= most_cosine * np.sqrt(nx * nx + ny * ny + nz * nz)

@@ -95,7 +95,7 @@ def _fly(
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
 
-    checked = session.load()
+    checked = session.load_to_fly()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
@@ -143,7 +143,7 @@ def crosscheck(
     from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck import run_crosscheck
 
-    checked = session.load()
+    checked = session.load_to_fly()
 
     def fly(keep: "Keep") -> "CrossCheck":
         with session.team() as team:
@@ -175,7 +175,7 @@ def budget(
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
     from sionna_radar.studies.budget import GROWTH, identity_of, run_budget
 
-    checked = session.load()
+    checked = session.load_to_fly()
     known = GRADES | load_grades(grades) if grades else GRADES
 
     def fly(keep: "Keep") -> "Budget":

@@ -102,6 +102,14 @@ class Session:
 
         return load_scenario(self.scenario, self.overrides)
 
+    def load_to_fly(self) -> "Scenario":
+        """Return the scenario; on a first run other processes begin to compile what its survey needs."""
+        from sionna_radar.foundation import precompile
+
+        scenario = self.load()
+        precompile.start(scenario.dem.map_method)
+        return scenario
+
     def directory(self, suffix: str) -> Path:
         """Return the folder of the results; the suffix is that of the default folder's name."""
         return self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}"

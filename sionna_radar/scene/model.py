@@ -6,14 +6,11 @@ Bodies of targets are shapes in their own axes: right, forward and up.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Georeference, Raster
-from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.vegetation import PlantCover
 from sionna_radar.surfaces.backscatter import Backscatter
@@ -133,45 +130,22 @@ def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarr
 
 
 def _whole(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """Return vertices and triangles of a raster without empty cells, by compiled loops for speed."""
+    """Return vertices and triangles of a raster without empty cells."""
     rows, columns = raster.grid.shape
-    height = np.ascontiguousarray(raster.height_m, dtype=np.float64)
-    vertices = np.empty((rows * columns, 3))
-    faces = np.empty((2 * (rows - 1) * (columns - 1), 3), dtype=np.int32 if rows * columns < 2**31 else np.int64)
-    axes = raster.grid.x_m, raster.grid.y_m
-    over_rows(lambda start, stop: vertices_of_rows(start, stop, *axes, height, vertices), rows)
-    over_rows(lambda start, stop: triangles_of_rows(start, stop, columns, faces), rows - 1)
-    return vertices, faces
+    vertices = np.empty((rows, columns, 3))
+    vertices[..., 0], vertices[..., 1], vertices[..., 2] = raster.grid.x_m, raster.grid.y_m[:, None], raster.height_m
+    kind = np.int32 if rows * columns < 2**31 else np.int64
+    corner = np.arange(rows * columns, dtype=kind).reshape(rows, columns)
+    faces = _two_triangles([corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]])
+    return vertices.reshape(-1, 3), faces
 
 
 def _two_triangles(corners: list[Int[np.ndarray, "..."]]) -> Int[np.ndarray, "face 3"]:
     """Return two triangles for each square of corners a, b, c, d."""
     a, b, c, d = (corner.ravel() for corner in corners)
-    faces = np.empty((len(a), 2, 3), dtype=np.int64)
+    faces = np.empty((len(a), 2, 3), dtype=a.dtype)
     for column, corner in enumerate((a, b, d)):
         faces[:, 0, column] = corner
     for column, corner in enumerate((a, d, c)):
         faces[:, 1, column] = corner
     return faces.reshape(-1, 3)
-
-
-@compiled
-@no_type_check
-def vertices_of_rows(low, high, x, y, height, vertices):
-    """Write the vertices of the rows from `low` to `high`."""
-    for row in range(low, high):
-        for column in range(len(x)):
-            n = row * len(x) + column
-            vertices[n, 0], vertices[n, 1], vertices[n, 2] = x[column], y[row], height[row, column]
-
-
-@compiled
-@no_type_check
-def triangles_of_rows(low, high, columns, faces):
-    """Write the triangles between each of the rows from `low` to `high` and the next."""
-    for row in range(low, high):
-        for column in range(columns - 1):
-            a, n = row * columns + column, 2 * (row * (columns - 1) + column)
-            b, c, d = a + 1, a + columns, a + columns + 1
-            faces[n, 0], faces[n, 1], faces[n, 2] = a, b, d
-            faces[n + 1, 0], faces[n + 1, 1], faces[n + 1, 2] = a, d, c

@@ -29,7 +29,9 @@ class Relief:
     def __init__(self, raster: Raster) -> None:
         height, grid = np.ascontiguousarray(raster.height_m, dtype=np.float64), raster.grid
         pyramid, first, shapes = _pyramid(height)
-        self._steepest = float(_steepest(height, float(grid.spacing_m)))
+        across, along = np.diff(height, axis=1) ** 2, np.diff(height, axis=0) ** 2
+        steepest = np.maximum(across[:-1] + along[:, 1:], across[1:] + along[:, :-1]).max()
+        self._steepest = float(np.sqrt(steepest) / grid.spacing_m)
         self._ground = (height, pyramid, first, shapes, float(grid.west_m), float(grid.south_m), float(grid.spacing_m))
 
     def first_hits(
@@ -103,18 +105,6 @@ def _first_hits(low, high, ground, origin, direction, distance, face, cosine):
             east, north = east / step, north / step
             slant = dz - east * dx - north * dy
             cosine[ray] = min(abs(slant) / np.sqrt(1.0 + east * east + north * north), 1.0)
-
-
-@compiled
-@no_type_check
-def _steepest(height, step):
-    """Return the slope of the steepest triangle."""
-    square = 0.0
-    for i in range(height.shape[0] - 1):
-        for j in range(height.shape[1] - 1):
-            a, b, c, d = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
-            square = max(square, (b - a) ** 2 + (d - b) ** 2, (d - c) ** 2 + (c - a) ** 2)
-    return np.sqrt(square) / step
 
 
 @compiled

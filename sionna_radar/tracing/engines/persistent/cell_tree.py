@@ -22,98 +22,43 @@ def numbered(
     """Return the number of each piece's cell, the same for one place and surface, and how many numbers there are."""
     if len(place) == 0:
         return np.zeros(0, dtype=np.int64), 0
-    low, size = _extent(place, surface)
-    if float(np.prod(size.astype(np.float64))) < MAX_BOXES:
-        return _along_axes(place, surface, low, size), int(np.prod(size))
+    columns = [surface, *place.T]
+    low = [int(column.min()) for column in columns]
+    size = [int(column.max()) - least + 1 for column, least in zip(columns, low, strict=True)]
+    if float(np.prod(np.array(size, dtype=np.float64))) < MAX_BOXES:
+        number = np.zeros(len(place), dtype=np.int64)
+        for column, least, steps in zip(columns, low, size, strict=True):
+            number = number * steps + (column.astype(np.int64) - least)
+        return number, int(np.prod(size))
     _, cell = np.unique(np.column_stack([surface, place]), axis=0, return_inverse=True)
     return cell.ravel(), int(cell.max()) + 1
 
 
-@compiled
-@no_type_check
-def _extent(place, surface):
-    """Return the least surface and place of some pieces, and how many of each there are between these and the most."""
-    low, high = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64)
-    for piece in range(len(place)):
-        for axis in range(4):
-            value = np.int64(surface[piece]) if axis == 0 else np.int64(place[piece, axis - 1])
-            low[axis] = value if piece == 0 else min(low[axis], value)
-            high[axis] = value if piece == 0 else max(high[axis], value)
-    return low, high - low + 1
-
-
-@compiled
-@no_type_check
-def _along_axes(place, surface, low, size):
-    """Return the numbers of the pieces' cells in the box around all of them."""
-    out = np.empty(len(place), dtype=np.int64)
-    for piece in range(len(place)):
-        number = surface[piece] - low[0]
-        for axis in range(3):
-            number = number * size[axis + 1] + (place[piece, axis] - low[axis + 1])
-        out[piece] = number
-    return out
-
-
-@compiled
-@no_type_check
-def grouped(cell, count):
+def grouped(cell: Int[np.ndarray, " piece"], count: int) -> tuple[Int[np.ndarray, " piece"], Int[np.ndarray, " edge"]]:
     """Return the order that groups pieces by cell, keeping theirs inside it, and where each occupied cell begins."""
-    begin = np.zeros(count + 1, dtype=np.int64)
-    for number in cell:
-        begin[number + 1] += 1
-    some = 0
-    for number in range(count):
-        some += begin[number + 1] > 0
-        begin[number + 1] += begin[number]
-    edges = np.empty(some + 1, dtype=np.int64)
-    some = 0
-    for number in range(count):
-        if begin[number + 1] > begin[number]:
-            edges[some] = begin[number]
-            some += 1
-    edges[some] = len(cell)
-    order = np.empty(len(cell), dtype=np.int64)
-    for piece in range(len(cell)):
-        order[begin[cell[piece]]] = piece
-        begin[cell[piece]] += 1
-    return order, edges
+    occupied = np.bincount(cell, minlength=count)
+    return np.argsort(cell, kind="stable"), np.concatenate([[0], np.cumsum(occupied[occupied > 0])])
 
 
-@compiled
-@no_type_check
-def regrouped(order, edges, along):
+def regrouped(
+    order: Int[np.ndarray, " piece"], edges: Int[np.ndarray, " edge"], along: Int[np.ndarray, " cell"]
+) -> tuple[Int[np.ndarray, " piece"], Int[np.ndarray, " edge"]]:
     """Return groups in another order."""
-    out, out_edges = np.empty_like(order), np.empty_like(edges)
-    n = 0
-    for number in range(len(along)):
-        out_edges[number] = n
-        for k in range(edges[along[number]], edges[along[number] + 1]):
-            out[n] = order[k]
-            n += 1
-    out_edges[len(along)] = n
-    return out, out_edges
+    sizes = np.diff(edges)[along]
+    out_edges = np.concatenate([[0], np.cumsum(sizes)])
+    return order[np.repeat(edges[along] - out_edges[:-1], sizes) + np.arange(len(order))], out_edges
 
 
 def curve(place: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     """Return the number of each place along a Morton curve."""
     if len(place) == 0:
         return np.zeros(0, dtype=np.int64)
-    return _morton(place - place.min(axis=0))
-
-
-@compiled
-@no_type_check
-def _morton(place):
-    out = np.empty(len(place), dtype=np.int64)
-    for row in range(len(place)):
-        number = np.int64(0)
+    value = (place - place.min(axis=0)).astype(np.int64)
+    number = np.zeros(len(place), dtype=np.int64)
+    for bit in range(int(value.max()).bit_length()):
         for axis in range(3):
-            value = place[row, axis]
-            for bit in range(21):
-                number |= ((value >> bit) & 1) << (3 * bit + axis)
-        out[row] = number
-    return out
+            number |= ((value[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return number
 
 
 # Boxes are taken as this much larger, for rounding.

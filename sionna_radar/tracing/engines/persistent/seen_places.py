@@ -96,9 +96,8 @@ class SeenPlaces:
             those of each pulse begin.
 
         """
-        counts = np.empty(len(pulses), dtype=np.int64)
-        over_rows(lambda low, high: _count(low, high, visible, *parts, counts), len(pulses))
-        begin = np.concatenate([[0], np.cumsum(counts)])
+        before = np.concatenate([[0], np.cumsum(visible)])
+        begin = np.concatenate([[0], np.cumsum(sum(np.diff(before[edges]) for edges in parts))])
         count, single = int(begin[-1]), np.float32
         out = Paths(
             pulse=np.empty(count, dtype=np.int64),
@@ -113,18 +112,6 @@ class SeenPlaces:
         table = (self.columns, field, visible, *parts, begin, pulses.index, 2 / speed_of_light, written)
         over_rows(lambda low, high: _join(low, high, *table), len(pulses))
         return out
-
-
-@compiled
-@no_type_check
-def _count(low, high, visible, one, other, counts):
-    for beam in range(low, high):
-        count = 0
-        for i in range(one[beam], one[beam + 1]):
-            count += visible[i]
-        for i in range(other[beam], other[beam + 1]):
-            count += visible[i]
-        counts[beam] = count
 
 
 @compiled
