@@ -31,7 +31,7 @@ def start(method: str) -> None:
     function, _ = next(signatures(method))
     if cores == 1 or function._cache is None or function._cache.holds_any():
         return
-    for _ in range(min(cores, MAX_PROCESSES)):
+    for _ in range(min(cores - 1, MAX_PROCESSES)):
         subprocess.Popen(
             [sys.executable, "-m", __name__, method],
             stdin=subprocess.DEVNULL,
