@@ -40,7 +40,7 @@ def test_all_that_a_survey_calls_is_compiled_ahead(method):
 def test_every_line_names_a_compiled_function(method):
     functions = list(signatures(method))
     assert len(functions) > 30
-    for function, types in functions:
+    for function, _ in functions:
         assert function.targetoptions["nogil"]
     assert len(functions) == len({(function, types) for function, types in functions})
 
