@@ -1,4 +1,4 @@
-"""The commands that fly: each builds its study, and says how its result is written and printed."""
+"""The commands that simulate: `demo`, `run`, `crosscheck`, `budget`, `sweep`, `merge`."""
 
 from functools import partial
 from pathlib import Path
@@ -57,7 +57,7 @@ def demo(
     backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Fly a real survey over San Francisco, and write its figures and numbers."""
+    """Simulate a survey of San Francisco, and write its results and figures."""
     log_to_stderr(quiet)
     session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet, resume=resume)
     _fly(session, None, map_coordinates, report)
@@ -73,9 +73,9 @@ def run_command(
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
 ) -> None:
-    """Fly a scenario and write its DEM, points, errors and figures."""
+    """Simulate a scenario, and write its DEM, points, errors and figures."""
     if record and (session.workers is not None or session.scheduler is not None):
-        problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
+        problem = Problem("--record", "recording works in one process only; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
@@ -104,7 +104,7 @@ def _fly(
         check_parquet()
 
     def write(survey: "Survey", folder: Path) -> list[Path]:
-        # Drawing takes long to import; what was found is printed before.
+        # Imported late: plotting libraries are slow to load, and the summary is printed first.
         from sionna_radar.report.survey.products import write_survey
 
         with progress_shown(session.quiet):
@@ -137,7 +137,7 @@ def _fly(
 def crosscheck(
     session: Session,
 ) -> None:
-    """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
+    """Simulate the same pulses with both engines and test whether they agree; exit code 1 if not."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.studies.crosscheck import MARKER, print_crosscheck, write_crosscheck
     from sionna_radar.scenario.loading import identity
@@ -169,7 +169,7 @@ def budget(
         typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
 ) -> None:
-    """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
+    """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.flight.navigation import GRADES, load_grades
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
@@ -200,25 +200,23 @@ def sweep(
     ] = None,
     sample: Annotated[
         str | None,
-        typer.Option("--sample", metavar="sobol|lhs:N", help="How the ranges are sampled, and how often."),
+        typer.Option("--sample", metavar="sobol|lhs:N", help="Sampling method of the ranges, and number of samples."),
     ] = None,
     table: Annotated[
         Path | None,
-        typer.Option(
-            "--table", metavar="FILE", help="Settings as CSV: keys in its first line, a setting in each other."
-        ),
+        typer.Option("--table", metavar="FILE", help="Settings as CSV: keys in the first line, one setting per line."),
     ] = None,
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
     runs: Annotated[
         list[RunsFile] | None,
-        typer.Option("--runs", help="Write a row for each survey as runs.csv, runs.parquet or both (repeat)."),
+        typer.Option("--runs", help="Write one row per survey to runs.csv, runs.parquet or both (repeat)."),
     ] = None,
     shard: Annotated[
         str | None,
-        typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
+        typer.Option("--shard", metavar="I/N", help="Simulate the I-th of N equal shards, to be combined by `merge`."),
     ] = None,
 ) -> None:
-    """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
+    """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, write_sweep
@@ -244,11 +242,11 @@ def sweep(
 
 
 def merge(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a study.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where the whole study goes.")],
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of all shards.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder of the merged study.")],
     quiet: QuietOption = False,
 ) -> None:
-    """Put the shards of a sweep together: the same files as if it had been flown at once."""
+    """Merge the shards of a sweep into the files of an undivided one."""
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, read_sweep, write_sweep
     from sionna_radar.studies.sweep import merge_shards
 
@@ -264,8 +262,8 @@ def merge(
 
 
 def _tell_failures(result: "Sweep") -> int:
-    """Say how many settings failed, and return the exit code: 1 if any did."""
+    """Print the number of failed settings, and return the exit code: 1 if any failed."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
-        typer.echo(f"{failed} of {len(result.cases)} settings could not be flown in full", err=True)
+        typer.echo(f"{failed} of {len(result.cases)} settings failed", err=True)
     return 1 if result.failed else 0

@@ -1,4 +1,4 @@
-"""The commands about the radar itself: its link budget, its images, and its range-Doppler maps."""
+"""Commands about the radar: link budget, images and range-Doppler maps."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -20,12 +20,12 @@ def link(
     session: Session,
     incidence: Annotated[
         str | None,
-        typer.Option("--incidence", metavar="A1,A2,...", help="Angles of the beam from nadir, in degrees."),
+        typer.Option("--incidence", metavar="A1,A2,...", help="Incidence angles, degrees."),
     ] = None,
     rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
     pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
 ) -> None:
-    """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
+    """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
     from sionna_radar.report.studies.link import MARKER, print_link, write_link
     from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, run_link_budget
 
@@ -54,7 +54,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
 
 @command_on_a_scenario()
 def image(session: Session) -> None:
-    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
+    """Simulate a side-looking scenario; write its slant-range image and, with persistent speckle, the focused one."""
     from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
     from sionna_radar.studies.images import run_images
 
@@ -72,9 +72,9 @@ def image(session: Session) -> None:
 def range_doppler(
     session: Session,
     chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
-    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Frames, one after the other.")] = 8,
+    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Number of consecutive frames.")] = 8,
 ) -> None:
-    """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
+    """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
     from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
     from sionna_radar.studies.range_doppler import run_frames
 

@@ -1,4 +1,4 @@
-"""Recording while flying, and the command that processes recordings."""
+"""The `--record` option, and the command that processes recordings."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -53,9 +53,9 @@ def add_to(app: typer.Typer) -> None:
 
 
 def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]:
-    """Return the files of recordings by their kinds, and the kinds that go with the results.
+    """Return the recording files by kind, and the kinds written into the output folder.
 
-    Raises ScenarioError for anything else, and for a kind that is wanted twice.
+    Raises ScenarioError for an unknown or repeated kind.
     """
     files: dict[str, Path] = {}
     inside: list[str] = []
@@ -92,7 +92,7 @@ def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
 
 @contextmanager
 def with_the_results(kinds: list[str], directory: Path) -> Iterator[dict[str, Path]]:
-    """Yield files for the recordings that are to go into a folder of results, beside it until it is written."""
+    """Yield temporary files for recordings that will move into the output folder once it is written."""
     if not kinds:
         yield {}
         return
@@ -120,7 +120,7 @@ def process_command(
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Process recorded beat signals again, or those of a real radar: ranges, points and DEM, without the scene."""
+    """Process recorded or measured beat signals into ranges, points and a DEM."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed

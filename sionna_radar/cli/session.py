@@ -1,7 +1,4 @@
-"""Common part of all commands: load a scenario, check the output folder, fly, write and print; shared options.
-
-Arguments and options that several commands share are defined here.
-"""
+"""Common part of all commands: shared options; load a scenario, check the output folder, simulate, print and write."""
 
 import inspect
 import logging
@@ -27,11 +24,11 @@ if TYPE_CHECKING:
 
 
 Result = TypeVar("Result")
-# Begins, or goes on with, the finished parts of a run that a document describes.
+# Opens or resumes the checkpoints of a run described by a JSON document.
 Keep = Callable[[Mapping[str, Any]], Checkpoints]
-# What workers need whatever they are given, and take seconds to load.
+# Modules that every task needs and that take seconds to import.
 FLYING = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
-# The key under which a run says which files it writes; parts do not depend on it.
+# Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 
 
@@ -40,12 +37,12 @@ class Session:
     """One call of a command on a scenario.
 
     scenario: a file, or the name of a shipped one.
-    output: the folder of the results; None for one of the scenario's name.
+    output: output folder; None: named after the scenario.
     overrides: values by dotted keys.
     quiet: print nothing but errors.
     network: whether files may be read from the network.
-    resume: whether to go on with finished parts in the output folder.
-    workers, scheduler: how many processes share the work, or the address of a dask cluster that does.
+    resume: whether to continue from checkpoints in the output folder.
+    workers, scheduler: number of local processes, or address of a dask cluster.
     """
 
     scenario: str
@@ -86,12 +83,12 @@ class Session:
 
     @contextmanager
     def reach(self) -> Iterator[None]:
-        """Read files in this context: with the network, if the user allows it, and errors named after the scenario."""
+        """Apply the network permission to file access, and name the scenario in errors."""
         with named_after(shown(Path(self.scenario))), allow_network() if self.network else nullcontext():
             yield
 
     def team(self) -> "AbstractContextManager[Workers]":
-        """Return the context of the workers that share the work: this process alone, unless the user has others."""
+        """Return the context manager of the workers: this process alone unless others were requested."""
         from sionna_radar.execution.cluster import open_workers
 
         return open_workers(self.workers, self.scheduler, FLYING)
@@ -103,7 +100,7 @@ class Session:
         return load_scenario(self.scenario, self.overrides)
 
     def load_to_fly(self) -> "Scenario":
-        """Return the scenario; on a first run other processes begin to compile what its survey needs."""
+        """Return the scenario, and on a first run start compiling the functions of its survey in other processes."""
         from sionna_radar.foundation import precompile
 
         scenario = self.load()
@@ -111,7 +108,7 @@ class Session:
         return scenario
 
     def directory(self, suffix: str) -> Path:
-        """Return the folder of the results; the suffix is that of the default folder's name."""
+        """Return the output folder; the default is the scenario's name with a suffix."""
         return self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}"
 
     def produce(
@@ -125,22 +122,22 @@ class Session:
         exit_code: Callable[[Result], int] = lambda _: 0,
         products: Sequence[str] = (),
     ) -> None:
-        """Fly, print what came of it, and write it; with `resume` not again what stands in the folder.
+        """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
         Parameters
         ----------
         fly:
-            Returns the result, given what keeps the finished parts of a run.
+            Returns the result; its argument opens the checkpoints.
         suffix, marker:
-            Of the default folder's name, and the file by which a folder of such results is known.
+            Suffix of the default folder's name, and the file that marks a folder of such results.
         write:
             Writes a result into a folder, and returns the files.
         show:
             Prints a result.
         exit_code:
-            With which the command ends; it may tell why on standard error.
+            Exit code of a result; may print its reason on standard error.
         products:
-            The choice of files that are written.
+            Choice of output files.
 
         """
         directory, described = check_output(self.directory(suffix), marker), dict[str, Any]()
@@ -150,7 +147,7 @@ class Session:
                 from sionna_radar.execution.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
-                # A GPU rounds otherwise than the CPU.
+                # GPU and CPU round differently.
                 needed = {"command": marker, "version": versions(), "backend": chosen_backend(), **run}
                 described.update({**needed, PRODUCTS: list(products)})
                 if self.resume:
@@ -160,7 +157,7 @@ class Session:
             with progress_shown(self.quiet), self.reach():
                 result = fly(keep)
             if not self.quiet:
-                # Figures take longer than the flight of a short survey.
+                # Drawing may take longer than the simulation: print first.
                 show(result)
                 sys.stdout.flush()
             written, code = write(result, directory), exit_code(result)
@@ -172,16 +169,16 @@ class Session:
             raise typer.Exit(code)
 
     def _end_if_finished(self, directory: Path, described: Mapping[str, Any]) -> None:
-        """End the command if the result of its run stands in the folder already, with the exit code of that run."""
+        """Exit with the code of an identical earlier run if its result is in the folder."""
         code = None if has_checkpoints(directory) else finished_as(directory, described, PRODUCTS)
         if code is not None:
             if not self.quiet:
-                typer.echo(f"the result of this run is in {shown(directory)} already; nothing was left to do")
+                typer.echo(f"the result of this run is in {shown(directory)} already; nothing to do")
             raise typer.Exit(code)
 
 
 def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
-    """Return values by dotted keys, those of files first."""
+    """Return overrides by dotted key; assignments take precedence over files."""
     from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
     overrides: dict[str, Any] = {}
@@ -193,7 +190,7 @@ def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: 
 
 @contextmanager
 def progress_shown(quiet: bool) -> "Iterator[None]":
-    """Show how far a computation is, unless it is to be quiet."""
+    """Show progress on standard error, unless quiet."""
     from sionna_radar.foundation.progress import progress_to
     from sionna_radar.report.terminal import shown_progress
 
@@ -208,7 +205,7 @@ def progress_shown(quiet: bool) -> "Iterator[None]":
 
 
 def log_to_stderr(quiet: bool = False) -> None:
-    """Let warnings, or with quiet errors alone, go to standard error."""
+    """Send warnings (with `quiet` only errors) to standard error."""
     from sionna_radar.report.terminal import printable
 
     class Literal(logging.Formatter):
@@ -221,12 +218,12 @@ def log_to_stderr(quiet: bool = False) -> None:
         handler.setFormatter(Literal("%(levelname)s: %(message)s"))
         logger.addHandler(handler)
     for each in logger.handlers:
-        # Not that of the logger: results hold warnings whether they are shown or not.
+        # Set on the handler, not the logger: results record warnings even if they are not shown.
         each.setLevel(logging.ERROR if quiet else logging.WARNING)
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Return the scenarios, shipped ones and TOML files, that a word may become."""
+    """Complete the name of a shipped scenario or a TOML file."""
     from sionna_radar.scenario.loading import shipped_scenarios
 
     folder = Path(incomplete).parent
@@ -235,14 +232,14 @@ def complete_scenario(incomplete: str) -> list[str]:
 
 
 def complete_key(incomplete: str) -> list[str]:
-    """Return the dotted keys that the left side of an assignment may become."""
+    """Complete a dotted key."""
     from sionna_radar.scenario.reference import dotted_keys
 
     return [f"{key}=" for key in dotted_keys() if key.startswith(incomplete)]
 
 
 def _choose_backend(name: str | None) -> str | None:
-    """Choose what rays are traced with, before anything loads the ray tracer."""
+    """Select the ray-tracing backend before the ray tracer is imported."""
     if name is not None:
         from sionna_radar.raytracer.backend import use_backend
 
@@ -258,7 +255,7 @@ BackendOption = Annotated[
     typer.Option(
         "--backend",
         metavar="auto|llvm|cuda",
-        help="What traces the rays: the CPU (llvm), a GPU (cuda), or a GPU where there is one (auto, the default).",
+        help="Ray tracing on the CPU (llvm), on a GPU (cuda), or on a GPU if there is one (auto, the default).",
         callback=_choose_backend,
     ),
 ]
@@ -292,7 +289,7 @@ MapOption = Annotated[
     bool,
     typer.Option(
         "--map-coordinates/--local-coordinates",
-        help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
+        help="Coordinates in figures: map coordinates if the terrain is georeferenced, or local metres.",
     ),
 ]
 ReportOption = Annotated[
@@ -312,7 +309,7 @@ NetworkOption = Annotated[
     typer.Option("--allow-network", help="Let terrain.path be an address (https://, s3://, ...) and read it there."),
 ]
 ResumeOption = Annotated[
-    bool, typer.Option("--resume", help="Go on with the finished parts that an interrupted run left in the folder.")
+    bool, typer.Option("--resume", help="Continue an interrupted run from the checkpoints in its output folder.")
 ]
 WorkersOption = Annotated[
     int | None,
@@ -343,15 +340,15 @@ def on_a_scenario(
     return Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=team)
 
 
-# Options of commands whose work can be shared, interrupted and resumed.
+# Options of commands that support workers and resuming.
 TEAM = ("workers", "scheduler", "resume")
 
 
 def command_on_a_scenario(*, team: bool = False) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator: a command takes a `Session` first, and has the options of `on_a_scenario` beside its own.
 
-    The options stand in the order of `--help`: scenario and output, those of the command, and the others; those of
-    `TEAM` only with `team`.
+    Options are listed in `--help` as: scenario and output, those of the command, the others. Those of `TEAM` only
+    with `team`.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

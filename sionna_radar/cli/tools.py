@@ -1,4 +1,4 @@
-"""The commands that plan, check, draw and report; none of them flies."""
+"""Commands that plan, check, draw and report without simulating."""
 
 import sys
 from importlib import resources
@@ -44,17 +44,17 @@ def plan(
         "plan.toml"
     ),
     position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
-    heading: Annotated[float, typer.Option(help="Turns the area clockwise about its centre, deg.")] = 0.0,
+    heading: Annotated[float, typer.Option(help="Clockwise rotation of the area about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
     speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
     incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
     half_swath: Annotated[float, typer.Option(help="Greatest scan angle, deg.")] = 50.0,
-    overlap: Annotated[float, typer.Option(help="Share of a swath that the next line covers again.")] = 0.2,
-    slope: Annotated[float, typer.Option(help="Steepest slope that no shadow may fall on, deg.")] = 20.0,
-    most_rpm: Annotated[float, typer.Option(help="Fastest turn of the antenna.")] = 600.0,
+    overlap: Annotated[float, typer.Option(help="Overlap of neighbouring swaths, as a share.")] = 0.2,
+    slope: Annotated[float, typer.Option(help="Steepest slope that must be free of shadow, deg.")] = 20.0,
+    most_rpm: Annotated[float, typer.Option(help="Fastest rotation of the antenna, rpm.")] = 600.0,
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
-    """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
+    """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
     from sionna_radar.report.studies.plan import PLAN_FILE, parse_pair, print_check, print_plan
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
@@ -93,7 +93,7 @@ def validate(
     seed: SeedOption = None,
     network: NetworkOption = False,
 ) -> None:
-    """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
+    """Check a scenario with its terrain and flight, and print it with all values resolved."""
     from sionna_radar.scenario import to_toml
     from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
@@ -118,7 +118,7 @@ def scenes() -> None:
 
 
 def presets() -> None:
-    """List the published radars that `radar.preset` names, with the sources of their figures and what was assumed."""
+    """List the published radars available as `radar.preset`, with sources and assumptions."""
     from sionna_radar.scenario.presets import PRESETS
 
     for name, preset in PRESETS.items():
@@ -159,7 +159,7 @@ def doctor() -> None:
         typer.echo(f"{'plug-in':16}{origin}: {', '.join(names)}")
     for problem in load_plugins():
         typer.echo(f"{'plug-in':16}{problem}")
-    typer.echo("one ray traced: all is well")
+    typer.echo("one ray traced correctly")
 
 
 def fit(
@@ -170,7 +170,7 @@ def fit(
     set_: SetOption = None,
     set_file: SetFileOption = None,
 ) -> None:
-    """Report the constant gamma that best matches a material, its residual, and where it fails."""
+    """Fit a constant gamma to a material; print its residual and where the fit fails."""
     from sionna_radar.scenario import load_scenario
     from sionna_radar.studies.crosscheck import TOLERANCE_DB, fit_material
 
@@ -196,7 +196,7 @@ def add_writing_to(app: typer.Typer) -> None:
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
 ) -> None:
-    """Write a commented scenario to begin with."""
+    """Write a commented scenario to start from."""
     text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
     path = file.expanduser()
     try:
@@ -212,7 +212,7 @@ def init(
 
 
 def schema() -> None:
-    """Print the JSON Schema of scenarios, by which editors complete keys and say what they mean."""
+    """Print the JSON Schema of scenarios, for completion and documentation in editors."""
     import json
 
     from sionna_radar.scenario.reference import scenario_schema
@@ -234,12 +234,12 @@ def log_command(
     terrain: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw it over an elevation file with a CRS.")
     ] = None,
-    start: Annotated[float, typer.Option(help="Begin here, s from the first position.")] = 0.0,
-    stop: Annotated[float | None, typer.Option(help="End here, s from the first position.")] = None,
-    gap: Annotated[float, typer.Option(help="Longest time without a position that is no gap, s.")] = 2.0,
+    start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
+    stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
+    gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
     quiet: QuietOption = False,
 ) -> None:
-    """Show what is inside a log of a flight, and draw it over a map."""
+    """Summarise a flight log, and draw it on a map."""
     from sionna_radar.report.studies.log import MARKER, print_log, write_log
     from sionna_radar.studies.log_inspection import inspect_log
 
@@ -282,7 +282,7 @@ def show(
     map_coordinates: MapOption = True,
     quiet: QuietOption = False,
 ) -> None:
-    """Show the world, the flight and its footprints before anything is traced, as a page in three dimensions."""
+    """Draw the scene, the flight and its footprints as an interactive 3-D page, without tracing."""
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.page.show import PAGE_FILE, show_page
     from sionna_radar.survey.preparation import prepare
@@ -302,11 +302,11 @@ def show(
 def compare(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR1 DIR2 ...", help="Folders of results of `run`.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="A folder for compare.html; without it none.")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for compare.html (default: none).")
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Compare several results: their errors, what differs in their settings, and their maps side by side."""
+    """Compare several results: errors, differing settings, and maps side by side."""
     from sionna_radar.report.files.folder import check_output
     from sionna_radar.report.page.compare import MARKER, print_comparison, read_results, write_comparison
     from sionna_radar.studies.comparison import compare_results

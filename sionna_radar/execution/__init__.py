@@ -1,4 +1,4 @@
-"""How surveys are computed: on this process or on workers, with checkpoints; never what they result in."""
+"""Execution of surveys and studies: in this process or on workers, with checkpoints. It never affects results."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-"""Checkpoints, the finished parts of a long run that `--resume` goes on from, and staging folders of unfinished output.
+"""Checkpoints of a long run, from which `--resume` continues, and staging folders of unfinished output.
 
-A part is a file named by its key, kept in the output folder of its run. It is written beside and renamed, so that it is
-there whole or not at all. The folder of the parts says what run they are of; those of another one are refused, never
-mixed. Its lock is released by the system when the process ends, however it ends. Once the results stand in their
-folder, the parts are removed.
+A checkpoint is a file named by its key, in a folder inside the output folder of its run. It is written to a
+temporary name and renamed, so it is complete or absent. The folder records which run its checkpoints belong to;
+those of another run are refused. The operating system releases its lock when the process ends for any reason. Once
+the results are written, the checkpoints are removed.
 
 A staging folder contains a file that its process keeps locked. The system releases the lock when the process ends,
 however it ends, so an unlocked staging folder is an abandoned one.
@@ -27,7 +27,7 @@ from sionna_radar.foundation.errors import OutputError
 
 PREFIX = ".sionna-radar-"
 STAGING_LOCK, OWNER = "lock", "owner"
-OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this folder if its own run has ended.\n"
+OWNER_TEXT = "Unfinished results of sionna-radar; removed by the next run if the run that wrote them has ended.\n"
 
 
 def remedy_of(error: OSError) -> str:
@@ -35,7 +35,7 @@ def remedy_of(error: OSError) -> str:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "free some space"
     if error.errno == errno.ENOENT:
-        return "it was removed during the run: leave it there, and run the command again"
+        return "it was removed during the run; run the command again and leave the folder in place"
     return "check its permissions, or name another folder"
 
 
@@ -82,7 +82,7 @@ RUN, LOCK, UNFINISHED = "run.json", "lock", ".unfinished"
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """The finished parts of one run."""
+    """The checkpoints of one run: results of finished tasks by key."""
 
     folder: Path
 
@@ -93,14 +93,14 @@ class Checkpoints:
         return self._path(key).exists()
 
     def get(self, key: str) -> bytes | None:
-        """Return a part; None if it is not finished."""
+        """Return the result of a task; None if it has none yet."""
         try:
             return self._path(key).read_bytes()
         except FileNotFoundError:
             return None
 
     def put(self, key: str, content: bytes) -> None:
-        """Keep a part; raises OutputError if there is no room for it."""
+        """Save the result of a task; raises OutputError if it cannot be written."""
         path = self._path(key)
         beside = path.with_suffix(UNFINISHED)
         try:
@@ -110,9 +110,9 @@ class Checkpoints:
                 os.fsync(file.fileno())
             beside.replace(path)
         except OSError as error:
-            with suppress(OSError):  # no more than an unfinished part is left
+            with suppress(OSError):  # only a temporary file is left behind
                 beside.unlink()
-            message = f"a finished part cannot be kept in {self.folder} ({error.strerror}); {remedy_of(error)}"
+            message = f"a result cannot be saved in {self.folder} ({error.strerror}); {remedy_of(error)}"
             raise OutputError(message) from error
 
     def _path(self, key: str) -> Path:
@@ -121,22 +121,22 @@ class Checkpoints:
 
 @contextmanager
 def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iterator[Checkpoints]:
-    """Yield the parts of a run in its output folder, and remove them at the end unless an exception ends it.
+    """Yield the checkpoints of a run in its output folder; on a normal exit they are removed.
 
     Parameters
     ----------
     directory:
         Output folder of the run; it is made if it is missing.
     run:
-        What the parts depend on, as a JSON document: scenario, seed, versions.
+        Everything the results depend on, as a JSON document: scenario, seed, versions.
     resume:
-        Whether to go on with the parts that are there.
+        Whether to continue from existing checkpoints.
 
     Raises
     ------
     OutputError
-        Another run writes into the folder; it holds parts of another run, or parts without `resume`; or it cannot be
-        written.
+        Another process is writing into the folder; it holds checkpoints of another run, or checkpoints while
+        `resume` is false; or it is not writable.
 
     """
     folder = directory / FOLDER
@@ -159,7 +159,7 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
     except BaseException as error:
         lock.release()
         if len(parts) and begun:
-            error.add_note("finished parts are kept; the same command with --resume goes on from them")
+            error.add_note("finished tasks are saved; continue with the same command and --resume")
         elif len(parts) == 0:
             _remove(folder, directory if made else None)
         raise
@@ -168,12 +168,12 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
 
 
 def has_checkpoints(directory: Path) -> bool:
-    """Return whether a folder holds finished parts of a run that has not ended."""
+    """Return whether a folder holds checkpoints of an unfinished run."""
     return len(Checkpoints(directory / FOLDER)) > 0
 
 
 def _take_over(parts: Checkpoints, directory: Path, run: dict[str, Any], resume: bool) -> None:
-    """Check that the parts in a folder are of this run, or begin it."""
+    """Check that the checkpoints in a folder belong to this run, or start the run."""
     said = parts.folder / RUN
     for left in parts.folder.glob(f"*{UNFINISHED}"):
         left.unlink()
@@ -197,7 +197,7 @@ def _take_over(parts: Checkpoints, directory: Path, run: dict[str, Any], resume:
 
 
 def _remove(folder: Path, directory: Path | None = None) -> None:
-    """Remove a folder of parts, which only this program writes to, and the output folder if it was made for it."""
+    """Remove a folder of checkpoints, and the output folder if it was created for them."""
     for path in [*folder.glob("*.part"), *folder.glob(f"*{UNFINISHED}"), folder / RUN, folder / LOCK]:
         path.unlink(missing_ok=True)
     for emptied in (folder, directory):

@@ -1,6 +1,6 @@
-"""Workers of dask.distributed: processes started for a study on this machine, or a cluster that is there.
+"""Workers of dask.distributed: local processes started for a study, or an existing cluster.
 
-Only functions named by their module, JSON text and bytes travel. Dask is imported when workers are asked for.
+Only module-level functions (by name), JSON text and bytes are sent. Dask is imported on first use.
 """
 
 import json
@@ -47,17 +47,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("sionna_radar")
 
-# A task that has ended its worker this many times is given up.
+# Worker deaths after which a task is reported as failed.
 ATTEMPTS = 3
 CONNECT_S = 10.0
-# A cluster without workers is told of, and is waited for.
+# Seconds to wait for a cluster without workers, after a warning.
 LONELY_S, FIRST_WORKER_S = 3.0, 30.0
-# Names what the processes load ahead.
+# Name of the dask preload that imports modules in the workers.
 AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
-# How often an interrupt is looked for.
+# Polling interval for interrupts.
 TICK_S = 0.2
 CLOSING_S = 2.0
-# The tracer and the pools of threads belong to the process: a worker with several threads does one task at a time.
+# The tracer and the thread pools are shared by a process, so each worker runs one task at a time.
 _one_at_a_time = threading.Lock()
 
 
@@ -65,24 +65,24 @@ _one_at_a_time = threading.Lock()
 def open_workers(
     count: int | None = None, scheduler: str | None = None, ahead: Sequence[str] = ()
 ) -> Iterator[Workers]:
-    """Yield workers: processes of this machine, those of a cluster that is there, or this process itself.
+    """Yield workers: processes on this machine, an existing cluster, or this process itself.
 
     Parameters
     ----------
     count:
-        Processes to start; the cores are shared among them. While they have nothing to do, this process may use as many
-        threads as all of them.
+        Processes to start; they share the cores. While they are idle, this process may use all of their threads.
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
     ahead:
-        Modules that processes load as soon as they start, before they are given anything to do.
+        Modules that the workers import at start-up, before the first task.
 
     Raises
     ------
     ScenarioError
-        Both are given, or fewer than one process.
+        `count` and `scheduler` are both given, or `count` is less than 1.
     WorkerError
-        Dask is not installed, there is no cluster at the address, or its workers have another version.
+        Dask is not installed, no cluster answers at the address, or the versions of its workers differ from this
+        process.
 
     Examples
     --------
@@ -103,8 +103,8 @@ def open_workers(
     except ImportError as error:
         message = "workers need dask; install it with `pip install 'sionna-radar[cluster]'`"
         raise WorkerError(message) from error
-    # What it tells of its connections is for those who run a cluster; some comes when all is over. Its parts have
-    # levels of their own.
+    # Dask's connection messages concern cluster operators, and some arrive after the run; its loggers have their own
+    # levels.
     for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     opened = _local_client(count, ahead) if count is not None else _remote_client(str(scheduler))
@@ -122,7 +122,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
     given = given_threads()
     threads = given or max(cores() // count, 1)
     settings = {
-        # What dask would set there, the threads of BLAS among it, is ours to choose.
+        # Dask would override the thread settings of BLAS; the number of threads is set below.
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
@@ -144,7 +144,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={
                     "allowed_failures": ATTEMPTS - 1,
-                    # Its pages cannot be left out: on a port that is free, and without what draws them.
+                    # The dashboard cannot be disabled: use a free port and no plotting dependencies.
                     "dashboard": False,
                     "dashboard_address": "127.0.0.1:0",
                 },
@@ -159,7 +159,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
 
 
 def _start_silent_tracker() -> None:
-    """Start the process in which Python keeps account of semaphores, silent about those of a run that is killed."""
+    """Start Python's resource tracker without its warnings about semaphores of killed runs."""
     from multiprocessing import resource_tracker
 
     sys.warnoptions.append("ignore:resource_tracker")
@@ -170,7 +170,7 @@ def _start_silent_tracker() -> None:
 
 
 def dask_setup(_: Any) -> None:
-    """Let a worker ignore Ctrl-C, which reaches all processes of a terminal: the one that started it ends it."""
+    """Ignore Ctrl-C in workers: the terminal sends it to all processes, and the parent shuts the workers down."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tune_heaps()
     if os.environ.get(AHEAD_VARIABLE):
@@ -178,16 +178,16 @@ def dask_setup(_: Any) -> None:
 
 
 def _load_ahead(modules: Sequence[str]) -> None:
-    """Import modules while nothing is to be done; the first task waits for it, as it needs them."""
+    """Import modules in the background; the first task waits for them."""
     with _one_at_a_time:
         for module in modules:
-            # Whatever is wrong with one, a task will say.
+            # A task that needs the module reports the error.
             with suppress(Exception):
                 import_module(module)
 
 
 def _end(cluster: "LocalCluster") -> None:
-    """End the workers, whatever they do: what they finished is here already."""
+    """Kill the worker processes; all finished results have been received."""
     for nanny in list(cluster.workers.values()):
         nanny.auto_restart = False
         process = getattr(nanny, "process", None)
@@ -204,7 +204,7 @@ def _remote_client(address: str) -> Iterator["Client"]:
     from distributed import Client
 
     try:
-        # Dask may hang where it finds no scheduler a second time, so that somebody must answer first.
+        # Dask may hang on a second failed connection, so check the port first.
         host, port = _host_and_port(address)
         socket.create_connection((host, port), timeout=CONNECT_S).close()
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
@@ -240,7 +240,8 @@ def _host_and_port(address: str) -> tuple[str, int]:
 class DaskWorkers:
     """The workers of a dask cluster.
 
-    program: versions that each must have; local: how many were started here, 0 for a cluster that was there.
+    program: package versions that every worker must have; local: number of local processes, 0 for an existing
+    cluster.
     """
 
     client: "Client"
@@ -249,7 +250,7 @@ class DaskWorkers:
 
     @property
     def count(self) -> int:
-        """How many tasks are done at once."""
+        """Number of tasks run concurrently."""
         return self.local or max(self._there(), 1)
 
     def _there(self) -> int:
@@ -272,9 +273,9 @@ class DaskWorkers:
                 raise WorkerError(_other_program(address, different))
 
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the result of each task, or why it has none, as they finish.
+        """Yield the result or failure of each task as it finishes.
 
-        A worker is given one task at a time: one that ends its worker takes no other with it.
+        Each worker holds one task at a time, so that a task that kills its worker affects no other.
         """
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
@@ -300,14 +301,14 @@ class DaskWorkers:
         return self.client.submit(perform, task, given, shared, key=key, pure=False)
 
     def _sent(self, shared: bytes) -> "Future":
-        """Return the shared payload as a task, so that dask recomputes it when the worker that holds it is lost."""
+        """Return the shared payload as a dask task, so that dask recreates it if the worker that holds it is lost."""
         with warnings.catch_warnings():
-            # Dask would rather have it in a file that all can read.
+            # Dask warns about large payloads and suggests a shared file.
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
             return self.client.submit(_itself, shared, key=f"sionna-radar-{uuid4().hex}", pure=False)
 
     def _next(self, finished: "queue.SimpleQueue[Future]") -> "Future":
-        """Return the next finished task, interrupts heeded meanwhile."""
+        """Return the next finished task; interrupts are handled while waiting."""
         since, told = monotonic(), False
         while True:
             raise_received()
@@ -332,7 +333,7 @@ def _result(future: "Future") -> bytes | Failure:
     from distributed import KilledWorker
 
     if future.status in ("cancelled", "lost"):
-        raise WorkersLostError("the dask scheduler has lost a task: it ended, or was started anew")  # noqa: EM101
+        raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")  # noqa: EM101
     if future.status == "error":
         error = future.exception()
         if isinstance(error, KilledWorker):
@@ -355,7 +356,7 @@ def _itself(shared: bytes) -> bytes:
 
 
 def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
-    """Do a task in a worker, and return its result or failure, and what was logged meanwhile."""
+    """Run a task in a worker; return its result or failure, and the warnings logged during it."""
     settings, log = json.loads(given), _Log()
     different = differences(settings["program"])
     reply: dict[str, Any] = {"result": None, "failure": None, "log": log.records, "different": different, "host": ""}
@@ -369,7 +370,7 @@ def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
 
 
 def differences(program: dict[str, Any]) -> dict[str, list[Any]]:
-    """Return the versions that differ in this process: what is wanted and what is there."""
+    """Return the package versions that differ in this process, as (required, installed)."""
     there = versions() if program else {}
     return {name: [wanted, there.get(name)] for name, wanted in program.items() if there.get(name) != wanted}
 
@@ -380,7 +381,7 @@ def _other_program(where: str, different: Mapping[str, Sequence[Any]]) -> str:
 
 
 class _Log(logging.Handler):
-    """Collects the warnings of the program."""
+    """Collect the warnings logged by the package."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -391,7 +392,7 @@ class _Log(logging.Handler):
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Collect what is logged, in place of printing it."""
+        """Collect log records instead of printing them."""
         propagate = logger.propagate
         logger.addHandler(self)
         logger.propagate = False

@@ -1,4 +1,4 @@
-"""How a survey or a study is computed: in blocks, on workers, with checkpoints, and who is told of its progress."""
+"""How a survey or study is computed: block size, workers, checkpoints and progress."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -16,12 +16,12 @@ BLOCK_SIZE = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """How something is computed, which changes the time and the memory it takes, never the result.
+    """Settings of a computation that affect time and memory, never the result.
 
     block_size: pulses simulated at once.
-    workers: processes that share the work, from `open_workers`; without them this process does it.
-    checkpoints: where finished parts are kept as they come, and those that are there already are taken from; see
-        `open_checkpoints`.
+    workers: processes that share the work, from `open_workers`; None: this process.
+    checkpoints: where results of finished tasks are saved, and from which existing ones are read; see
+    `open_checkpoints`.
     progress: called at the start of each stage and after each of its steps with its name, the steps done and their
         number, 0 if unknown; None for a bar in a notebook and nothing in a script.
 
@@ -44,20 +44,20 @@ class Execution:
 
     def __post_init__(self) -> None:
         if self.block_size < 1:
-            message = f"{self.block_size} pulses are none; give at least 1"
+            message = f"{self.block_size} pulses a block are too few; give at least 1"
             raise ScenarioError([Problem("block_size", message)])
 
     @property
     def distributed(self) -> bool:
-        """Whether other processes do the work."""
+        """Whether worker processes do the work."""
         return self.workers is not None and self.workers.count > 0
 
     def reported(self) -> AbstractContextManager[None]:
-        """Return a context in which the progress of what is computed is reported."""
+        """Return a context that reports progress."""
         return shown_progress(self.progress)
 
     def missing(self, tasks: Mapping[str, Task]) -> list[str]:
-        """Return the keys of the tasks of which no result is kept."""
+        """Return the keys of tasks without a checkpoint."""
         return [key for key in tasks if self.checkpoints is None or key not in self.checkpoints]
 
     def over(
@@ -69,23 +69,22 @@ class Execution:
         steps: Mapping[str, int] | None = None,
         side_by_side: bool = False,
     ) -> Iterator[tuple[str, bytes | Failure]]:
-        """Yield the key and the result of each task: those kept first, and others as they finish.
+        """Yield key and result of each task: checkpoints first, then others as they finish.
 
-        A result is kept at once. A failure is not, so that the task is tried again when the run goes on.
+        Each result is saved at once; failures are not, so a resumed run retries them.
 
         Parameters
         ----------
         tasks:
-            JSON documents by the keys of their results among the checkpoints.
+            JSON documents by checkpoint key.
         work:
-            Computes the result of a task, as bytes. Workers find a function by its module and name; in this process it
-            may be any.
+            Returns the result of a task as bytes. For workers it must be a module-level function.
         shared:
-            What all tasks have in common, their entry `SHARED`; bytes if workers are to have it.
+            Payload common to all tasks, passed in their entry `SHARED`; bytes if sent to workers.
         steps:
-            How many steps of the current stage each task takes; without it one.
+            Progress steps of each task; default one.
         side_by_side:
-            Whether this process does several at once, in threads.
+            Whether this process runs several tasks at once, in threads.
 
         """
         keys = []

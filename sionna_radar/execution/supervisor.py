@@ -1,8 +1,8 @@
-"""A child process for the program, so that its parent reports how it ended.
+"""Run the program in a child process whose parent reports abnormal ends.
 
-The ray tracer calls abort() on an internal error, and the kernel kills a process when memory runs out: neither leaves
-Python time for a message. A fork taken before anything heavy is loaded costs a millisecond. The parent passes SIGTERM
-and Ctrl-C on to the child, and the child ends when its parent does.
+Dr.Jit may abort() and the kernel's out-of-memory killer may end the process; Python can report neither. Forking before
+anything heavy is imported costs a millisecond. The parent forwards SIGTERM and Ctrl-C, and the child ends with its
+parent.
 """
 
 import atexit
@@ -12,21 +12,19 @@ import sys
 from collections.abc import Callable
 
 PASSED_ON = (signal.SIGINT, signal.SIGTERM)
-# Code of a signal that a terminal has sent to all processes in the foreground, so that it needs no passing on (Linux).
+# si_code of a signal that the terminal sent to the whole foreground group and needs no forwarding (Linux).
 SI_KERNEL = 0x80
 PR_SET_PDEATHSIG = 1
 ADVICE = (
-    "the result of an earlier command stands as it was; a smaller survey, block size or number of workers takes less "
-    "memory, and where the output folder holds finished parts the same command with --resume goes on from them"
+    "earlier results are unchanged; a smaller survey, block size or number of workers needs less memory, and if the "
+    "output folder holds checkpoints the same command with --resume continues from them"
 )
 
 
 def supervised(program: Callable[[], None]) -> None:
-    """Run a program in a child process, and exit with its code; with 1 and a line of text if something killed it.
+    """Run a program in a child process and exit with its code; with 1 and a message if it was killed.
 
-    Both processes leave it by their exit alone.
-
-    Where processes cannot be watched like that, on anything but Linux, it runs in this one.
+    Neither process returns from this function. On systems other than Linux the program runs in this process.
     """
     if not sys.platform.startswith("linux"):
         program()
@@ -46,7 +44,7 @@ def supervised(program: Callable[[], None]) -> None:
 
 
 def _run_and_leave(program: Callable[[], None]) -> None:
-    """Run a program and end this process as soon as all that was to be done at its exit is done."""
+    """Run a program and exit without the interpreter's teardown."""
     try:
         program()
         code = 0
@@ -54,7 +52,7 @@ def _run_and_leave(program: Callable[[], None]) -> None:
         if isinstance(leaving.code, str):  # a message, which the interpreter prints
             raise
         code = leaving.code or 0
-    # In the order of the interpreter: threads, what modules have registered, and what is yet to be printed.
+    # In the interpreter's order: threads, atexit handlers, output streams.
     import threading
 
     threading._shutdown()  # type: ignore[attr-defined]
@@ -62,13 +60,13 @@ def _run_and_leave(program: Callable[[], None]) -> None:
     try:
         sys.stdout.flush()
         sys.stderr.flush()
-    except OSError:  # nobody reads any more; the interpreter has a way to say so
+    except OSError:  # closed pipe: let the interpreter report it
         sys.exit(code)
     os._exit(code)
 
 
 def _watch(child: int, watched: set[signal.Signals]) -> int:
-    """Pass signals on until the child has ended, and return its status, as `os.waitpid` does."""
+    """Forward signals until the child ends, and return its `os.waitpid` status."""
     while True:
         came = signal.sigwaitinfo(watched)
         if came.si_signo in PASSED_ON:
@@ -81,7 +79,7 @@ def _watch(child: int, watched: set[signal.Signals]) -> int:
 
 
 def _code(status: int) -> int:
-    """Return the exit code for a status of a child, and tell of one that did not end by itself."""
+    """Return the exit code for a wait status, and report a child killed by a signal."""
     code = os.waitstatus_to_exitcode(status)
     if code >= 0:
         return code
@@ -89,13 +87,13 @@ def _code(status: int) -> int:
     if number in PASSED_ON:
         return 128 + number
     name = signal.Signals(number).name
-    cause = "most likely for want of memory" if number == signal.SIGKILL else "by a library that could not go on"
+    cause = "most likely out of memory" if number == signal.SIGKILL else "by a library that aborted"
     sys.stderr.write(f"error: the program was ended {cause} ({name}); {ADVICE}\n")
     return 1
 
 
 def _die_with(parent: int) -> None:
-    """Have the system end this process when its parent ends, however that ends."""
+    """Let the kernel kill this process when its parent ends."""
     import ctypes
 
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -1,10 +1,9 @@
-"""Independent tasks, done one after another here, or by workers: other processes, on this machine or on many.
+"""Independent tasks, run in this process or by workers on this machine or others.
 
-A task and its result travel as documents: a task as JSON, its result as the bytes that are kept as a finished part.
-So a worker needs no more than the same version of the program, and what it returns is what this process would have
-made, bit for bit.
+Tasks are JSON documents and results are bytes, the content of a checkpoint. A worker needs only the same version of
+the package, and returns the same bits as this process would.
 
-`versions` gives the versions of Python and of the packages that decide the bits of a result.
+`versions` returns the versions of Python and of the packages that affect the bits of a result.
 """
 
 import builtins
@@ -24,9 +23,9 @@ from sionna_radar.foundation.interrupts import raise_received
 logger = logging.getLogger("sionna_radar")
 
 Task = Mapping[str, Any]
-# Name of the entry of a task that is the same in all of them.
+# Key of the payload shared by all tasks.
 SHARED = "shared"
-# A function of a module, by whose name workers find it: it returns the bytes of a result.
+# A module-level function, sent to workers by name; it returns a result as bytes.
 Work = Callable[[Task], bytes]
 
 
@@ -47,7 +46,7 @@ class Failure:
 
     @staticmethod
     def of(error: Exception) -> "Failure":
-        """Return the failure that an error is."""
+        """Return the failure that an exception describes."""
         problems = error.problems if isinstance(error, ScenarioError) else ()
         return Failure(
             kind=type(error).__name__,
@@ -67,7 +66,7 @@ class Failure:
         return Failure(**{**found, "problems": tuple((name, text) for name, text in found["problems"])})
 
     def error(self) -> Exception:
-        """Return it as an error to raise: of its own class, if that is the program's or Python's, else WorkerError."""
+        """Return the exception to raise: of the original class if it is ours or a built-in, otherwise WorkerError."""
         if self.cause is not None:
             return self.cause
         if self.kind == ScenarioError.__name__:
@@ -91,42 +90,42 @@ class Workers(Protocol):
         ...
 
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the number of each task, and its result or why it has none, as they finish.
+        """Yield index and result or failure of each task as it finishes.
 
-        What is `shared` is an entry of every task: for workers bytes, which each is sent once.
+        `shared` is an entry of every task; for workers it is bytes, sent once to each.
         """
         ...
 
 
 class InProcess:
-    """Does one task after another in this process."""
+    """Run tasks one after another in this process."""
 
     count = 0
 
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the result of each task in their order."""
+        """Yield the results in the order of the tasks."""
         for number, task in enumerate(tasks):
             yield number, attempt(work, {**task, SHARED: shared})
 
 
 def attempt(work: Work, task: Task) -> bytes | Failure:
-    """Return the result of a task, or why it has none."""
+    """Return the result of a task, or its failure."""
     try:
         return work(task)
     except Exception as error:
-        # Hours of other tasks must not be lost by one, whatever it fails of.
+        # One failed task must not discard the results of the others.
         raise_received()
         logger.debug("a task failed", exc_info=True)
         return Failure.of(error)
 
 
 def name_of(work: Work) -> str:
-    """Return the name by which workers find a function."""
+    """Return the qualified name of a module-level function."""
     return f"{work.__module__}:{work.__qualname__}"
 
 
 def named(name: str) -> Work:
-    """Return the function of a name."""
+    """Return the function with a qualified name."""
     module, _, function = name.partition(":")
     found: Work = getattr(import_module(module), function)
     return found

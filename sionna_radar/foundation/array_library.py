@@ -1,4 +1,4 @@
-"""Which library computes with arrays where they are: NumPy and SciPy in the memory of the host, CuPy in a GPU's."""
+"""Array libraries: NumPy and SciPy for arrays in host memory, CuPy for arrays on a GPU."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,22 +12,22 @@ from jaxtyping import Num
 class ArrayLibrary:
     """A library of arrays.
 
-    arrays, fft: modules with NumPy's functions, and with those of `scipy.fft`.
+    arrays, fft: modules with the interfaces of `numpy` and `scipy.fft`.
     """
 
     arrays: Any
     fft: Any
 
     def taken(self, tensor: Any) -> Any:
-        """Return a tensor of Dr.Jit as an array of this library: in a GPU's memory without a copy."""
+        """Return a Dr.Jit tensor as an array of this library, on a GPU without a copy."""
         return tensor.numpy() if self.arrays is np else self.arrays.from_dlpack(tensor)
 
     def given(self, array: Num[np.ndarray, "..."]) -> Any:
-        """Return an array of the host as one of this library."""
+        """Return a host array as an array of this library."""
         return self.arrays.asarray(array)
 
     def fetched(self, array: Any) -> Num[np.ndarray, "..."]:
-        """Return an array of this library in the memory of the host."""
+        """Return an array of this library as a host array."""
         return np.asarray(array) if self.arrays is np else np.asarray(self.arrays.asnumpy(array))
 
 

@@ -1,7 +1,4 @@
-"""Tables: frozen dataclasses whose fields are columns of equal length, and their conversion to bytes.
-
-Tables become bytes, and tables again, bit for bit: finished parts are kept so, and workers return their results so.
-"""
+"""Tables: frozen dataclasses of columns of equal length, and their exact conversion to bytes."""
 
 import io
 from collections.abc import Sequence
@@ -19,8 +16,8 @@ Table = TypeVar("Table", bound="Columns")
 class Columns:
     """A table of columns; a row is one entry of each column.
 
-    A subclass is a frozen dataclass whose fields are NumPy arrays of one length along their first axis; a column that
-    a table need not have is None in those without.
+    Subclasses are frozen dataclasses whose fields are NumPy arrays of equal length along their first axis; an optional
+    column may be None.
     """
 
     def __len__(self) -> int:
@@ -33,7 +30,7 @@ class Columns:
 
     @classmethod
     def concatenate(cls: type[Table], tables: Sequence[Table]) -> Table:
-        """Return all rows of some tables, in order; columns that one of them lacks are left out."""
+        """Concatenate tables; columns missing from any of them are left out."""
         columns = {f.name: [getattr(t, f.name) for t in tables] for f in fields(cls)}
         return cls(**{name: _joined(given) for name, given in columns.items()})
 
@@ -43,12 +40,12 @@ def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:
     return np.concatenate(given) if len(given) == len(columns) else None
 
 
-# Between the name of a table and that of its column.
+# Separator of table and column names.
 OF = "."
 
 
 def packed(**values: Any) -> bytes:
-    """Return the bytes of some tables, which may be nested, arrays and numbers by their names."""
+    """Serialise named tables (which may be nested), arrays and numbers."""
     content = io.BytesIO()
     np.savez(
         content, **{key: column for name, value in values.items() for key, column in _columns(name, value).items()}
@@ -57,20 +54,20 @@ def packed(**values: Any) -> bytes:
 
 
 def columns_of(content: bytes) -> dict[str, Any]:
-    """Return the arrays of some bytes, those of a table by its name, a dot and theirs."""
+    """Return the arrays in serialised bytes by name; columns of a table as `table.column`."""
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 
 
 def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
-    """Return a table from its columns; a column without axes is a number, and one that may be left out None."""
+    """Return a table from its columns; 0-d columns become numbers, missing optional ones None."""
     kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
     own = {key: columns[column] for key, column in kept.items() if column in columns}
     return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)
 
 
 def _columns(name: str, value: Any) -> dict[str, Any]:
-    """Return the arrays and numbers of nested tables by their names; None has none."""
+    """Flatten nested tables to arrays and numbers by name; None contributes nothing."""
     if value is None:
         return {}
     if not is_dataclass(value):

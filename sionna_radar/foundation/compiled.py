@@ -31,33 +31,33 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function of numbers and arrays when it is first called; others that it calls are compiled too.
+    """Compile a function of numbers and arrays, and those it calls, on its first call.
 
-    It carries `no_type_check` as well, since Numba knows the types: checks in Python would keep it from compiling.
+    Decorate it with `no_type_check` too: run-time type checks in Python would prevent compilation.
 
-    What is compiled slows the first run on a machine. Each new combination of argument types is compiled anew, literal
-    integers (`f(x, 0)` beside `f(x, n)`) and the layout of arrays (a slice of columns beside a whole array) included:
-    callers convert. An assignment of an array to a slice compiles the text of its error message, a second of work; a
-    loop does not.
+    Compilation slows the first run on a machine. Every combination of argument types is compiled separately,
+    including literal integers (`f(x, 0)` beside `f(x, n)`) and array layouts (a column slice beside a whole array);
+    callers convert. Assigning an array to a slice compiles the text of an error message, about a second; a loop does
+    not.
     """
-    # Nothing calls them as C functions: without the entry for that a tenth less is to be compiled.
+    # No C callers: omitting the C entry point saves a tenth of the compilation.
     machine_code = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     try:
         machine_code._cache = _Cache(function)  # as `enable_caching` does
-    except RuntimeError:  # neither the package's folder nor that of the user's caches can be written
-        _say_once("machine code cannot be kept, and each run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
+    except RuntimeError:  # neither the package's folder nor the user's cache is writable
+        _say_once("compiled code cannot be cached, every run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
     return cast(Function, machine_code)
 
 
 class _Cache(FunctionCache):
-    """Machine code on disk, which processes share: while one of them compiles a function the others wait for it."""
+    """Compiled code on disk, shared by processes: while one compiles a function, the others wait for it."""
 
     def __init__(self, function: Function) -> None:
         super().__init__(function)
         self._lock = FileLock(f"{self._cache_file._index_path}.lock")
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Return the machine code for some types; None if there is none, and this process is to compile it."""
+        """Return compiled code for argument types; None if this process has to compile it."""
         machine_code = self._loaded(signature, target)
         if machine_code is None and not self._lock.is_locked:
             self._lock.acquire()
@@ -67,14 +67,14 @@ class _Cache(FunctionCache):
         return machine_code
 
     def save_overload(self, signature: Any, data: Any) -> None:
-        """Keep machine code, and let the processes that wait for it go on."""
+        """Save compiled code, and release the processes that wait for it."""
         try:
             super().save_overload(signature, data)
         finally:
             self._lock.release()
 
     def holds_any(self) -> bool:
-        """Return whether there is machine code of the function for any types."""
+        """Return whether compiled code of the function exists for any types."""
         return bool(self._cache_file._load_index())
 
     def is_claimed(self) -> bool:
@@ -95,7 +95,7 @@ class _Cache(FunctionCache):
 
 
 class _Collection(event.Listener):
-    """Suspends the search for reference cycles during compilation, a sixth of whose time it would take."""
+    """Disable garbage collection during compilation, which takes a sixth less time without."""
 
     def __init__(self) -> None:
         self._depth = 0
@@ -117,7 +117,7 @@ event.register("numba:compile", _Collection())
 
 
 class _Compilations(event.Listener):
-    """Tells once that something is compiled, and is not found on disk."""
+    """Report the first compilation of this process."""
 
     def __init__(self, tell: Callable[[], object]) -> None:
         self._untold = [tell]
@@ -131,7 +131,7 @@ class _Compilations(event.Listener):
 
 
 def on_first_compilation(tell: Callable[[], object]) -> None:
-    """Call a function when this process compiles anything for the first time from now on."""
+    """Call a function when this process first compiles anything from now on."""
     event.register("numba:compile", _Compilations(tell))
 
 

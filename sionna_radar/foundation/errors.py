@@ -1,4 +1,4 @@
-"""The errors a user can cause, each naming the field, the value and the remedy."""
+"""Errors that a user can cause; each names the field, the value and the remedy."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ class Problem:
         return f"{self.field}: {self.message}"
 
 
-# What an error calls a scenario whose file is not known.
+# Name of a scenario without a file in errors.
 UNNAMED = "scenario"
 
 
@@ -62,7 +62,7 @@ class ScenarioError(RadarError, ValueError):
 
 @contextmanager
 def named_after(source: str) -> Iterator[None]:
-    """Put the name of a scenario's file into the errors that do not name one."""
+    """Add the name of a scenario's file to errors that name none."""
     try:
         yield
     except ScenarioError as error:
@@ -88,15 +88,15 @@ class BackendError(RadarError, RuntimeError):
 
 
 class PluginError(RadarError, TypeError):
-    """A part that cannot be registered: its name is taken, or its table of parameters is not one."""
+    """A plug-in that cannot be registered: its name is taken, or its parameter table is invalid."""
 
 
 class WorkerError(RadarError, RuntimeError):
-    """Workers of a cluster that cannot be had or used, or a task that they could not do."""
+    """Workers that cannot be started, reached or used, or a task that failed on them."""
 
 
 class WorkersLostError(WorkerError):
-    """Workers, or the scheduler of a cluster, that ended in the middle of their work."""
+    """Workers or a scheduler that ended while tasks were running."""
 
 
 def one_line(error: Exception) -> str:

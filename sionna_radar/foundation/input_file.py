@@ -149,7 +149,7 @@ _allowed: ContextVar[bool] = ContextVar("network_allowed", default=False)
 
 
 def is_address(text: str) -> bool:
-    """Whether a text leads elsewhere than to a file of this machine."""
+    """Whether a path is an address on the network."""
     return bool(ADDRESS.match(text))
 
 

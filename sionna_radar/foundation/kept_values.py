@@ -1,4 +1,4 @@
-"""Values that are kept in the process for whoever asks for the same again."""
+"""Caches of the last few values, within a process."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""Opening of all raster files: terrain, ground cover, results.
+"""Safe opening of raster files: terrain, ground cover, results.
 
 GDAL opens far more than files: server addresses, XML text instead of a name, and small files that refer to
 others, whatever their suffix. Only regular files of self-contained formats are accepted here, and none that
@@ -34,7 +34,7 @@ MAX_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
 
 
-# Heights beyond this are damage.
+# Heights beyond this are treated as corrupt, m.
 HIGHEST_M = 1e7
 
 
@@ -50,7 +50,7 @@ class SquareCells(NamedTuple):
     height_m: Float32[np.ndarray, "row column"]
 
 
-# Of a network file: no listing of its folder, no waiting without end.
+# GDAL options for network files: no directory listing, bounded waiting.
 NETWORK_OPTIONS = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_HTTP_TIMEOUT": "60",
@@ -101,13 +101,13 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
 
 
 def _reached(address: str, name: str) -> str:
-    """Return the name under which GDAL reads an address, if the user allows it."""
+    """Return GDAL's name of an address, if the network is allowed."""
     if not network_allowed():
-        message = f"{name} {shown(address)} is on the network; give --allow-network to read it there, or download it"
+        message = f"{name} {shown(address)} is on the network; allow it with --allow-network, or download the file"
         raise InputFileError(message)
     scheme, _, rest = address.partition("://")
     if scheme.lower() not in SCHEMES or not rest:
-        message = f"{name} {shown(address)} is no address that can be read; give one of {'://, '.join(SCHEMES)}://"
+        message = f"{name} {shown(address)} is not a readable address; give one of {'://, '.join(SCHEMES)}://"
         raise InputFileError(message)
     return SCHEMES[scheme.lower()] + rest
 
@@ -115,7 +115,7 @@ def _reached(address: str, name: str) -> str:
 def require_cells(dataset: Any, named: str, wanted: str) -> None:
     """Raise InputFileError for a raster without a band of numbers or with cells of zero size.
 
-    named: the file in messages; wanted: what its numbers should be, and what to give instead.
+    named: the file, for messages; wanted: the expected content and the remedy.
     """
     if dataset.count == 0 or np.dtype(dataset.dtypes[0]).kind not in "iuf":
         message = f"{named}: has no band of {wanted}"

@@ -1,4 +1,4 @@
-"""Machine code on all cores: parts of a loop, divided in the same way whatever the number of cores."""
+"""Loops on all cores, divided into the same parts whatever the number of cores."""
 
 import os
 import threading
@@ -14,17 +14,17 @@ from sionna_radar.foundation.progress import advance, steps_done
 
 Result = TypeVar("Result")
 
-# How many threads this process may use, where that is less than its cores: what workers on one machine are told.
+# Thread limit of a process, set for workers that share a machine.
 THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 
-# What the names of the pool's threads begin with.
+# Name prefix of the pool's threads.
 POOL = "sionna-radar-pool-"
-# Fewer rows than this in a part are not worth a thread.
+# Smallest part worth a thread, rows.
 MIN_ROWS = 16
 
 
 def parts(count: int, at_once: int) -> list[tuple[int, int]]:
-    """Return the bounds of the parts of a loop, each of at most so many steps."""
+    """Return the bounds of the parts of a loop, each of at most `at_once` steps."""
     return [(low, min(low + at_once, count)) for low in range(0, count, at_once)]
 
 
@@ -94,18 +94,18 @@ def beside(function: Callable[[], Result]) -> Callable[[], Result]:
 
 
 def own_cores() -> int:
-    """Return the number of cores that the calling thread may use: within a part of a loop, one."""
+    """Return the number of cores available to the calling thread: one inside a part of a loop."""
     return 1 if threading.current_thread().name.startswith(POOL) else cores()
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use, or less if it is to use so few threads."""
+    """Return the number of cores available to this process, or its thread limit if lower."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(available, given_threads() or available)
 
 
 def given_threads() -> int | None:
-    """Return the number of threads that the environment allows; None if it does not say.
+    """Return the thread limit set in the environment; None if unset.
 
     Raises
     ------
@@ -117,14 +117,14 @@ def given_threads() -> int | None:
     if text is None:
         return None
     if not text.isdecimal() or int(text) < 1:
-        message = f"{text!r} is no number of threads; give 1 or more, or unset it"
+        message = f"{text!r} is not a number of threads; give 1 or more, or unset it"
         raise ScenarioError([Problem(THREADS_VARIABLE, message)], "environment")
     return int(text)
 
 
 @contextmanager
 def threads_of_all(number: int | None) -> Iterator[None]:
-    """Let this process use so many threads instead of what the environment allows one of several; None as it is."""
+    """Temporarily override the thread limit of this process (None: unchanged)."""
     if number is None:
         yield
         return
@@ -146,10 +146,10 @@ def _pool_of(process: int) -> ThreadPoolExecutor:
 
 @cache
 def _aside(process: int) -> ThreadPoolExecutor:
-    # Not one of the pool, for whose threads it may have to wait.
+    # Outside the pool, whose threads may all be busy.
     return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-aside-{process}")
 
 
 def _pool() -> ThreadPoolExecutor:
-    # A forked process inherits the pool without its threads.
+    # A forked process inherits the pool object but not its threads.
     return _pool_of(os.getpid())

@@ -34,7 +34,7 @@ ENVIRONMENTS = {"x86_64": (8, 7, 0x8040), "aarch64": (2, 0, 1 << 24)}
 
 @contextmanager
 def flushed_denormals() -> Iterator[None]:
-    """Take denormal numbers for zero in this thread; nothing where `can_flush` says that it cannot be done."""
+    """Flush denormals to zero in this thread; does nothing unless `can_flush`."""
     library = _library()
     if library is None:
         yield
@@ -52,7 +52,7 @@ def flushed_denormals() -> Iterator[None]:
 
 
 def can_flush() -> bool:
-    """Return whether denormal numbers can be taken for zero in the threads of Python here."""
+    """Return whether Python threads can flush denormals to zero on this machine."""
     return _library() is not None
 
 
@@ -193,16 +193,17 @@ def load_mitsuba() -> Any:
 
 
 def release_arrays() -> None:
-    """Give back memory that Dr.Jit keeps for arrays to come; nothing where it is not loaded."""
+    """Release memory that Dr.Jit caches for later arrays; does nothing if it is not loaded."""
     drjit = sys.modules.get("drjit")
     if drjit is not None:
         drjit.flush_malloc_cache()
 
 
 def _use_threads() -> None:
-    """Make Dr.Jit use as many threads as this process may.
+    """Set Dr.Jit's number of threads to that of this process.
 
-    A single one is the thread that calls it, which must take denormal numbers for zero; where it cannot, two are used.
+    With one thread Dr.Jit works in the calling thread, which must flush denormals to zero; if it cannot, two are
+    used.
     """
     import drjit
 

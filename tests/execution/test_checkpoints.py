@@ -116,9 +116,7 @@ def test_an_output_folder_that_is_removed_meanwhile_is_one_clear_error(tmp_path,
             assert parts.get("a") is None
             parts.put("b", b"b")
 
-    with pytest.raises(
-        OutputError, match=r"cannot be kept in .*; it was removed during the run: leave it there"
-    ) as raised:
+    with pytest.raises(OutputError, match=r"cannot be saved in .*; it was removed during the run") as raised:
         run()
     assert not hasattr(raised.value, "__notes__")
     assert not removed.exists()

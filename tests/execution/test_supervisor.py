@@ -31,9 +31,9 @@ def begin(does: str) -> subprocess.Popen:
 @pytest.mark.parametrize(
     ("does", "says"),
     [
-        ("os.abort()", "a library that could not go on (SIGABRT)"),
+        ("os.abort()", "a library that aborted (SIGABRT)"),
         ("os.kill(os.getpid(), signal.SIGSEGV)", "(SIGSEGV)"),
-        ("os.kill(os.getpid(), signal.SIGKILL)", "want of memory (SIGKILL)"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "out of memory (SIGKILL)"),
     ],
 )
 def test_what_is_killed_leaves_one_clear_line(does, says):

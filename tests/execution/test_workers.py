@@ -179,7 +179,7 @@ def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, cod
         _, said = process.communicate()
     assert time.monotonic() - at < 5
     assert process.returncode == code, said
-    assert said == "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
+    assert said == "interrupted; finished tasks are saved; continue with the same command and --resume\n"
     assert all_ended(process.pid)
     assert {path.name for path in tmp_path.iterdir()} == {"script.py", "out"}
 

@@ -95,7 +95,7 @@ from sionna_radar.__main__ import main
 main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    said = "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
+    said = "interrupted; finished tasks are saved; continue with the same command and --resume\n"
     assert (done.returncode, done.stderr) == (128 + number, said)
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
 

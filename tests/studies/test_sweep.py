@@ -166,7 +166,7 @@ def test_a_cell_that_cannot_be_flown_keeps_its_place_and_its_remedy(cli, small, 
     done = cli("sweep", small, "--vary", f"{ALTITUDE}=50,100", "--vary", wide, "-o", tmp_path)
     assert done.returncode == 1
     assert "radar.samples_per_chirp = 2048 works" in done.stdout
-    assert "1 of 2 settings could not be flown" in done.stderr
+    assert "1 of 2 settings failed" in done.stderr
     flown, refused = json.loads((tmp_path / "sweep.json").read_text())["cases"]
     assert flown["reason"] is None
     assert flown["statistics"]["rms_m"]["mean"] > 0
