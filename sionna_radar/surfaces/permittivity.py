@@ -162,29 +162,13 @@ def _ghz_inside(frequency_hz: float, name: str) -> float:
 
 def water_permittivity(frequency_hz: float, *, temperature_c: float) -> complex:
     """Return the permittivity of pure liquid water, -4 to 40 deg C, up to 1000 GHz (P.527-6 eqs. 5-13)."""
-    f = _ghz_inside(frequency_hz, "water")
+    _ghz_inside(frequency_hz, "water")
     _require("temperature_c", temperature_c, -4.0, 40.0, "this is the range of P.527 for liquid water")
-    return _double_debye_water(f, temperature_c)
+    return _water(frequency_hz, temperature_c)
 
 
-def _double_debye_water(f_ghz: float, temperature_c: float) -> complex:
-    theta = 300.0 / (temperature_c + 273.15) - 1.0  # eq. 11
-    static = 77.66 + 103.3 * theta  # eq. 8
-    intermediate = 0.0671 * static  # eq. 9
-    optical = 3.52 - 7.52 * theta  # eq. 10
-    first_ghz = _water_relaxation_ghz(temperature_c)
-    second_ghz = 39.8 * first_ghz  # eq. 13
-    # Two Debye terms written as one complex sum; real and imaginary parts are eqs. 6 and 7.
-    return (
-        (static - intermediate) / (1 + 1j * f_ghz / first_ghz)
-        + (intermediate - optical) / (1 + 1j * f_ghz / second_ghz)
-        + optical
-    )
-
-
-def _water_relaxation_ghz(temperature_c: float) -> float:
-    theta = 300.0 / (temperature_c + 273.15) - 1.0
-    return 20.20 - 146.4 * theta + 316.0 * theta**2  # P.527-6 eq. 12
+def _water(frequency_hz: float, temperature_c: float) -> complex:
+    return permittivity.surface_water_permittivity(frequency_hz, temperature_c + permittivity.MELTING_K).conjugate()
 
 
 def ice_permittivity(frequency_hz: float, *, temperature_c: float) -> complex:
@@ -225,11 +209,11 @@ def wet_snow_permittivity(
     (Ulaby and Long 2014, Figs. 4-22 and 4-23: 1.43 - j0.24 at 37 GHz, 6 % water, dry density 0.25 g/cm3,
     instead of 1.75 - j0.06 here), so give a measured permittivity if the loss matters.
     """
-    f = _ghz_inside(frequency_hz, "wet_snow")
+    _ghz_inside(frequency_hz, "wet_snow")
     _require("temperature_c", temperature_c, -4.0, 0.0, "wet snow is at its melting point: use 0")
     _require("liquid_fraction", liquid_fraction, 0.0, 1.0, "give a volume fraction, not a percentage")
     dry = dry_snow_permittivity(frequency_hz, temperature_c=temperature_c, density_g_cm3=dry_density_g_cm3)
-    water = _double_debye_water(f, temperature_c)
+    water = _water(frequency_hz, temperature_c)
     # Self-consistent mixture of spheres: 2 x^2 + b x - water dry = 0. The root that tends to `dry` without
     # water is the one with the positive sign of the (principal) square root.
     b = water - 2.0 * dry - 3.0 * liquid_fraction * (water - dry)
@@ -289,7 +273,7 @@ def _soil_water(
     bulk_density_g_cm3: float,
 ) -> complex:
     """Return the permittivity of the free water in soil, with its conductivity (P.527-6 eqs. 65-70)."""
-    pure = _double_debye_water(f_ghz, temperature_c)
+    pure = _water(f_ghz * _GHZ, temperature_c)
     if water_fraction < 1e-12:
         return pure  # multiplied by almost zero afterwards; the conductivity term would overflow
     bulk = bulk_density_g_cm3
@@ -335,10 +319,10 @@ def vegetation_permittivity(frequency_hz: float, *, temperature_c: float, water_
     # The fitted share of free water is slightly negative below 14 % moisture, and set to zero.
     free = max(moisture * (0.55 * moisture - 0.076), 0.0)  # eq. 76
     bound = 4.64 * moisture**2 / (1.0 + 7.36 * moisture**2)  # eq. 77
-    relaxation = _water_relaxation_ghz(temperature_c)
+    relaxation = permittivity.surface_water_relaxation_ghz(temperature_c + permittivity.MELTING_K)
     root = math.sqrt(f / (0.02 * relaxation))
     denominator = 1.0 + 2.0 * root + f / (0.01 * relaxation)
-    water = _double_debye_water(f, temperature_c)
+    water = _water(frequency_hz, temperature_c)
     real = dry + free * water.real + bound * (2.9 + 55.0 * (1.0 + root) / denominator)
     loss = free * (-water.imag + 22.86 / f) + bound * 55.0 * root / denominator
     return complex(real, -loss)
