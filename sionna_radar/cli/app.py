@@ -6,30 +6,76 @@ cells that cannot be flown, results that had to go elsewhere. The heavy librarie
 that `--help` answers at once.
 """
 
+import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from sionna_radar.cli import commands, radar, recordings, tools
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
 
+# The commands as `--help` lists them, by task.
+TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
+    "Begin": (
+        ("demo", commands.demo),
+        ("init", tools.init),
+        ("plan", tools.plan),
+        ("validate", tools.validate),
+        ("show", tools.show),
+    ),
+    "Simulate": (
+        ("run", commands.run_command),
+        ("image", radar.image),
+        ("range-doppler", radar.range_doppler),
+        ("link", radar.link),
+        ("crosscheck", commands.crosscheck),
+    ),
+    "Study": (
+        ("sweep", commands.sweep),
+        ("merge", commands.merge),
+        ("budget", commands.budget),
+        ("compare", tools.compare),
+    ),
+    "Real data": (("process", recordings.process_command), ("log", tools.log_command)),
+    "Reference": (
+        ("scenes", tools.scenes),
+        ("presets", tools.presets),
+        ("fit", tools.fit),
+        ("schema", tools.schema),
+        ("doctor", tools.doctor),
+    ),
+}
+
+
+class CommandsByTask(TyperGroup):
+    """Commands whose `--help` lists them by task, each with its whole first line."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of `TASKS`."""
+        return [name for listed in TASKS.values() for name, _ in listed]
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections of the list."""
+        for task, listed in TASKS.items():
+            with formatter.section(task):
+                formatter.write_dl([(name, (inspect.getdoc(call) or "").partition("\n\n")[0]) for name, call in listed])
+
+
 app = typer.Typer(
+    cls=CommandsByTask,
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     # Rich takes longer to import than anything else that `--help` needs.
     rich_markup_mode=None,
 )
-commands.add_to(app)
-radar.add_to(app)
-recordings.add_to(app)
-tools.add_logs_to(app)
-tools.add_pages_to(app)
-tools.add_writing_to(app)
-tools.add_to(app)
+for _listed in TASKS.values():
+    for _name, _call in _listed:
+        app.command(name=_name)(_call)
 
 
 def main() -> None:

@@ -41,14 +41,6 @@ if TYPE_CHECKING:
 DEMO = "san_francisco"
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands, in the order that `--help` lists them."""
-    app.command()(demo)
-    app.command(name="run")(run_command)
-    for command in (crosscheck, budget, sweep, merge):
-        app.command()(command)
-
-
 def demo(
     output: OutputOption = None,
     map_coordinates: MapOption = True,

@@ -9,12 +9,6 @@ from sionna_radar.cli.session import Session, command_on_a_scenario
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands, in the order that `--help` lists them."""
-    for command in (link, image, range_doppler):
-        app.command()(command)
-
-
 @command_on_a_scenario()
 def link(
     session: Session,

@@ -47,11 +47,6 @@ RecordAsOption = Annotated[
 ]
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command(name="process")(process_command)
-
-
 def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]:
     """Return the recording files by kind, and the kinds written into the output folder.
 

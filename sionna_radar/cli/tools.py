@@ -28,12 +28,6 @@ if TYPE_CHECKING:
     from sionna_radar.scenario.bases import TerrainParameters
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands, in the order that `--help` lists them."""
-    for command in (plan, validate, scenes, presets, doctor, fit):
-        app.command()(command)
-
-
 def plan(
     area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
     sampling: Annotated[float, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")],
@@ -187,12 +181,6 @@ def fit(
         typer.echo(f"  {failure}")
 
 
-def add_writing_to(app: typer.Typer) -> None:
-    """Add the commands, in the order that `--help` lists them."""
-    app.command()(init)
-    app.command()(schema)
-
-
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
 ) -> None:
@@ -218,11 +206,6 @@ def schema() -> None:
     from sionna_radar.scenario.reference import scenario_schema
 
     typer.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
-
-
-def add_logs_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command(name="log")(log_command)
 
 
 def log_command(
@@ -263,12 +246,6 @@ def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None
     if terrain is not None:
         return RasterTerrain(path=terrain)
     return load_scenario(over).terrain if over is not None else None
-
-
-def add_pages_to(app: typer.Typer) -> None:
-    """Add the commands, in the order that `--help` lists them."""
-    app.command()(show)
-    app.command()(compare)
 
 
 def show(

@@ -375,3 +375,16 @@ def test_workers_that_are_lost_are_no_bad_input(cli, small, tmp_path, monkeypatc
     monkeypatch.setattr("sionna_radar.execution.cluster.open_workers", lost)
     done = cli("sweep", small, "--vary", "seed=1,2", "-q", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr) == (1, "error: the dask scheduler is gone\n")
+
+
+def test_help_lists_every_command_by_task_with_its_whole_first_line():
+    from typer.testing import CliRunner
+
+    from sionna_radar.cli.app import TASKS, app
+
+    said = CliRunner().invoke(app, ["--help"]).output
+    places = [said.index(f"\n{task}:\n") for task in TASKS]
+    assert places == sorted(places)
+    assert "..." not in said
+    listed = {name for commands in TASKS.values() for name, _ in commands}
+    assert listed == {command.name for command in app.registered_commands}
