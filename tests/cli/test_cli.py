@@ -385,6 +385,6 @@ def test_help_lists_every_command_by_task_with_its_whole_first_line():
     said = CliRunner().invoke(app, ["--help"]).output
     places = [said.index(f"\n{task}:\n") for task in TASKS]
     assert places == sorted(places)
-    assert "..." not in said
+    assert "..." not in said[places[0] :]
     listed = {name for commands in TASKS.values() for name, _ in commands}
     assert listed == {command.name for command in app.registered_commands}
