@@ -1,0 +1,144 @@
+"""What each number of mapping and detection decides: `pytest -m study -n 0 -s tests/studies/test_constants.py`.
+
+Every constant is halved and doubled, and short surveys are mapped anew over terrain on which none was chosen: a quarry,
+terraces, dunes, and a real elevation file, which `SIONNA_RADAR_DEM=file` names and without which there are three.
+`SIONNA_RADAR_STUDY=folder` keeps what was found, so that a study that was cut goes on. An hour on one core.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from constant_study import DOUBLE, HALF, Constant, Survey, Variation, constants, run_variations
+from elevation_files import NORTH, WEST, from_origin, write_heights
+from sionna_radar import load_scenario, run
+
+REAL = os.environ.get("SIONNA_RADAR_DEM", "")
+FLIGHT = {
+    "platform.length_m": 20.0,
+    "platform.altitude_m": 40.0,
+    "platform.height": "level",
+    "radar.chirp_rate_hz": 720.0,
+    "radar.scan.rotation_rpm": 240.0,
+    "radar.scan.half_swath_deg": 25.0,
+    "radar.scan.incidence_deg": 40.0,
+}
+RAIN = {
+    "weather.rain_rate_mm_per_h": 6.0,
+    "radar.snr_db": None,
+    "radar.transmit_power_dbm": 10.0,
+    "radar.noise_figure_db": 15.0,
+}
+# Long enough for several tiles and blocks.
+LONG = {"platform.length_m": 200.0, "radar.scan.rotation_rpm": 120.0, "radar.chirp_rate_hz": 360.0}
+CLEAR, RAINY, LENGTHY = ("quarry", "terraces", "dunes", "real"), ("quarry in rain", "dunes in rain"), ("long dunes",)
+
+
+def _places(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.meshgrid((np.arange(columns) + 0.5) / 2 - columns / 4, (np.arange(rows) + 0.5) / 2 - rows / 4)
+
+
+def quarry() -> np.ndarray:
+    """Benches 9 m wide, between faces 3 m high that rise over 2 m."""
+    x, y = _places(240, 240)
+    inward = (38 - np.hypot(x - 5, 1.3 * (y + 3)) - 2.5 * np.sin(3 * np.arctan2(y + 3, x - 5))) / 9
+    bench = np.floor(np.clip(inward, 0, 3))
+    return 100 - 3 * np.where(inward < 0, 0.0, bench + np.clip((inward - bench) * 9 / 2, 0, 1))
+
+
+def terraces() -> np.ndarray:
+    """Fields on a hillside, 2.4 m above one another, with walls a fifteenth of their width."""
+    x, y = _places(240, 240)
+    rise = 8 + 0.12 * x + 0.05 * y + 1.5 * np.sin(x / 23 + y / 31)
+    field = np.floor(rise / 1.6)
+    return 100 + 2.4 * (field + np.clip((rise / 1.6 - field - 0.93) / 0.07, 0, 1)) + 0.02 * x
+
+
+def dunes(columns: int = 240) -> np.ndarray:
+    """Ridges 22 m apart and 3.5 m high, gentle to windward, with slip faces of 35 deg."""
+    x, y = _places(240, columns)
+    phase = (0.9 * x + 0.3 * y + 4 * np.sin(y / 17)) / 22 % 1
+    return 100 + gaussian_filter(3.5 * np.where(phase < 0.78, phase / 0.78, (1 - phase) / 0.22), 1.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    kept = os.environ.get("SIONNA_RADAR_STUDY")
+    found = Path(kept) if kept else tmp_path_factory.mktemp("constants")
+    found.mkdir(parents=True, exist_ok=True)
+    return found
+
+
+@pytest.fixture(scope="module")
+def recordings(folder) -> dict[str, Path]:
+    """The beat signals of each flight, with the truth under them."""
+    grounds = {"quarry": quarry(), "terraces": terraces(), "dunes": dunes(), "long dunes": dunes(720)}
+    flights = dict.fromkeys(CLEAR, FLIGHT) | dict.fromkeys(RAINY, FLIGHT | RAIN) | {LENGTHY[0]: FLIGHT | LONG}
+    found = {}
+    for name, flight in flights.items():
+        ground = name.removesuffix(" in rain")
+        recording, path = folder / f"{name.replace(' ', '_')}.nc", Path(REAL)
+        if ground != "real":
+            path = folder / f"{ground.replace(' ', '_')}.tif"
+            write_heights(path, grounds[ground].astype(np.float32), from_origin(WEST, NORTH, 0.5, 0.5))
+        elif not REAL:
+            continue
+        if not recording.exists():
+            overrides = {key: value for key, value in flight.items() if value is not None}
+            survey = run(
+                load_scenario("own_dem", overrides | {"terrain.path": str(path)}), recordings={"signals": recording}
+            )
+            print(f"{name}: {survey}")
+        found[name] = recording
+    return found
+
+
+# The flights and methods that the constants of a room matter to; of a module, where it has its own.
+MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "mapping.stepped": (CLEAR, ("stepped",)),
+    "mapping.linear": (CLEAR, ("linear",)),
+    "mapping.refined": (CLEAR, ("refined",)),
+    "mapping.terrain": (CLEAR, ("linear", "smooth", "refined")),
+    "mapping.echo_model": (CLEAR, ("smooth", "refined")),
+    "mapping": (CLEAR, ("linear", "refined")),
+    "detection": (CLEAR, ("linear", "smooth")),
+    "detection.ranging": (CLEAR, ("linear",)),
+    "detection.volume": (RAINY, ("linear", "smooth")),
+}
+RANGING = {"detection.ranging.plane_fit": "model_fit", "detection.ranging.estimators": "leading_edge"}
+# Extents, which only a long survey exceeds.
+EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MARGIN_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"}
+# Directions inside the beam need receivers that a recording does not hold, and frames of chirps make no map.
+WITHOUT_MAPS = {"detection.angle", "detection.range_doppler"}
+
+
+def surveys_of(constant: Constant, recordings: dict[str, Path]) -> tuple[Survey, ...]:
+    flights, methods = MAPS[constant.room]
+    settings = (("processing.ranging", RANGING[constant.module]),) if constant.module in RANGING else ()
+    if constant.name in EXTENTS and constant.room.startswith("mapping"):
+        flights = (*flights, *LENGTHY)
+    return tuple(Survey(name, recordings[name], methods, settings) for name in flights if name in recordings)
+
+
+@pytest.mark.study
+def test_constants(folder, recordings):
+    every = tuple(
+        Survey(name, path, ("linear", "smooth", "refined", "stepped") if name not in RAINY else ("linear", "smooth"))
+        for name, path in recordings.items()
+    )
+    run_variations(folder, [(Variation("base"), every)])
+    wanted = [
+        (Variation(f"{constant}-{which}", constant, factor), surveys_of(constant, recordings))
+        for constant in sorted(constants(), key=lambda each: list(MAPS).index(each.room) if each.room in MAPS else 99)
+        if constant.room not in WITHOUT_MAPS
+        for which, factor in (("half", HALF), ("double", DOUBLE))
+    ]
+    run_variations(folder, wanted, int(os.environ.get("SIONNA_RADAR_PROCESSES", "1")))
+    missing = [variation.key for variation, _ in wanted if not (folder / f"{variation.key}.json").exists()]
+    assert not missing
+    for variation, _ in wanted:
+        print(variation.key, json.loads((folder / f"{variation.key}.json").read_text()))
