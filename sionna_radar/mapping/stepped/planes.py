@@ -19,7 +19,7 @@ from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.segments import MIN_CELLS
+from sionna_radar.mapping.stepped.options import DEFAULTS, SteppedParameters
 from sionna_radar.mapping.terrain.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
@@ -33,8 +33,8 @@ ROUNDS = 4
 UNTOLD_SLOPE_SIGMA = 0.3
 # Heights that scatter about a plane this many times as far as their noise are no plane's.
 ROUGH = 2.0
-# Heights next to a step are biased toward the other side.
-BESIDE_CELLS = 2
+# Echoes that decide about a plane, of three unknowns: twice as many, at least.
+MIN_ECHOES = 6
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Pla
     trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
     for _ in range(ROUNDS):
         heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach)
-        if fits.sum() < MIN_CELLS:
+        if fits.sum() < MIN_ECHOES:
             return None
         found = _robust(heights.rows(fits))
         plane, rough = found.plane, found.spread
@@ -96,6 +96,7 @@ def plane_of_points(
     spread_m: float,
     step_m: float,
     beam_rad: float,
+    options: SteppedParameters = DEFAULTS,
 ) -> Plane | None:
     """Return the plane through the located echoes of a part; None if they are not planar.
 
@@ -114,17 +115,19 @@ def plane_of_points(
     beam_rad:
         Standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are off
         its axis by as much, on the same side all along a border, which tilts a plane.
+    options:
+        Of the method.
 
     """
     # Beyond the window is another part.
-    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] > BESIDE_CELLS
-    cells = deep if deep.sum() >= MIN_CELLS else inside
+    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
+    cells = deep if deep.sum() >= options.min_cells(grid.spacing_m) else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
     rough = _robust(on_cells, spread_m)
     row, column, on_grid = grid.cell_of(points.position_m)
     on = on_grid & cells[row, column]
     on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
-    if on.sum() < MIN_CELLS:
+    if on.sum() < MIN_ECHOES:
         return rough.plane if rough.spread <= 2 * spread_m else None
     of = points.rows(np.flatnonzero(on))
     place, height = of.position_m[:, :2], of.position_m[:, 2]
@@ -239,7 +242,7 @@ class FilledBeams:
         found = plane
         for _ in range(FILLING_ROUNDS):
             heights = self._heights(found, inside, grid, step_m)
-            if len(heights) < MIN_CELLS:
+            if len(heights) < MIN_ECHOES:
                 return plane
             found = robust_plane(heights)
         return found

@@ -1,0 +1,51 @@
+"""Options of the DEM method "stepped": `[dem.method_parameters]`."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from sionna_radar.scenario.table import Parameters, Positive, Real
+
+Share = Annotated[Real, Field(gt=0, lt=1)]
+
+
+class SteppedParameters(Parameters):
+    """Where the surface may break, and how its levels are found."""
+
+    change_nepers: Positive = 1.0
+    """penalty on neighbours that differ by one level: at 1, one in three does."""
+    jump_nepers: Positive = 3.0
+    """penalty on neighbours that differ by more: at 3, one in twenty does."""
+    tie_nepers: Positive = 0.5
+    """levels whose cost exceeds the best by no more, along each direction, are as good; the highest is taken."""
+    level_margin_m: Positive = 3.0
+    """how far the levels reach beyond the located echoes, above and below."""
+    block_m: Positive = 120.0
+    """side of the blocks that have levels of their own about a plane through their echoes."""
+    block_margin_m: Positive = 24.0
+    """ground around each block whose echoes count in it."""
+    reflectivity_ratio: Annotated[Real, Field(gt=1, le=100)] = 4.0
+    """between the reflectivities that are tried for a cell; 4 is 6 dB."""
+    min_patch_share: Share = 0.3
+    """least power of a patch of one cell, over that of a whole echo."""
+    min_gain: Share = 0.02
+    """least two-way gain, over that of the axis, at which an echo speaks for a patch."""
+    leak_cells: Annotated[int, Field(strict=True, ge=1, le=64)] = 4
+    """range cells over which the window leaks a strong power."""
+    spill_share: Share = 0.25
+    """a range cell of less than this share of the power that leaks into it holds no echo."""
+    step_levels: Positive = 4.0
+    """height of a step, in levels, which are a range resolution apart or more; never less than 45 deg."""
+    min_part_m2: Positive = 6.0
+    """smaller parts between steps join the nearest."""
+    beside_m: Positive = 2.0
+    """heights as near to a step are biased toward its other side, and tell nothing of the plane of a part."""
+    single_m: Positive = 5.0
+    """width of the windows in which single wrong cells of the coarse map are outvoted."""
+
+    def min_cells(self, spacing_m: float) -> int:
+        """Return the least number of cells of a part."""
+        return max(1, round(self.min_part_m2 / spacing_m**2))
+
+
+DEFAULTS = SteppedParameters()
