@@ -204,7 +204,10 @@ def maps_of(surveys: tuple[Survey, ...], options: Mapping[str, Any] | None = Non
     from sionna_radar.execution.execution import Execution
     from sionna_radar.mapping.mapper import build_dem_method
     from sionna_radar.survey.observation import observe, place
+    from sionna_radar.survey.recordings import netcdf
     from sionna_radar.survey.reprocessing import open_recording
+
+    netcdf._probe = lambda *_: None  # the files are our own: no other process need look at them first
 
     found: dict[str, Maps] = {}
     for survey in surveys:
