@@ -29,6 +29,16 @@ PRELOADED = ["numba", "scipy.optimize", "scipy.spatial", "scipy.ndimage", "scipy
 # Shares near one: the rest to one is halved and doubled.
 SHARES = {"MIN_PROBABILITY", "MAX_OF_BEAM", "MAX_OF_RING", "EDGE_SHARE"}
 HALF, DOUBLE = 0.5, 2.0
+# Names of what is no quantity, or bounds memory alone, by the reason.
+NOT_VARIED = {
+    "a code or a list of neighbours": {
+        *("CELL_AVERAGING", "GREATEST_OF", "SMALLEST_OF", "NOTHING", "DIRECTIONS", "AROUND", "EVERYWHERE", "SEED"),
+        *("LONG", "KEY", "COARSER"),
+    },
+    "how many are worked on at once, or may be": {
+        *("AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
+    },
+}
 
 
 @dataclass(frozen=True, order=True)

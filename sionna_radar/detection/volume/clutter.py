@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.rain import echo_speeds
 
@@ -40,8 +41,6 @@ LOOKS_OF_LAW = 200.0
 MAX_NEPERS, MAX_LOSS = 6.0, 0.05
 # Estimates far below the noise are random: lower limit of the mean, as a share of the law.
 MIN_OF_LAW = 0.05
-# One in 3000 exponential powers exceeds 8 means: anything stronger is not the volume.
-MAX_OVER_MEAN = 8.0
 # Strength of the volume around a pulse: pulses on each side that enter the estimate, and its limits.
 NEIGHBOURS = 12
 STRENGTH_LIMITS = (0.01, 100.0)
@@ -103,7 +102,7 @@ class VolumeClutter:
     def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
         cells = slice(*self.near)
         ratio = power[:, cells] / self.background[cells]
-        return np.minimum(ratio, MAX_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
+        return np.minimum(ratio, MAX_SPECKLE * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
 def first_guess(
@@ -157,7 +156,7 @@ def measured_mean(
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
     """Return the volume's mean from the volume-only cells; where these are few, the law fitted to them."""
-    clipped = np.minimum(power, MAX_OVER_MEAN * guess.background) - guess.noise
+    clipped = np.minimum(power, MAX_SPECKLE * guess.background) - guess.noise
     count = volume_only.sum(axis=0).astype(float)
     total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)

@@ -16,7 +16,6 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
-    MAX_OVER_MEAN,
     NEIGHBOURS,
     VolumeClutter,
     VolumeMotion,
@@ -28,7 +27,7 @@ from sionna_radar.detection.volume.clutter import (
 from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.numerics import from_db
+from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
 
 # Minimum probability that the echo lies on the chosen surface, and that there is any ground.
@@ -115,7 +114,7 @@ class ThroughVolume:
         ratio = end.over_volume(cells, views.strength)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
-        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_OVER_MEAN))
+        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
@@ -229,7 +228,7 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     processing = detector.processing
     margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
-    return None if strongest > margin * MAX_OVER_MEAN * guess.mean[first] else guess
+    return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:
