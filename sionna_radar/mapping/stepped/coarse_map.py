@@ -23,16 +23,16 @@ from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.evidence import ROWS_AT_ONCE, evidence_against
-from sionna_radar.mapping.stepped.options import DEFAULTS, SteppedParameters
 from sionna_radar.mapping.terrain.heights import plane_through
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
 def choose_levels(
-    cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = DEFAULTS
+    cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
 ) -> Int[np.ndarray, "row column"]:
     """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
 
@@ -89,7 +89,7 @@ def coarse_map(
     points: Points,
     grid: Grid,
     axis_m: Float[np.ndarray, "pulse 3"],
-    options: SteppedParameters = DEFAULTS,
+    options: SteppedParameters = STEPPED,
 ) -> CoarseMap:
     """Return the coarse map, block by block; the level is the widest of all blocks.
 

@@ -29,7 +29,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.model import Sightings
-from sionna_radar.mapping.stepped.options import DEFAULTS, SteppedParameters
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
 # Rows of the map handled by one core at a time.
 ROWS_AT_ONCE = 8
@@ -41,7 +41,7 @@ def evidence_against(
     base_m: Float[np.ndarray, "row column"],
     level_m: Float[np.ndarray, " level"],
     in_view_m: Float[np.ndarray, "row column"] | None = None,
-    options: SteppedParameters = DEFAULTS,
+    options: SteppedParameters = STEPPED,
 ) -> Float32[np.ndarray, "row column level"]:
     """Return the evidence against a surface at some heights over the cells of a grid.
 
@@ -103,7 +103,7 @@ class _Reflectivities:
     alternatives: float
 
 
-def _reflectivities(sightings: Sightings, options: SteppedParameters = DEFAULTS) -> _Reflectivities:
+def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) -> _Reflectivities:
     profiles = sightings.profiles
     from sionna_radar.mapping.echo_model.power_kernels import echo_levels
 

@@ -18,8 +18,8 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.options import DEFAULTS, SteppedParameters
 from sionna_radar.mapping.terrain.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
@@ -62,7 +62,9 @@ class Plane:
         return np.column_stack([np.ones(len(place_m)), place_m - self.middle_m])
 
 
-def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Plane | None:
+def plane_of_echoes(
+    sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SteppedParameters = STEPPED
+) -> Plane | None:
     """Return the plane through whole echoes of one part; None if another surface fits them better.
 
     Parameters
@@ -71,13 +73,15 @@ def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Pla
         Profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
     grid:
         Cells of the map.
+    options:
+        Of the method.
 
     """
     reach = sightings.repeated(echoes.range_m)
     grid = reaching(grid, sightings, echoes)
     trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
     for _ in range(ROUNDS):
-        heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach)
+        heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach, options)
         if fits.sum() < MIN_ECHOES:
             return None
         found = _robust(heights.rows(fits))
@@ -96,7 +100,7 @@ def plane_of_points(
     spread_m: float,
     step_m: float,
     beam_rad: float,
-    options: SteppedParameters = DEFAULTS,
+    options: SteppedParameters = STEPPED,
 ) -> Plane | None:
     """Return the plane through the located echoes of a part; None if they are not planar.
 

@@ -29,12 +29,12 @@ from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refined.refinement import refine, refinement_steps
+from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
-from sionna_radar.mapping.stepped.options import DEFAULTS, SteppedParameters
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.segments import parts_of, raised_cells, to_border_m, windows_of
 from sionna_radar.mapping.terrain.echo_heights import on_axis
@@ -121,7 +121,7 @@ class SteppedMap:
 
 
 def step_surface(
-    sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = DEFAULTS
+    sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = STEPPED
 ) -> SteppedMap:
     """Return the most probable surface, with steps.
 
@@ -181,7 +181,8 @@ class _Surfaces:
         windows = windows_of(part)
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
         alone = pulses >= MIN_PULSES
-        steps = [refinement_steps(grid.cut(*window)) for window in windows]
+        tiling = refining(self.options)
+        steps = [tiling.steps_over(grid.cut(*window)) for window in windows]
         expect_steps(sum(steps[number] for number in np.flatnonzero(alone)))
 
         def map_part(number: int) -> None:
@@ -219,15 +220,15 @@ class _Surfaces:
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
         """Return heights and standard deviations of a part from the echoes that see nothing else."""
         sightings = self.sightings.rows(own)
-        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells)
+        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells, self.options)
         if plane is None:
-            mapped = refine(sightings, cells)
+            mapped = refine(sightings, cells, self.options)
             height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)
             # Far from the echoes the coarse map knows better, which is not wrong by a step but in single cells.
             size = max(1, round(self.options.single_m / cells.spacing_m))
             far = median_filter(np.abs(height - coarse_m), size, mode="nearest") >= self.step_m
             return np.where(far, coarse_m, height), np.where(far, np.nan, sigma)
-        advance(refinement_steps(cells))
+        advance(refining(self.options).steps_over(cells))
         place = cells.centres_m
         return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
 
@@ -266,7 +267,7 @@ class Stepped:
 
     profiles: Literal["required"] = "required"
 
-    def __init__(self, parameters: SteppedParameters = DEFAULTS) -> None:
+    def __init__(self, parameters: SteppedParameters = STEPPED) -> None:
         self.options = parameters
 
     def __call__(self, given: MapInputs) -> Estimate:

@@ -35,6 +35,7 @@ from scipy.optimize import minimize
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import Linearised
+from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     OF_GAUSSIAN,
     Covariance,
@@ -290,11 +291,12 @@ class TileUncertainty:
         kriging: Kriging,
         information: Information | None = None,
         outstanding: Float[np.ndarray, "echo 4"] | None = None,
+        window_heights: int = SMOOTH.window_heights,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         measured = heights.above(heights.trend())
-        plausible = plausible_terrains(measured.rows(calm(measured)), kriging.terrain)
+        plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
         return cls(bounds_m, as_told, told, plausible, outstanding)

@@ -1,4 +1,4 @@
-"""Options of the DEM method "stepped": `[dem.method_parameters]`."""
+"""Options of the DEM methods: tables `[dem.method_parameters]`. What each decides: `docs/theory/sensitivity.md`."""
 
 from typing import Annotated
 
@@ -9,7 +9,22 @@ from sionna_radar.scenario.table import Parameters, Positive, Real
 Share = Annotated[Real, Field(gt=0, lt=1)]
 
 
-class SteppedParameters(Parameters):
+class SmoothParameters(Parameters):
+    """How mean ranges become a surface."""
+
+    rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 2
+    """surfaces through the mean ranges; over each, what the beam does to these is predicted anew."""
+    similar_pulses: Annotated[int, Field(strict=True, ge=1, le=1000)] = 9
+    """neighbouring pulses whose echoes are alike in shape: the speckle error of a mean range is averaged over them."""
+    window_heights: Annotated[int, Field(strict=True, ge=8, le=1000)] = 40
+    """neighbouring heights that tell how rough the ground is around a place."""
+    tile_m: Positive = 160.0
+    """longest side of the tiles of a map, each with a terrain model of its own."""
+    overlap_m: Positive = 30.0
+    """width over which neighbouring tiles are blended, and how far beyond a tile its echoes lie."""
+
+
+class SteppedParameters(SmoothParameters):
     """Where the surface may break, and how its levels are found."""
 
     change_nepers: Positive = 1.0
@@ -48,4 +63,4 @@ class SteppedParameters(Parameters):
         return max(1, round(self.min_part_m2 / spacing_m**2))
 
 
-DEFAULTS = SteppedParameters()
+SMOOTH, STEPPED = SmoothParameters(), SteppedParameters()
