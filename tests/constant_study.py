@@ -329,3 +329,41 @@ def run_variations(folder: Path, wanted: list[tuple[Variation, tuple[Survey, ...
         running.append(process)
     for process in running:
         process.join()
+
+
+def kept(folder: Path, key: str) -> dict[str, Any]:
+    """What a variation changed, by survey and method; empty for one that was not flown."""
+    path = folder / f"{key}.json"
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def tolerances(folder: Path, every: list[Constant]) -> str:
+    """A table of constants by module: each with the largest change of a map, over its RMS error, halved or doubled."""
+    lines = ["| module | constants, with the largest change of a map over its error |", "|---|---|"]
+    for module in dict.fromkeys(each.module for each in every):
+        cells = []
+        for constant in (each for each in every if each.module == module):
+            results = [kept(folder, f"{constant}-{which}") for which in ("half", "double")]
+            moved = [change["moved"] for result in results for change in result.values() if isinstance(change, dict)]
+            cells.append(f"`{constant.name}` {max(moved, default=math.nan):.2f}")
+        lines.append(f"| `{module}` | {', '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def sensitivities(folder: Path, keys: list[tuple[str, str, str]], flights: tuple[str, ...]) -> str:
+    """A table of options, with unit and default: the change of the RMS error over each ground, halved and doubled."""
+    lines = [
+        "| option | unit | default | halved: " + ", ".join(flights) + " | doubled | largest change of a map |",
+        "|---|---|---|---|---|---|",
+    ]
+    for key, unit, default in keys:
+        halved, doubled = (kept(folder, f"{key}-{which}") for which in ("half", "double"))
+        moved = [c["moved"] for result in (halved, doubled) for c in result.values() if isinstance(c, dict)]
+        changes = [", ".join(_percent(each, flight) for flight in flights) for each in (halved, doubled)]
+        lines.append(f"| `{key}` | {unit or '-'} | {default} | {changes[0]} | {changes[1]} | {max(moved, default=0):.2f} |")
+    return "\n".join(lines)
+
+
+def _percent(result: dict[str, Any], flight: str) -> str:
+    own = [change["error"] for name, change in result.items() if name.split("|")[0] == flight]
+    return f"{100 * own[0]:+.0f} %" if own else "refused" if "failed" in result else "-"
