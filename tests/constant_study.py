@@ -360,7 +360,9 @@ def sensitivities(folder: Path, keys: list[tuple[str, str, str]], flights: tuple
         halved, doubled = (kept(folder, f"{key}-{which}") for which in ("half", "double"))
         moved = [c["moved"] for result in (halved, doubled) for c in result.values() if isinstance(c, dict)]
         changes = [", ".join(_percent(each, flight) for flight in flights) for each in (halved, doubled)]
-        lines.append(f"| `{key}` | {unit or '-'} | {default} | {changes[0]} | {changes[1]} | {max(moved, default=0):.2f} |")
+        lines.append(
+            f"| `{key}` | {unit or '-'} | {default} | {changes[0]} | {changes[1]} | {max(moved, default=0):.2f} |"
+        )
     return "\n".join(lines)
 
 

@@ -5,7 +5,6 @@ terraces, dunes, and a real elevation file, which `SIONNA_RADAR_DEM=file` names 
 `SIONNA_RADAR_STUDY=folder` keeps what was found, so that a study that was cut goes on. An hour on one core.
 """
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,24 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from constant_study import DOUBLE, HALF, NOT_VARIED, Constant, Survey, Variation, constants, run_variations
+from constant_study import (
+    DOUBLE,
+    HALF,
+    Constant,
+    Survey,
+    Variation,
+    constants,
+    kept,
+    run_variations,
+    scaled,
+    sensitivities,
+    tolerances,
+)
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from sionna_radar import load_scenario, run
+from sionna_radar.mapping.options import SmoothParameters, SteppedParameters
+from sionna_radar.scenario.processing import VolumeTable
+from sionna_radar.scenario.table import unit_of
 
 REAL = os.environ.get("SIONNA_RADAR_DEM", "")
 FLIGHT = {
@@ -112,7 +126,9 @@ MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 RANGING = {"detection.ranging.plane_fit": "model_fit", "detection.ranging.estimators": "leading_edge"}
 # Extents, which only a long survey exceeds.
-EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MARGIN_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"}
+EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MARGIN_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
+    *("tile_m", "overlap_m", "block_m", "block_margin_m"),
+}
 # Directions inside the beam need receivers that a recording does not hold, and frames of chirps make no map.
 WITHOUT_MAPS = {"detection.angle", "detection.range_doppler"}
 # A tolerance is technical that moves the map by no more than this share of its error, fills or empties no more than
@@ -123,6 +139,8 @@ MOVED, FILLED, INSIDE = 0.1, 0.01, 0.02
 def surveys_of(constant: Constant, recordings: dict[str, Path]) -> tuple[Survey, ...]:
     flights, methods = MAPS[constant.room]
     settings = (("processing.ranging", RANGING[constant.module]),) if constant.module in RANGING else ()
+    if constant.name == "SHARED_CELLS":
+        flights = RAINY
     if constant.name in EXTENTS and constant.room.startswith("mapping"):
         flights = (*flights, *LENGTHY)
     return tuple(Survey(name, recordings[name], methods, settings) for name in flights if name in recordings)
@@ -152,25 +170,62 @@ def test_constants(folder, recordings):
         own = [each for each in varied if each.room == room]
         run_variations(folder, [_variation(each, DOUBLE, recordings) for each in own], processes)
         # What decides when it is doubled need not be halved.
-        kept = [each for each in own if not decides(_kept(folder, f"{each}-double"))]
-        run_variations(folder, [_variation(each, HALF, recordings) for each in kept], processes)
-    for each in varied:
-        results = [_kept(folder, f"{each}-{which}") for which in ("double", "half")]
-        print(each, "decides" if any(map(decides, results)) else "technical", results)
+        rest = [each for each in own if not decides(kept(folder, f"{each}-double"))]
+        run_variations(folder, [_variation(each, HALF, recordings) for each in rest], processes)
+    optional = [
+        (Variation(f"{key}-{which}", options=((key, scaled(default, factor)),)), flights_of(key, recordings))
+        for key, _, default in options()
+        for which, factor in (("half", HALF), ("double", DOUBLE))
+    ]
+    run_variations(folder, optional, processes)
+    clear = tuple(name for name in CLEAR if name in recordings)
+    keys = [(key, unit, f"{default:g}") for key, unit, default in options()]
+    of_maps = [each for each in keys if each[0].startswith("dem")]
+    parts = [
+        sensitivities(folder, of_maps, clear),
+        sensitivities(folder, [each for each in keys if each not in of_maps], RAINY),
+        tolerances(folder, varied),
+    ]
+    (folder / "sensitivity.md").write_text("\n\n".join(parts))
+    deciding = [
+        str(each) for each in varied if any(decides(kept(folder, f"{each}-{which}")) for which in ("half", "double"))
+    ]
+    print("constants that decide:", *deciding, sep="\n")
 
 
-def _excuse(constant: Constant) -> str:
-    """Why a constant is not varied; empty for one that is."""
-    if constant.room in WITHOUT_MAPS:
-        return "no map is made by it"
-    return next((reason for reason, names in NOT_VARIED.items() if constant.name in names), "")
+def options() -> list[tuple[str, str, float]]:
+    """All numeric options of the methods and of detection behind a volume: key, unit and default."""
+    tables = (
+        ("dem.smooth", SmoothParameters, ()),
+        ("dem.stepped", SteppedParameters, SmoothParameters.model_fields),
+        ("processing.volume", VolumeTable, ()),
+    )
+    return [
+        (f"{place}.{name}", unit_of(name), field.default)
+        for place, table, others in tables
+        for name, field in table.model_fields.items()
+        if name not in others
+    ]
 
 
-def _variation(constant: Constant, factor: float, recordings: dict[str, Path]) -> tuple[Variation, tuple[Survey, ...]]:
-    which = "double" if factor > 1 else "half"
-    return Variation(f"{constant}-{which}", constant, factor), surveys_of(constant, recordings)
+def flights_of(key: str, recordings: dict[str, Path]) -> tuple[Survey, ...]:
+    """The flights and methods that an option matters to."""
+    method, name = key.split(".")[1:]
+    names = RAINY if method == "volume" else (*CLEAR, *LENGTHY) if name in EXTENTS else CLEAR
+    methods = ("linear",) if method == "volume" else (method,)
+    return tuple(Survey(each, recordings[each], methods) for each in names if each in recordings)
 
 
-def _kept(folder: Path, key: str) -> dict[str, Any]:
-    path = folder / f"{key}.json"
-    return json.loads(path.read_text()) if path.exists() else {}
+PAGE = (Path(__file__).parents[2] / "docs" / "theory" / "sensitivity.md").read_text(encoding="utf-8")
+
+
+def test_every_constant_and_option_is_on_the_page():
+    """One that is new is to be varied, and derived or made an option if it decides."""
+    rows = PAGE.splitlines()
+    missing = [
+        str(each)
+        for each in constants()
+        if not any(f"`{each.module}`" in row and f"`{each.name}`" in row for row in rows)
+    ]
+    assert missing == []
+    assert [key for key, _, _ in options() if f"`{key}`" not in PAGE] == []

@@ -34,8 +34,7 @@ MIN_OVER_NOISE = 2.0
 MAX_UNEVEN = 3.0
 # Share of cells assumed to hold noise only.
 QUIET_SHARE = 0.05
-# Cells over which the estimate is smoothed, each way, and the weight of the law in looks.
-SMOOTHED_CELLS = 8
+# Weight of the law, in looks.
 LOOKS_OF_LAW = 200.0
 # Limits of the law: deviation from the first guess in nepers, and two-way loss in nepers per metre (110 dB/km).
 MAX_NEPERS, MAX_LOSS = 6.0, 0.05
@@ -89,10 +88,10 @@ class VolumeClutter:
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
         return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
 
-    def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float) -> float:
+    def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float, smoothed_cells: int) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
         cells = self.near[1] - self.near[0]
-        if cells < 2 * SMOOTHED_CELLS:
+        if cells < 2 * smoothed_cells:
             return 0.0
         mean = self._near_mean(power)
         chance = float(np.mean(mean**2)) / (looks * cells + 1)
@@ -154,13 +153,14 @@ def measured_mean(
     power: Float[np.ndarray, "pulse cell"],
     volume_only: Bool[np.ndarray, "pulse cell"],
     range_m: Float[np.ndarray, " cell"],
+    smoothed_cells: int,
 ) -> Float[np.ndarray, " cell"]:
     """Return the volume's mean from the volume-only cells; where these are few, the law fitted to them."""
     clipped = np.minimum(power, MAX_SPECKLE * guess.background) - guess.noise
     count = volume_only.sum(axis=0).astype(float)
     total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)
-    kernel = np.ones(2 * SMOOTHED_CELLS + 1)
+    kernel = np.ones(2 * smoothed_cells + 1)
     smoothed = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
     return law * np.maximum(smoothed / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), MIN_OF_LAW)
 

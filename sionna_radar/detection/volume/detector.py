@@ -35,9 +35,6 @@ MIN_PROBABILITY = 0.99
 WIDTHS_OF_SPAN = 3.0
 # Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
-ESTIMATION_ROUNDS = 2
-# Margin between volume-only cells and the ground's range: widths of the echo of level ground, and cells.
-WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of pulses whose ground may lie within the cells assumed volume-only in all pulses.
 RARELY_GROUND = 0.02
 # Peak of the ground over the volume (20 dB) above which the scenario's estimator has the greater weight: side lobes of
@@ -259,7 +256,7 @@ def volume_in_front(
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
     through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
-    for _ in range(ESTIMATION_ROUNDS):
+    for _ in range(detector.processing.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     moving = _with_motion(through, cells, pulses, sweep)
     if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
@@ -312,20 +309,20 @@ def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
     """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
-    end, volume = through.end, through.volume
+    end, volume, options = through.end, through.volume, through.detector.processing.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
     learned = learned_ground(end.ground.level, likelihood)
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
-    volume_end = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
+    volume_end = ground - options.widths_before * width - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
-    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m)
+    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
     near = (end.first, max(int(np.quantile(volume_end, RARELY_GROUND)), end.first))
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
-    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks))
+    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
     return _through(through.detector, updated, learned, through.motion, pulses, sweep)
 
 
