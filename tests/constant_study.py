@@ -338,14 +338,19 @@ def kept(folder: Path, key: str) -> dict[str, Any]:
 
 
 def tolerances(folder: Path, every: list[Constant]) -> str:
-    """A table of constants by module: each with the largest change of a map, over its RMS error, halved or doubled."""
+    """A table of constants by module: each with the largest change of a map, over its RMS error, halved or doubled.
+
+    One that was flown in one of the two ways alone says in which; one that was in none, that it was not.
+    """
     lines = ["| module | constants, with the largest change of a map over its error |", "|---|---|"]
     for module in dict.fromkeys(each.module for each in every):
         cells = []
         for constant in (each for each in every if each.module == module):
-            results = [kept(folder, f"{constant}-{which}") for which in ("half", "double")]
-            moved = [change["moved"] for result in results for change in result.values() if isinstance(change, dict)]
-            cells.append(f"`{constant.name}` {max(moved, default=math.nan):.2f}")
+            flown = {which: kept(folder, f"{constant}-{which}") for which in ("half", "double")}
+            flown = {which: result for which, result in flown.items() if result}
+            moved = [c["moved"] for result in flown.values() for c in result.values() if isinstance(c, dict)]
+            way = {0: "not varied yet", 1: f"{max(moved, default=math.nan):.2f} ({''.join(flown)})"}
+            cells.append(f"`{constant.name}` {way.get(len(flown), f'{max(moved, default=math.nan):.2f}')}")
         lines.append(f"| `{module}` | {', '.join(cells)} |")
     return "\n".join(lines)
 
