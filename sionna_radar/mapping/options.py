@@ -9,6 +9,24 @@ from sionna_radar.scenario.table import Parameters, Positive, Real
 Share = Annotated[Real, Field(gt=0, lt=1)]
 
 
+class LinearParameters(Parameters):
+    """Which triangles between points are ground."""
+
+    longest_side_gaps: Positive = 3.0
+    """longest side of a triangle, in `max_gap_m`."""
+    wall_slope: Positive = 1.0
+    """slope, rise over run, from which a triangle may be a wall's; half of it is what the sides of one exceed the
+    ground beyond both of their ends by."""
+    wall_contrast: Positive = 2.0
+    """and how many times as steep as the ground beside it it is."""
+    wall_sigmas: Positive = 4.0
+    """least height of a wall, in standard deviations of the points' ranges."""
+    wall_diagonal: Positive = 1.5
+    """longest side along which no echo is missing, in `max_gap_m`: along longer ones any jump is a shadow's."""
+    wall_rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 3
+    """slopes of the ground are found from triangles without walls, which are found from slopes: so often."""
+
+
 class SmoothParameters(Parameters):
     """How mean ranges become a surface."""
 
@@ -63,4 +81,4 @@ class SteppedParameters(SmoothParameters):
         return max(1, round(self.min_part_m2 / spacing_m**2))
 
 
-SMOOTH, STEPPED = SmoothParameters(), SteppedParameters()
+LINEAR, SMOOTH, STEPPED = LinearParameters(), SmoothParameters(), SteppedParameters()

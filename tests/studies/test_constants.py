@@ -28,7 +28,7 @@ from constant_study import (
 )
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from sionna_radar import load_scenario, run
-from sionna_radar.mapping.options import SmoothParameters, SteppedParameters
+from sionna_radar.mapping.options import LinearParameters, SmoothParameters, SteppedParameters
 from sionna_radar.scenario.processing import VolumeTable
 from sionna_radar.scenario.table import unit_of
 
@@ -196,6 +196,7 @@ def test_constants(folder, recordings):
 def options() -> list[tuple[str, str, float]]:
     """All numeric options of the methods and of detection behind a volume: key, unit and default."""
     tables = (
+        ("dem.linear", LinearParameters, ()),
         ("dem.smooth", SmoothParameters, ()),
         ("dem.stepped", SteppedParameters, SmoothParameters.model_fields),
         ("processing.volume", VolumeTable, ()),
