@@ -74,6 +74,8 @@ class VolumeTable(Table):
     """range cells between those that hold the volume alone and the ground, besides `widths_before`."""
     widths_before: NonNegative = 5.0
     """widths of the echo of level ground between them, besides `cells_before`."""
+    floor_share: Annotated[Real, Field(gt=0, lt=1)] = 0.01
+    """lowest mean behind the ground, over the volume's there: side lobes and double bounces."""
 
 
 class ProcessingTable(Table):

@@ -287,6 +287,7 @@ def _through(
         response=analyser.response(RESPONSE_CELLS, 1),
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
+        floor_share=detector.processing.volume.floor_share,
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 

@@ -111,8 +111,6 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
 # Half-length of the window in which shapes are compared, in cells.
 HALF = 40
 WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
-# Lowest level behind the ground relative to the volume: side lobes, double-bounce echoes.
-SILENCE = 0.01
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
@@ -158,6 +156,7 @@ class VolumeEnd:
     beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks per cell.
     response: power response of the spectrum to a point target, on cells.
     first: first cell that may hold ground; cells: number of cells.
+    floor_share: lowest mean behind the ground, over the volume's.
     """
 
     volume: VolumeClutter
@@ -169,13 +168,14 @@ class VolumeEnd:
     response: Float[np.ndarray, " tap"]
     first: int
     cells: int
+    floor_share: float
 
     def over_volume(
         self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
     ) -> Float[np.ndarray, "pulse cell"]:
         """Return powers over the mean of volume and noise; 1 where ground is ruled out."""
         background = strength[:, None] * self.volume.mean + self.volume.noise
-        ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
+        ratio = power / background + np.maximum(self.floor_share - self.volume.noise / background, 0.0)
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
@@ -297,8 +297,9 @@ class VolumeEnd:
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
         """Return the mean behind the ground over the volume's, in steps of 3 dB."""
         share = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
-        steps = np.round(np.log2(np.clip(share, SILENCE, 1.0) / SILENCE))
-        return np.minimum(SILENCE * 2.0**steps, 1.0)
+        floor = self.floor_share
+        steps = np.round(np.log2(np.clip(share, floor, 1.0) / floor))
+        return np.minimum(floor * 2.0**steps, 1.0)
 
     def _behind(
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
