@@ -76,6 +76,11 @@ class VolumeTable(Table):
     """widths of the echo of level ground between them, besides `cells_before`."""
     floor_share: Annotated[Real, Field(gt=0, lt=1)] = 0.01
     """lowest mean behind the ground, over the volume's there: side lobes and double bounces."""
+    width_spread_nepers: Positive = 0.25
+    """uncertainty of the width of an echo on ground of a known slope: the beam is as wide across, and ground is
+    curved."""
+    height_step_cells: Positive = 1.0
+    """between the heights that neighbouring pulses are compared by."""
 
 
 class ProcessingTable(Table):

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 from constant_study import (
     DOUBLE,
     HALF,
+    NOT_VARIED,
     Constant,
     Survey,
     Variation,
@@ -155,6 +156,18 @@ def decides(result: dict[str, Any]) -> bool:
         or abs(change["inside"]) > INSIDE
         for change in result.values()
     )
+
+
+def _excuse(constant: Constant) -> str:
+    """Why a constant is not varied; empty for one that is."""
+    if constant.room in WITHOUT_MAPS:
+        return "no map is made by it"
+    return next((reason for reason, names in NOT_VARIED.items() if constant.name in names), "")
+
+
+def _variation(constant: Constant, factor: float, recordings: dict[str, Path]) -> tuple[Variation, tuple[Survey, ...]]:
+    which = "double" if factor > 1 else "half"
+    return Variation(f"{constant}-{which}", constant, factor), surveys_of(constant, recordings)
 
 
 @pytest.mark.study

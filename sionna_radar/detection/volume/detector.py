@@ -113,7 +113,9 @@ class ThroughVolume:
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
-        tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
+        step_m = end.cell_m * self.detector.processing.volume.height_step_cells
+        heights = _heights(pulses, sweep)
+        tracked = track(evidence, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
@@ -288,6 +290,7 @@ def _through(
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
         floor_share=detector.processing.volume.floor_share,
+        width_spread_nepers=detector.processing.volume.width_spread_nepers,
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 

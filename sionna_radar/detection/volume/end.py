@@ -118,9 +118,7 @@ MIN_BEHIND = 8
 LARGEST_STEP = 40
 ROWS_AT_ONCE = 32
 FINE = 4
-# Uncertainty of an echo's width for a known slope, in nepers, and the minimum effective slope: the beam is as
-# wide across the plane of incidence, and ground is curved.
-WIDTH_SPREAD = 0.25
+# Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
 DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
@@ -157,6 +155,7 @@ class VolumeEnd:
     response: power response of the spectrum to a point target, on cells.
     first: first cell that may hold ground; cells: number of cells.
     floor_share: lowest mean behind the ground, over the volume's.
+    width_spread_nepers: uncertainty of the echo's width on ground of a known slope.
     """
 
     volume: VolumeClutter
@@ -169,6 +168,7 @@ class VolumeEnd:
     first: int
     cells: int
     floor_share: float
+    width_spread_nepers: float
 
     def over_volume(
         self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
@@ -320,7 +320,7 @@ class VolumeEnd:
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
-        log = logsumexp(-0.5 * (nepers / WIDTH_SPREAD) ** 2, axis=-1)
+        log = logsumexp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
         log -= logsumexp(log, axis=-1, keepdims=True)
         place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)

@@ -20,7 +20,7 @@ from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
+from sionna_radar.mapping.terrain.echo_heights import heights_over, on_axis, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
@@ -29,6 +29,8 @@ from sionna_radar.mapping.terrain.smoothing import TerrainModel
 # know to 8 mm, was off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
 LEVEL_SIGMA_M = 0.01
 ROUNDS = 4
+# Heights farther from a plane, in standard deviations as they scatter, are not fitted.
+OUTLIER_SIGMAS = 4.0
 # A slope across a line of heights, which they do not tell: by choice, as roofs are pitched.
 UNTOLD_SLOPE_SIGMA = 0.3
 # Heights that scatter about a plane this many times as far as their noise are no plane's.

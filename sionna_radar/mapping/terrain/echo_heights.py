@@ -23,7 +23,6 @@ from sionna_radar.mapping.terrain.smoothing import TOLERANCE, Smoothed, TerrainM
 # Tolerance of a surface that only begins an iteration.
 ROUGH = 1e-4
 MIN_SIGMA_M = 0.02
-OUTLIER_SIGMAS = 4.0
 # Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
 OUTSTANDING_SIGMAS = 6.0
 # A footprint reaches so many standard deviations from its middle.
@@ -122,7 +121,7 @@ def heights_over(
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
     scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
-    fits = known & (np.abs(np.nan_to_num(residual)) <= OUTLIER_SIGMAS * scale)
+    fits = known & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
     if fits.mean() < 0.5:
         fits = known
     return replace(heights, height_m=heights.height_m + mean - surface.at(*heights.place_m.T)), fits
