@@ -32,7 +32,16 @@ HALF, DOUBLE = 0.5, 2.0
 # Names of what is no quantity, or bounds memory alone, by the reason.
 NOT_VARIED = {
     "a code or a list of neighbours": {
-        *("CELL_AVERAGING", "GREATEST_OF", "SMALLEST_OF", "NOTHING", "DIRECTIONS", "AROUND", "EVERYWHERE", "SEED"),
+        *(
+            "CELL_AVERAGING",
+            "GREATEST_OF",
+            "SMALLEST_OF",
+            "NOTHING",
+            "coarse_map.DIRECTIONS",
+            "segments.AROUND",
+            "EVERYWHERE",
+            "SEED",
+        ),
         *("LONG", "KEY", "COARSER"),
     },
     "how many are worked on at once, or may be": {

@@ -162,7 +162,8 @@ def _excuse(constant: Constant) -> str:
     """Why a constant is not varied; empty for one that is."""
     if constant.room in WITHOUT_MAPS:
         return "no map is made by it"
-    return next((reason for reason, names in NOT_VARIED.items() if constant.name in names), "")
+    own = {constant.name, ".".join(str(constant).split(".")[-2:])}
+    return next((reason for reason, names in NOT_VARIED.items() if own & names), "")
 
 
 def _variation(constant: Constant, factor: float, recordings: dict[str, Path]) -> tuple[Variation, tuple[Survey, ...]]:
