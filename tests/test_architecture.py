@@ -39,6 +39,21 @@ ROOMS = (
     "cli",
     "notebook",
 )
+# They take numbers and objects; only the door of each reads tables of a scenario.
+PHYSICS = (
+    "elevation",
+    "weather",
+    "surfaces",
+    "flight",
+    "scene",
+    "radar",
+    "tracing",
+    "signal",
+    "detection",
+    "mapping",
+    "accuracy",
+    "imaging",
+)
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
 
@@ -174,6 +189,14 @@ def run(code: str, **environment: str) -> str:
 
 def loaded_by(statement: str) -> set[str]:
     return {module.split(".")[0] for module in run(f"import sys; {statement}; print(' '.join(sys.modules))").split()}
+
+
+def test_validating_a_scenario_loads_no_part():
+    code = (
+        "import sys; from sionna_radar.scenario import load_scenario; load_scenario('buildings'); print(*sys.modules)"
+    )
+    rooms = {name.split(".")[1] for name in run(code).split() if name.startswith("sionna_radar.")}
+    assert rooms & set(PHYSICS) == {"weather"}, rooms  # whose limits of frequency are checked
 
 
 # Stops at the first import of the ray tracer, and reports whether the library was chosen by then.

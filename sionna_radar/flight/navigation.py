@@ -42,7 +42,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
 from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, world_from_body
-from sionna_radar.flight.pulses import Pose, register_navigation
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text
@@ -183,7 +183,6 @@ class InertialErrors:
         )
 
 
-@register_navigation("errors", NavigationTable)
 def inertial_errors(
     table: NavigationTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int
 ) -> InertialErrors | None:
@@ -337,7 +336,6 @@ class LoggedErrors(InertialErrors):
         return np.nan_to_num(self.sigma(time_s)) * super().sizes(time_s)
 
 
-@register_navigation("from_log", LoggedErrorsTable)
 def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int) -> LoggedErrors:
     """Return the navigation system of a recorded flight.
 

@@ -135,9 +135,6 @@ class RotatingScan:
         return float(max(line, across))
 
 
-@register_scan("whisk_broom", ScanTable)
-@register_scan("conical", ScanTable)
-@register_scan("fixed", ScanTable)
 def rotating_scan(table: ScanTable) -> RotatingScan:
     """Return the scan of a scenario's table; a fixed one does not rotate."""
     assert table.mode != "side_looking"
@@ -171,7 +168,6 @@ class SideLookingScan:
         return speed_mps / chirp_rate_hz
 
 
-@register_scan("side_looking", ScanTable)
 def side_looking_scan(table: ScanTable) -> SideLookingScan:
     """Return the scan of a scenario's table."""
     return SideLookingScan(
@@ -229,7 +225,6 @@ class ElectronicScan:
         return max(speed_mps / self.scans_per_s, beam_spacing_m)
 
 
-@register_scan("electronic", ElectronicScanTable)
 def electronic_scan(table: ElectronicScanTable) -> ElectronicScan:
     """Return the scan of a scenario's table."""
     return ElectronicScan(

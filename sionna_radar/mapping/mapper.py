@@ -29,7 +29,7 @@ from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.processing import DemTable
-from sionna_radar.scenario.registry import registers, require
+from sionna_radar.scenario.registry import Facts, registers, require
 from sionna_radar.scenario.table import Table
 
 # Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
@@ -147,7 +147,12 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     True
 
     """
-    return DEM_METHODS.register(name, parameters)
+
+    def add(build: Builder) -> Builder:
+        facts = Facts(profiles=getattr(build, "profiles", "unused"))
+        return DEM_METHODS.register(name, parameters, facts)(build)
+
+    return add
 
 
 def build_dem_method(table: DemTable) -> DemMethod:

@@ -15,7 +15,7 @@ from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.foundation.numerics import from_db, taylor, to_db
-from sionna_radar.radar.antenna import Antenna, Cut, Pattern, antenna_of, register_antenna
+from sionna_radar.radar.antenna import Antenna, Cut, Pattern, antenna_of
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable
@@ -27,7 +27,6 @@ MAX_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
 REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.join(EXTRAS)}"
 
 
-@register_antenna("array", ArrayAntennaTable)
 def array_antenna(table: ArrayAntennaTable) -> Antenna:
     """Return the antenna of a scenario's table, with its beam steered.
 
@@ -185,7 +184,6 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     return Cut(voltage)
 
 
-@register_antenna("taylor", AntennaTable)
 def taylor_array(table: AntennaTable) -> Antenna:
     """Return the antenna of a scenario's table."""
     azimuth, elevation = table.beamwidths_rad

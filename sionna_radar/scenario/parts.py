@@ -1,6 +1,7 @@
 """The registries of all parts selected by name in a scenario.
 
-To add a built-in part, write its file and add one line here.
+To add a built-in part, write its file and add one line here: its builder, its table and its facts, so that a scenario
+is validated without loading any part.
 """
 
 from __future__ import annotations
@@ -13,86 +14,121 @@ from sionna_radar.scenario.bases import (
     StageParameters,
     TerrainParameters,
 )
-from sionna_radar.scenario.registry import PACKAGE, Registry
+from sionna_radar.scenario.registry import PACKAGE, BuiltIn, Deferred, Facts, Registry
 
 RANGE_ESTIMATORS = Registry(
     "range estimator",
-    {"detection.ranging.estimators": ("peak", "centroid", "leading_edge", "model_fit")},
+    {
+        "peak": BuiltIn("detection.ranging.estimators.PeakRange"),
+        "centroid": BuiltIn("detection.ranging.estimators.CentroidRange"),
+        "leading_edge": BuiltIn("detection.ranging.estimators.LeadingEdgeRange"),
+        "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
+    },
 )
 DEM_METHODS = Registry(
     "DEM method",
     {
-        "mapping.linear.linear": ("linear",),
-        "mapping.refined.refinement": ("smooth", "refined"),
-        "mapping.stepped.surface": ("stepped",),
+        "linear": BuiltIn("mapping.linear.linear.Linear"),
+        "smooth": BuiltIn("mapping.refined.refinement.Smooth", facts=Facts(profiles="optional")),
+        "refined": BuiltIn("mapping.refined.refinement.Refined", facts=Facts(profiles="required")),
+        "stepped": BuiltIn("mapping.stepped.surface.Stepped", facts=Facts(profiles="required")),
     },
 )
 SCANS = Registry(
     "scan",
-    {"flight.scan": ("whisk_broom", "conical", "fixed", "side_looking", "electronic")},
+    {
+        "whisk_broom": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
+        "conical": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
+        "fixed": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
+        "side_looking": BuiltIn("flight.scan.side_looking_scan", "radar.ScanTable"),
+        "electronic": BuiltIn("flight.scan.electronic_scan", "radar.ElectronicScanTable"),
+    },
     ScanParameters,
 )
 ANTENNAS = Registry(
     "antenna",
     {
-        "radar.array_antenna": ("taylor", "array"),
-        "radar.pattern_files.reader": ("pattern",),
+        "taylor": BuiltIn("radar.array_antenna.taylor_array", "radar.AntennaTable"),
+        "array": BuiltIn("radar.array_antenna.array_antenna", "radar.ArrayAntennaTable"),
+        "pattern": BuiltIn("radar.pattern_files.reader.measured_antenna", "radar.PatternAntennaTable"),
     },
     AntennaParameters,
 )
 NAVIGATIONS = Registry(
     "navigation",
-    {"flight.navigation": ("errors", "from_log")},
+    {
+        "errors": BuiltIn("flight.navigation.inertial_errors", "platform.NavigationTable"),
+        "from_log": BuiltIn("flight.navigation.logged_errors", "platform.LoggedErrorsTable"),
+    },
     NavigationParameters,
 )
 SENSORS = Registry(
     "sensor",
     {
-        "survey.sensors.device_radar": ("radar",),
-        "survey.sensors.lidar": ("lidar",),
+        "radar": BuiltIn("survey.sensors.device_radar.build_radar", facts=Facts(provides_profiles=True)),
+        "lidar": BuiltIn("survey.sensors.lidar.lidar"),
     },
 )
 ENGINES = Registry(
     "tracing engine",
-    {"tracing.engines.ours": ("sionna", "gamma", "path_solver")},
+    {
+        "sionna": BuiltIn("tracing.engines.ours.sionna_engine"),
+        "gamma": BuiltIn("tracing.engines.ours.gamma_engine"),
+        "path_solver": BuiltIn("tracing.engines.ours.stock_engine"),
+    },
 )
+_CLOUD = Facts(uses=("window_m",), frame=Deferred("scene.terrains.points.cloud_frame"))
+_RASTER = Facts(uses=("window_m",), frame=Deferred("scene.terrains.elevation.file_frame"))
+_CITY = BuiltIn("scene.terrains.city.city", "terrain.CityTerrain", Facts(uses=("carrier_hz", "channel")))
 TERRAINS = Registry(
     "terrain",
     {
-        "scene.terrains.synthetic": ("flat", "hills", "fractal"),
-        "scene.terrains.elevation": ("jacksboro", "raster"),
-        "scene.terrains.points": ("points",),
-        "scene.terrains.mesh": ("mesh",),
-        "scene.terrains.city": ("sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"),
+        "flat": BuiltIn("scene.terrains.synthetic.flat", "terrain.FlatTerrain", Facts(uses=())),
+        "hills": BuiltIn("scene.terrains.synthetic.hills", "terrain.HillsTerrain", Facts(uses=())),
+        "fractal": BuiltIn("scene.terrains.synthetic.fractal", "terrain.FractalTerrain", Facts(uses=())),
+        "jacksboro": BuiltIn("scene.terrains.elevation.elevation", "terrain.SampleTerrain", _RASTER),
+        "raster": BuiltIn("scene.terrains.elevation.elevation", "terrain.RasterTerrain", _RASTER),
+        "points": BuiltIn(
+            "scene.terrains.points.points",
+            "terrain.PointsTerrain",
+            Facts(uses=("window_m",), frame=Deferred("scene.terrains.points.cloud_frame")),
+        ),
+        "mesh": BuiltIn(
+            "scene.terrains.mesh.mesh",
+            "terrain.MeshTerrain",
+            Facts(uses=(), frame=Deferred("scene.terrains.mesh.mesh_frame")),
+        ),
+        "sionna:san_francisco": _CITY,
+        "sionna:munich": _CITY,
+        "sionna:florence": _CITY,
+        "sionna:etoile": _CITY,
     },
     TerrainParameters,
 )
 MATERIALS = Registry(
     "material",
     {
-        "surfaces.surface_models": (
-            "constant_gamma",
-            "lambertian",
-            "ulaby_dobson",
-            "table",
-            "kirchhoff",
-            "physical_optics",
-            "small_perturbation",
-            "integral_equation",
-        ),
-        "surfaces.sionna_slab": ("sionna_itu",),
+        "constant_gamma": BuiltIn("surfaces.surface_models.constant_gamma", "materials.ConstantGamma"),
+        "lambertian": BuiltIn("surfaces.surface_models.lambertian", "materials.Lambertian"),
+        "ulaby_dobson": BuiltIn("surfaces.surface_models.ulaby_dobson", "materials.UlabyDobson"),
+        "table": BuiltIn("surfaces.surface_models.measured", "materials.MeasuredTable"),
+        "kirchhoff": BuiltIn("surfaces.surface_models.kirchhoff", "materials.Kirchhoff"),
+        "physical_optics": BuiltIn("surfaces.surface_models.physical_optics", "materials.PhysicalOptics"),
+        "small_perturbation": BuiltIn("surfaces.surface_models.small_perturbation", "materials.SmallPerturbation"),
+        "integral_equation": BuiltIn("surfaces.surface_models.integral_equation", "materials.IntegralEquation"),
+        "sionna_itu": BuiltIn("surfaces.sionna_slab.sionna_itu", "materials.SionnaItu"),
     },
     MaterialParameters,
 )
 RECEIVER_STAGES = Registry(
     "receiver stage",
     {
-        "signal.leakage": ("leakage",),
-        "signal.mixer": ("mixer",),
-        "signal.interference": ("interference",),
-        "signal.receiver": ("noise",),
-        "signal.filters": ("filters",),
-        "signal.converter": ("converter",),
+        "leakage": BuiltIn("signal.leakage.build_leakage", "bases.StageParameters"),
+        "mixer": BuiltIn("signal.mixer.build_mixer", "bases.StageParameters"),
+        "interference": BuiltIn("signal.interference.build_interference_stage", "bases.StageParameters"),
+        "noise": BuiltIn("signal.receiver.build_noise_stage", "bases.StageParameters"),
+        "filters": BuiltIn("signal.filters.build_filters", "bases.StageParameters"),
+        "converter": BuiltIn("signal.converter.build_converter", "bases.StageParameters"),
     },
     StageParameters,
 )

@@ -265,8 +265,8 @@ class Scenario(Table):
                 f"weather.{uneven[0]}",
                 "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
             )
-        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
-        if needs_profiles and not SENSORS.entry(self.sensor).provides_profiles:
+        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
+        if needs_profiles and not SENSORS.entry(self.sensor).facts.provides_profiles:
             raise refuse(
                 "dem.method",
                 f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",
@@ -282,14 +282,14 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _angle_is_measured(self) -> Scenario:
         method = self.dem.method
-        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
+        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
         check_angle(self.processing, self.radar, self.weather, self.sensor, method if needs_profiles else None)
         return self
 
     @model_validator(mode="after")
     def _average_is_measured(self) -> Scenario:
         method = self.dem.method
-        uses_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", "unused") != "unused"
+        uses_profiles = DEM_METHODS.entry(method).facts.profiles != "unused"
         chosen = method if uses_profiles else None
         check_average(self.processing, self.radar, self.weather, self.tracing, self.sensor, chosen)
         return self

@@ -18,7 +18,6 @@ from sionna_radar.scene.landscape import (
     Landscape,
     TerrainInputs,
     build_landscape,
-    inputs_used,
     landscape_of_raster,
 )
 from sionna_radar.scene.model import Surface
@@ -79,7 +78,7 @@ def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
     if TERRAINS.entry(kind).origin != PACKAGE:
         return build_ground(scenario, given)
     # Footprints are read within the window.
-    fields = set(inputs_used(kind)) | ({"window_m"} if scenario.footprints else set())
+    fields = set(TERRAINS.entry(kind).facts.uses) | ({"window_m"} if scenario.footprints else set())
     key = content_key(
         {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
         | {name: getattr(given, name) for name in sorted(fields)}

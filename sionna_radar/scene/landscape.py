@@ -17,7 +17,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scene.ground_cover import cover_ground
 from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
@@ -176,26 +176,7 @@ def register_terrain(
     3.0
 
     """
-    register = TERRAINS.register(name, parameters)
-
-    def add(build: Builder) -> Builder:
-        registered = register(build)
-        if frame is not None:
-            _FRAMES[name] = frame
-        _USES[name] = tuple(uses)
-        return registered
-
-    return add
-
-
-_FRAMES: dict[str, Callable[..., MapFrame | None]] = {}
-_USES: dict[str, tuple[str, ...]] = {}
-
-
-def inputs_used(kind: str) -> tuple[str, ...]:
-    """Return the names of the `TerrainInputs` on which a kind of terrain depends."""
-    TERRAINS.entry(kind)  # loads its module, which registers them
-    return _USES[kind]
+    return TERRAINS.register(name, parameters, Facts(uses=tuple(uses), frame=frame))
 
 
 def map_frame(table: TerrainParameters) -> MapFrame | None:
@@ -203,9 +184,10 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
 
     Raises ScenarioError or InputFileError if its file cannot be read or georeferenced.
     """
-    TERRAINS.entry(table.kind)  # loads its module, which registers its frame
-    if table.kind in _FRAMES:
-        return _FRAMES[table.kind](table)
+    frame = TERRAINS.entry(table.kind).facts.frame
+    if frame is not None:
+        own: MapFrame | None = frame(table)
+        return own
     return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None
 
 

@@ -14,7 +14,7 @@ from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ConverterTable
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received, StageInputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,6 @@ class Converter:
         return (clipped + shift) / half_range, clipped != code
 
 
-@register_receiver_stage("converter", StageParameters)
 def build_converter(_: StageParameters, given: StageInputs) -> Converter:
     """Return the converter of a scenario's radar."""
     receiver = given.radar.receiver

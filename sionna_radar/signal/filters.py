@@ -14,7 +14,7 @@ from sionna_radar.foundation.threads import cores
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.signal.analog_filters import AntiAlias, HighPass
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received, StageInputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,6 @@ class Filters:
         return response if self.high_pass is None else response * self.high_pass.response(beat_hz)
 
 
-@register_receiver_stage("filters", StageParameters)
 def build_filters(_: StageParameters, given: StageInputs) -> Filters:
     """Return the filters of a scenario's receiver."""
     return Filters(high_pass=given.high_pass, anti_alias=given.anti_alias)

@@ -21,7 +21,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.signal.beat import SampleGrid
-from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs
 
 # Fraction of the grid's band at its edges over which bursts fade out; filters remove it.
 FADED = 0.25
@@ -153,7 +153,6 @@ def _beat(
     return beat
 
 
-@register_receiver_stage("interference", StageParameters)
 def build_interference_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
     """Return the stage that adds the interference of other radars."""
     return given.interference or Interference()

@@ -15,7 +15,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.second_receiver import SideReceiver
 from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received, StageInputs
 from sionna_radar.tracing.paths import TARGET, Paths
 
 
@@ -45,7 +45,6 @@ class Leakage:
         )
 
 
-@register_receiver_stage("leakage", StageParameters)
 def build_leakage(_: StageParameters, given: StageInputs) -> Leakage:
     """Return the leakage of a scenario's radar."""
     table = given.radar.receiver.leakage

@@ -19,7 +19,7 @@ from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.signal.beat import SampleGrid, analytic_beats
 from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received, StageInputs
 from sionna_radar.tracing.paths import Paths
 
 STEP_RAD = 0.5
@@ -103,7 +103,6 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
     return weight
 
 
-@register_receiver_stage("mixer", StageParameters)
 def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
     """Return the mixer of a scenario's radar.
 

@@ -15,7 +15,7 @@ from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.stages import Chain, Received, ReceiverStage, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Chain, Received, ReceiverStage, StageInputs
 from sionna_radar.tracing.paths import Paths
 
 
@@ -72,7 +72,6 @@ def add_noise(
     return noisy
 
 
-@register_receiver_stage("noise", StageParameters)
 def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
     """Return the stage that adds thermal noise: the same as without other stages."""
     return noisy

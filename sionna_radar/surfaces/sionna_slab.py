@@ -15,7 +15,6 @@ from scipy.constants import epsilon_0, speed_of_light
 
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scenario.materials import SionnaItu
-from sionna_radar.surfaces.material import register_material
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
 from sionna_radar.surfaces.rough_surface import Polarization, fresnel_reflection
 
@@ -100,7 +99,6 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
     raise ValueError(message)
 
 
-@register_material("sionna_itu", SionnaItu)
 def sionna_itu(table: SionnaItu, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return the material of a slab given in a scenario."""
     slab = SionnaSlab(

@@ -27,7 +27,7 @@ from sionna_radar.surfaces.backscatter import (
     TableBackscatter,
     UlabyDobsonBackscatter,
 )
-from sionna_radar.surfaces.material import permittivity_of, register_material
+from sionna_radar.surfaces.material import permittivity_of
 from sionna_radar.surfaces.radar_material import Channel, Mirror, RadarMaterial, typical_cross_polar
 
 
@@ -62,21 +62,18 @@ def _mirror(table: EmpiricalTable | RoughTable, permittivity: complex | None, ca
     return Mirror(permittivity=permittivity, rms_height_m=table.rms_height_m, frequency_hz=carrier_hz)
 
 
-@register_material("constant_gamma", ConstantGamma)
 def constant_gamma(table: ConstantGamma, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material of constant gamma."""
     model = ConstantGammaBackscatter(table.gamma)
     return polarized_material(table, model, model, carrier_hz, channel)
 
 
-@register_material("lambertian", Lambertian)
 def lambertian(table: Lambertian, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows Lambert's law."""
     model = LambertianBackscatter(from_db(table.nadir_sigma0_db))
     return polarized_material(table, model, model, carrier_hz, channel)
 
 
-@register_material("ulaby_dobson", UlabyDobson)
 def ulaby_dobson(table: UlabyDobson, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material with a fitted curve of Ulaby and Dobson's form."""
     model = UlabyDobsonBackscatter(
@@ -88,32 +85,27 @@ def ulaby_dobson(table: UlabyDobson, carrier_hz: float, channel: Channel) -> Rad
     return polarized_material(table, model, model, carrier_hz, channel)
 
 
-@register_material("table", MeasuredTable)
 def measured(table: MeasuredTable, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material with a measured curve."""
     model = TableBackscatter.from_csv(table.path)
     return polarized_material(table, model, model, carrier_hz, channel)
 
 
-@register_material("kirchhoff", Kirchhoff)
 def kirchhoff(table: Kirchhoff, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows geometrical optics."""
     return _rough(rough_surface.GeometricalOptics, table, carrier_hz, channel)
 
 
-@register_material("physical_optics", PhysicalOptics)
 def physical_optics(table: PhysicalOptics, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows Kirchhoff's scalar series."""
     return _rough(rough_surface.PhysicalOpticsModel, table, carrier_hz, channel)
 
 
-@register_material("small_perturbation", SmallPerturbation)
 def small_perturbation(table: SmallPerturbation, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that scatters by Bragg's resonance."""
     return _rough(rough_surface.SmallPerturbationModel, table, carrier_hz, channel)
 
 
-@register_material("integral_equation", IntegralEquation)
 def integral_equation(table: IntegralEquation, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows the integral-equation model."""
     return _rough(

@@ -517,7 +517,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
     if method.profiles != "required" or custom.sensor is not None:
         return
     paired = scenario.sensor == "radar" and scenario.radar.sweep == "triangular"
-    if paired or not SENSORS.entry(scenario.sensor).provides_profiles:
+    if paired or not SENSORS.entry(scenario.sensor).facts.provides_profiles:
         message = f"{name!r} needs range profiles, which this sensor does not have; set dem.method = 'smooth'"
         raise ScenarioError([Problem("dem.method", message)])
 

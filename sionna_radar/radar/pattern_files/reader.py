@@ -6,7 +6,7 @@ from pathlib import Path
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 from sionna_radar.foundation.numerics import from_db
-from sionna_radar.radar.antenna import Antenna, antenna_of, register_antenna
+from sionna_radar.radar.antenna import Antenna, antenna_of
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
 from sionna_radar.radar.pattern_files.contents import PatternCuts, PatternGrid, axis_gain_db
 from sionna_radar.radar.pattern_files.formats import (
@@ -98,7 +98,6 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
     raise InputFileError(message)
 
 
-@register_antenna("pattern", PatternAntennaTable)
 def measured_antenna(table: PatternAntennaTable) -> Antenna:
     """Return the antenna of a scenario's table.
 

@@ -14,7 +14,7 @@ import numpy as np
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
-from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, register_terrain
+from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
@@ -102,10 +102,6 @@ def _kept(sionna_materials: dict[str, Any], carrier_hz: float, channel: Channel)
     return materials
 
 
-@register_terrain("sionna:san_francisco", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:munich", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:florence", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:etoile", CityTerrain, uses=("carrier_hz", "channel"))
 def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
     surfaces, materials = load_city(terrain, given.carrier_hz, given.channel)

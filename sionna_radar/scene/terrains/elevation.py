@@ -15,7 +15,7 @@ from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, place_file
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.terrain import RasterTerrain, Roughness, SampleTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights
 
 logger = logging.getLogger("sionna_radar")
 
@@ -33,8 +33,6 @@ def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
     return MapFrame(crs=placed.local, origin_m=placed.origin)
 
 
-@register_terrain("jacksboro", SampleTerrain, frame=file_frame, uses=("window_m",))
-@register_terrain("raster", RasterTerrain, frame=file_frame, uses=("window_m",))
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of an elevation raster, read only within the survey's window."""
     with _opened(terrain) as dataset:

@@ -13,7 +13,7 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.scenario.terrain import MeshTerrain
 from sionna_radar.scene.ground_cover import bare_ground, cover_ground
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, register_terrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Surface
@@ -33,7 +33,6 @@ def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
     return _frame_of(terrain, _crs_of(terrain.crs), upright(terrain, KEY))
 
 
-@register_terrain("mesh", MeshTerrain, frame=mesh_frame, uses=())
 def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of a mesh file, with the objects in it."""
     parts = upright(terrain, KEY)

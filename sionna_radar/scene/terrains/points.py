@@ -17,7 +17,7 @@ from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_c
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.terrain import PointsTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights
 
 logger = logging.getLogger("sionna_radar")
 
@@ -88,7 +88,6 @@ def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
         return place_cloud(cloud, terrain).frame
 
 
-@register_terrain("points", PointsTerrain, frame=cloud_frame, uses=("window_m",))
 def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of a point cloud, gridded within the survey's window."""
     with open_cloud(terrain.path) as cloud:

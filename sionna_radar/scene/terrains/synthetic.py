@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 
@@ -42,7 +42,6 @@ def scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: float
     return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
 
 
-@register_terrain("flat", FlatTerrain, uses=())
 def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
     """Return level ground at height zero."""
     grid = synthetic_grid(terrain)
@@ -53,7 +52,6 @@ def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
 MAX_DIRECT_FILTERING = 1e6
 
 
-@register_terrain("hills", HillsTerrain, uses=())
 def hills(terrain: HillsTerrain, given: TerrainInputs) -> Landscape:
     """Return white noise under a Gaussian filter, shifted and scaled to heights of 0 to `height_m`."""
     grid = synthetic_grid(terrain)
@@ -85,7 +83,6 @@ def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.
     return np.fft.irfft2(spectrum, s=noise.shape)
 
 
-@register_terrain("fractal", FractalTerrain, uses=())
 def fractal(terrain: FractalTerrain, given: TerrainInputs) -> Landscape:
     """Return white noise filtered to a power spectrum of k^-(2 H + 2), scaled to heights of 0 to `height_m`.
 

@@ -19,11 +19,10 @@ from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_librar
 from sionna_radar.foundation.progress import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs
 from sionna_radar.tracing.paths import DevicePaths, DeviceTracing, Paths
 
 
-@register_sensor("radar", provides_profiles=True)
 def build_radar(given: SensorInputs) -> Sensor:
     """Return the radar: on a GPU where that traces the rays. Without CuPy the host makes the spectra."""
     return DeviceRadar(given, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(given)

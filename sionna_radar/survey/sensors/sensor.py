@@ -15,7 +15,7 @@ from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
@@ -156,7 +156,7 @@ def register_sensor(
     True
 
     """
-    return SENSORS.register(name, parameters, provides_profiles=provides_profiles)
+    return SENSORS.register(name, parameters, Facts(provides_profiles=provides_profiles))
 
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:

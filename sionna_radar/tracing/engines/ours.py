@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
+from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.engines.persistent.density import DensityMap, filled_beam, footprint_density
 
 
-@register_engine("sionna")
 def sionna_engine(given: EngineInputs) -> Engine:
     """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or persists on the surface."""
     table = given.tracing
@@ -48,7 +47,6 @@ def _density(given: EngineInputs, scatterers: int) -> DensityMap:
     return footprint_density(looks, beams, given.chirp.range_resolution_m, scatterers)
 
 
-@register_engine("gamma")
 def gamma_engine(given: EngineInputs) -> Engine:
     """Return the paper's facet model, which is independent of Sionna."""
     from sionna_radar.tracing.engines.gamma.facets import GammaEngine
@@ -64,7 +62,6 @@ def gamma_engine(given: EngineInputs) -> Engine:
     )
 
 
-@register_engine("path_solver")
 def stock_engine(given: EngineInputs) -> Engine:
     """Return Sionna's stock path solver, for checks."""
     from sionna_radar.tracing.engines.stock import PathSolverEngine
