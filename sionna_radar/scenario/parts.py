@@ -37,11 +37,11 @@ DEM_METHODS = Registry(
 SCANS = Registry(
     "scan",
     {
-        "whisk_broom": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
-        "conical": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
-        "fixed": BuiltIn("flight.scan.rotating_scan", "radar.ScanTable"),
-        "side_looking": BuiltIn("flight.scan.side_looking_scan", "radar.ScanTable"),
-        "electronic": BuiltIn("flight.scan.electronic_scan", "radar.ElectronicScanTable"),
+        "whisk_broom": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
+        "conical": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
+        "fixed": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
+        "side_looking": BuiltIn("flight.build.side_looking_scan", "radar.ScanTable"),
+        "electronic": BuiltIn("flight.build.electronic_scan", "radar.ElectronicScanTable"),
     },
     ScanParameters,
 )
@@ -57,8 +57,8 @@ ANTENNAS = Registry(
 NAVIGATIONS = Registry(
     "navigation",
     {
-        "errors": BuiltIn("flight.navigation.inertial_errors", "platform.NavigationTable"),
-        "from_log": BuiltIn("flight.navigation.logged_errors", "platform.LoggedErrorsTable"),
+        "errors": BuiltIn("flight.build.inertial_errors", "platform.NavigationTable"),
+        "from_log": BuiltIn("flight.build.logged_errors", "platform.LoggedErrorsTable"),
     },
     NavigationParameters,
 )

@@ -11,7 +11,8 @@ from functools import lru_cache
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Failure, Task
-from sionna_radar.flight.pulses import Navigation, build_navigation
+from sionna_radar.flight.build import build_navigation
+from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate

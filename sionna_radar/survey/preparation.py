@@ -19,18 +19,9 @@ from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
-from sionna_radar.flight.pulses import (
-    Bursts,
-    Navigation,
-    Pose,
-    Pulses,
-    PulseSchedule,
-    build_navigation,
-    in_bursts,
-    schedule_pulses,
-)
-from sionna_radar.flight.route import plan_route
-from sionna_radar.flight.scan import Scan, build_scan
+from sionna_radar.flight.build import build_navigation, build_scan, plan_route
+from sionna_radar.flight.pulses import Bursts, Navigation, Pose, Pulses, PulseSchedule, in_bursts, schedule_pulses
+from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Trajectory
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture

@@ -120,7 +120,7 @@ def test_elements_of_a_file_make_the_same_array(tmp_path):
 
 
 def test_only_an_array_is_steered():
-    from sionna_radar.flight.scan import build_scan
+    from sionna_radar.flight.build import build_scan
 
     scan = build_scan(ElectronicScanTable(beams=5, half_swath_deg=30.0))
     with pytest.raises(ScenarioError, match=r"radar.scan.mode: 'electronic' steers an array"):

@@ -6,7 +6,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from sionna_radar.flight.scan import Pointing, build_scan
+from sionna_radar.flight.build import build_scan
+from sionna_radar.flight.scan import Pointing
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
