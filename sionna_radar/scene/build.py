@@ -23,7 +23,7 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.targets import target_of
 from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter, motions_of
+from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
 
 # Progress steps reported by `build_scene`.
 BUILDING_STEPS = 3

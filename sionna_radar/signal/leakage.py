@@ -14,8 +14,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.second_receiver import SideReceiver
-from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.signal.stages import Received, StageInputs
+from sionna_radar.signal.stages import Received
 from sionna_radar.tracing.paths import TARGET, Paths
 
 
@@ -43,15 +42,6 @@ class Leakage:
             hit_m=np.zeros((count, 3)),
             surface=np.full(count, TARGET),
         )
-
-
-def build_leakage(_: StageParameters, given: StageInputs) -> Leakage:
-    """Return the leakage of a scenario's radar."""
-    table = given.radar.receiver.leakage
-    return Leakage(
-        delay_s=np.array([1e-9 * entry.delay_ns for entry in table]),
-        power=10.0 ** (np.array([entry.level_db for entry in table]) / 10),
-    )
 
 
 def side_paths(paths: Paths, pulses: Pulses, receiver: SideReceiver) -> Paths:

@@ -14,17 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.signal.beat import SampleGrid, analytic_beats
-from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
-from sionna_radar.signal.stages import Received, StageInputs
+from sionna_radar.signal.oscillator import Oscillator, PhaseWaves
+from sionna_radar.signal.stages import Received
 from sionna_radar.tracing.paths import Paths
 
 STEP_RAD = 0.5
-# Largest frequency error of a sweep, relative to its bandwidth.
-MAX_SHIFTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -101,24 +97,3 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
     outer = (1 - d) * (2 - d) * (3 - d) / 6
     weight: Float[np.ndarray, " path"] = np.where(d < 1, inner, np.where(d < 2, outer, 0.0))
     return weight
-
-
-def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
-    """Return the mixer of a scenario's radar.
-
-    Raises ScenarioError for frequency errors that are large against the bandwidth.
-    """
-    radar, chirp = given.radar, given.sweeps[0]
-    first, last = radar.used_samples
-    whole = radar.samples_per_chirp
-    middle = first + (last - first) // 2 - whole // 2
-    rate_hz = chirp.sampling_rate_hz
-    oscillator = build_oscillator(radar.receiver.oscillator, whole / rate_hz, middle / rate_hz)
-    shift_hz = oscillator.shift_hz(chirp)
-    if shift_hz > MAX_SHIFTED * radar.bandwidth_hz:
-        message = (
-            f"shifts the frequency by {shift_hz:.3g} Hz, more than {MAX_SHIFTED:g} of radar.bandwidth_hz; lower the "
-            "errors of its sweep, or its phase noise"
-        )
-        raise ScenarioError([Problem("radar.receiver.oscillator", message)])
-    return Mixer(oscillator)

@@ -43,10 +43,8 @@ from sionna_radar.scenario.terrain import RasterTerrain
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
-from sionna_radar.signal.analog_filters import build_high_pass
-from sionna_radar.signal.interference import build_interference
-from sionna_radar.signal.receiver import Receiver, noise_power, transmit_power_w
-from sionna_radar.signal.stages import build_chain
+from sionna_radar.signal.build import build_chain, build_high_pass, build_interference, noise_power, transmit_power_w
+from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.checks import (

@@ -37,7 +37,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
-from sionna_radar.signal.analog_filters import build_high_pass
+from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.observation import SegmentObserver, observe, place
 from sionna_radar.survey.preparation import CustomParts, refuse_for_workers

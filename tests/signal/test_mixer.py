@@ -13,8 +13,9 @@ from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal import stages
 from sionna_radar.signal.beat import SampleGrid, synthesise
-from sionna_radar.signal.mixer import STEP_RAD, build_mixer, shares
-from sionna_radar.signal.stages import Received, StageInputs
+from sionna_radar.signal.build import StageInputs, build_mixer
+from sionna_radar.signal.mixer import STEP_RAD, shares
+from sionna_radar.signal.stages import Received
 
 NOISY = {"phase_noise_dbc_hz": [[1e3, -40.0], [1e5, -50.0], [1e6, -70.0]]}
 ERRORS = {

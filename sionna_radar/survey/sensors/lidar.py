@@ -10,7 +10,8 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
+from sionna_radar.signal.build import lidar_receiver
+from sionna_radar.signal.lidar import LidarReceiver
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
