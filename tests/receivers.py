@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.build import build_chain, build_high_pass
 from sionna_radar.signal.receiver import Receiver

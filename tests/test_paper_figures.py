@@ -8,8 +8,7 @@ from sionna_radar.accuracy.edges import half_footprint_m, near_walls
 from sionna_radar.accuracy.illumination import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.radar.antenna import build_antenna
-from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.radar.build import build_antenna, build_chirp
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scene.model import Surface

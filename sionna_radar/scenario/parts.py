@@ -48,9 +48,9 @@ SCANS = Registry(
 ANTENNAS = Registry(
     "antenna",
     {
-        "taylor": BuiltIn("radar.array_antenna.taylor_array", "radar.AntennaTable"),
-        "array": BuiltIn("radar.array_antenna.array_antenna", "radar.ArrayAntennaTable"),
-        "pattern": BuiltIn("radar.pattern_files.reader.measured_antenna", "radar.PatternAntennaTable"),
+        "taylor": BuiltIn("radar.build.taylor_array", "radar.AntennaTable"),
+        "array": BuiltIn("radar.build.array_antenna", "radar.ArrayAntennaTable"),
+        "pattern": BuiltIn("radar.build.measured_antenna", "radar.PatternAntennaTable"),
     },
     AntennaParameters,
 )

@@ -24,7 +24,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.scenario.terrain import FlatTerrain

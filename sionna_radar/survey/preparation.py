@@ -30,9 +30,10 @@ from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
 from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
-from sionna_radar.radar.antenna import Antenna, build_antenna
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_chirp, build_sweeps
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import CoveredTerrain

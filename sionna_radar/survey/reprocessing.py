@@ -31,8 +31,9 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
 from sionna_radar.mapping.mapper import Mapper, build_dem_method, build_mapper, dem_grid
 from sionna_radar.mapping.points import Points
-from sionna_radar.radar.antenna import Antenna, build_antenna
-from sionna_radar.radar.chirp import Chirp, build_sweeps
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average

@@ -8,7 +8,7 @@ from direct_receiver import direct_beat, points_at
 from flights import make_pulses
 from receivers import radar_with, receiver_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal import stages

@@ -8,7 +8,7 @@ from scipy.stats import kurtosis, skew
 
 from direct_receiver import points_at
 from flights import make_pulses
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import PHASE_NOISE
 from sionna_radar.signal.beat import analytic_beats

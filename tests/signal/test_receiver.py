@@ -7,7 +7,7 @@ import pytest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.radar.chirp import build_chirp, build_sweeps
+from sionna_radar.radar.build import build_chirp, build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable

@@ -11,7 +11,7 @@ from sionna_radar import CustomParts, load_scenario, prepare, run
 from sionna_radar.detection.ranging.estimators import PeakRange
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.mapping.refined.refinement import Smooth
-from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.landscape import build_landscape
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter

@@ -6,8 +6,8 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.build import build_side_receivers
 from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
-from sionna_radar.radar.second_receiver import build_side_receivers
 from sionna_radar.scenario.radar import RadarTable
 
 
