@@ -256,7 +256,7 @@ def test_what_does_not_trace_loads_no_ray_tracer():
     """Nor do the engines' names: each engine loads what it needs when it is built."""
     trace = ("tracing.engines", "tracing.sionna", "signal.device_beats")
     names = [n for n in MODULES if not n.startswith(trace) and n != "__main__"]
-    modules = [f"sionna_radar.{name}" for name in [*names, "tracing.engines.ours"]]
+    modules = [f"sionna_radar.{name}" for name in names]
     code = f"""
 import importlib, sys
 for module in {modules}:

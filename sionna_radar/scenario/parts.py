@@ -72,9 +72,9 @@ SENSORS = Registry(
 ENGINES = Registry(
     "tracing engine",
     {
-        "sionna": BuiltIn("tracing.engines.ours.sionna_engine"),
-        "gamma": BuiltIn("tracing.engines.ours.gamma_engine"),
-        "path_solver": BuiltIn("tracing.engines.ours.stock_engine"),
+        "sionna": BuiltIn("tracing.build.sionna_engine"),
+        "gamma": BuiltIn("tracing.build.gamma_engine"),
+        "path_solver": BuiltIn("tracing.build.stock_engine"),
     },
 )
 _CLOUD = Facts(uses=("window_m",), frame=Deferred("scene.terrains.points.cloud_frame"))

@@ -41,7 +41,7 @@ from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.tracing.effects.atmosphere import build_atmosphere, build_weather
+from sionna_radar.tracing.build import build_atmosphere, build_weather
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.path import two_way_attenuation

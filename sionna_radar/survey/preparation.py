@@ -65,7 +65,8 @@ from sionna_radar.survey.checks import (
 )
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
-from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
+from sionna_radar.tracing.build import EngineInputs
+from sionna_radar.tracing.engine import Engine, SampledBeams
 from sionna_radar.tracing.paths import Paths
 
 GivenTerrain = (

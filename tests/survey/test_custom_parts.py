@@ -16,7 +16,7 @@ from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.landscape import build_landscape
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.sensors.lidar import Lidar
-from sionna_radar.tracing.engine import build_engine
+from sionna_radar.tracing.build import build_engine
 
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
 

@@ -10,7 +10,8 @@ from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engine import EngineInputs, SampledBeams, build_engine
+from sionna_radar.tracing.build import EngineInputs, build_engine
+from sionna_radar.tracing.engine import SampledBeams
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
