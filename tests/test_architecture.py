@@ -170,6 +170,17 @@ def test_no_map_knows_the_truth():
             assert ".true." not in path.read_text(encoding="utf-8"), name
 
 
+def test_physics_reads_tables_of_a_scenario_at_its_doors_alone():
+    """Each room has one `build.py`, and its terrains another; all other files take numbers and objects."""
+    readers = {
+        name
+        for name in MODULES
+        if name.split(".")[0] in PHYSICS and any(other.split(".")[0] == "scenario" for other in GRAPH[name])
+    }
+    assert {name for name in readers if name.rpartition(".")[2] != "build"} == set()
+    assert len(readers) <= 14
+
+
 def knows_the_ray_tracer(path: Path) -> bool:
     return any(module.split(".")[0] in RAY_TRACING for module in imports(path))
 

@@ -77,26 +77,26 @@ ENGINES = Registry(
         "path_solver": BuiltIn("tracing.build.stock_engine"),
     },
 )
-_CLOUD = Facts(uses=("window_m",), frame=Deferred("scene.terrains.points.cloud_frame"))
-_RASTER = Facts(uses=("window_m",), frame=Deferred("scene.terrains.elevation.file_frame"))
-_CITY = BuiltIn("scene.terrains.city.city", "terrain.CityTerrain", Facts(uses=("carrier_hz", "channel")))
+_CLOUD = Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.cloud_frame"))
+_RASTER = Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.raster_frame"))
+_CITY = BuiltIn("scene.terrains.build.city", "terrain.CityTerrain", Facts(uses=("carrier_hz", "channel")))
 TERRAINS = Registry(
     "terrain",
     {
-        "flat": BuiltIn("scene.terrains.synthetic.flat", "terrain.FlatTerrain", Facts(uses=())),
-        "hills": BuiltIn("scene.terrains.synthetic.hills", "terrain.HillsTerrain", Facts(uses=())),
-        "fractal": BuiltIn("scene.terrains.synthetic.fractal", "terrain.FractalTerrain", Facts(uses=())),
-        "jacksboro": BuiltIn("scene.terrains.elevation.elevation", "terrain.SampleTerrain", _RASTER),
-        "raster": BuiltIn("scene.terrains.elevation.elevation", "terrain.RasterTerrain", _RASTER),
+        "flat": BuiltIn("scene.terrains.build.flat", "terrain.FlatTerrain", Facts(uses=())),
+        "hills": BuiltIn("scene.terrains.build.hills", "terrain.HillsTerrain", Facts(uses=())),
+        "fractal": BuiltIn("scene.terrains.build.fractal", "terrain.FractalTerrain", Facts(uses=())),
+        "jacksboro": BuiltIn("scene.terrains.build.sample_or_raster", "terrain.SampleTerrain", _RASTER),
+        "raster": BuiltIn("scene.terrains.build.sample_or_raster", "terrain.RasterTerrain", _RASTER),
         "points": BuiltIn(
-            "scene.terrains.points.points",
+            "scene.terrains.build.cloud",
             "terrain.PointsTerrain",
-            Facts(uses=("window_m",), frame=Deferred("scene.terrains.points.cloud_frame")),
+            Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.cloud_frame")),
         ),
         "mesh": BuiltIn(
-            "scene.terrains.mesh.mesh",
+            "scene.terrains.build.mesh_ground",
             "terrain.MeshTerrain",
-            Facts(uses=(), frame=Deferred("scene.terrains.mesh.mesh_frame")),
+            Facts(uses=(), frame=Deferred("scene.terrains.build.mesh_frame")),
         ),
         "sionna:san_francisco": _CITY,
         "sionna:munich": _CITY,

@@ -14,10 +14,10 @@ from jaxtyping import Float, Inexact, Int, Shaped
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.angle.build import build_angle_estimator
-from sionna_radar.detection.detector import Detector, build_detector
+from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
+from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
+from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.build import build_navigation, build_scan, plan_route
 from sionna_radar.flight.pulses import Bursts, Navigation, Pose, Pulses, PulseSchedule, in_bursts, schedule_pulses
@@ -28,8 +28,8 @@ from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.speckle import speckle_memory
-from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
+from sionna_radar.mapping.build import build_mapper, speckle_memory
+from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.build import build_antenna, build_chirp, build_sweeps
@@ -41,9 +41,9 @@ from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.radar import speckle_looks
 from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.terrain import RasterTerrain
-from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
-from sionna_radar.scene.map_positions import in_local_frame
+from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, box_of, build_scene
+from sionna_radar.scene.landscape import Landscape, TerrainInputs
+from sionna_radar.scene.terrains.build import map_frame
 from sionna_radar.signal.build import build_chain, build_high_pass, build_interference, noise_power, transmit_power_w
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.backscatter import Backscatter
@@ -63,6 +63,7 @@ from sionna_radar.survey.checks import (
     warn_of_folded,
     warn_of_posting,
 )
+from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.build import EngineInputs
@@ -312,7 +313,7 @@ class Prepared:
         """The surface that the survey flies over."""
         return GroundTruth(
             built=self.scene,
-            buildings=self.local.buildings,
+            buildings=tuple(box_of(table) for table in self.local.buildings),
             grid=self.mapper.grid,
             max_gap_m=self.mapper.max_gap_m,
             antenna=self.antenna,
@@ -435,7 +436,7 @@ def _prepare(scenario: Scenario, custom: CustomParts) -> Prepared:
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator, speckle_looks=looks)
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
-    angle = build_angle_estimator(local.radar, detector, antenna)
+    angle = build_angle_estimator(local.radar, local.processing, detector, antenna)
     advance()
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
     scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)

@@ -17,9 +17,9 @@ from sionna_radar.scenario.registry import Builder, registers, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.scene.build import build_body
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.targets import body_of
 from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.bodies import rcs_m2
@@ -277,7 +277,7 @@ def rcs_of_mesh(
         if not 0 < value < np.inf:
             raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
     wavelength_m = speed_of_light / carrier_hz
-    seen = Scatterer(body_of(mesh, "mesh", wavelength_m), wavelength_m)
+    seen = Scatterer(build_body(mesh, "mesh", wavelength_m), wavelength_m)
     elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
     level = np.cos(elevation)
     toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)

@@ -9,7 +9,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import advance, progress_to, stage
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.mapper import build_dem_method
+from sionna_radar.mapping.build import build_dem_method
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.survey.chain import run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
-from sionna_radar.detection.angle.build import two_way_spread
+from sionna_radar.detection.build import two_way_spread
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import Cut, antenna_of
 from sionna_radar.radar.build import build_side_receivers

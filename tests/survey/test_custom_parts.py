@@ -13,7 +13,7 @@ from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario.tracing import TracingTable
-from sionna_radar.scene.landscape import build_landscape
+from sionna_radar.scene.terrains.build import build_landscape
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.tracing.build import build_engine

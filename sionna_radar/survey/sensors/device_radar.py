@@ -72,12 +72,12 @@ class DeviceRadar(Radar):
 
     def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
         """Return the engine if nothing stands between its paths and the spectra but noise."""
-        receiver, processing = given.receiver, given.detector.processing
+        receiver, detector = given.receiver, given.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
         if given.angle is not None or given.bursts is not None:
             return None
-        if processing.leakage != "keep" or processing.interference != "keep":
+        if detector.leakage != "keep" or detector.interference != "keep":
             return None
         return self.tracer.device_engine
 
