@@ -18,7 +18,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
 from sionna_radar.mapping.linear.linear import Linear
-from sionna_radar.report.files.folder import strict_json
+from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.studies.sweep import summary
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
