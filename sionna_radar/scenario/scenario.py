@@ -18,7 +18,6 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
@@ -31,7 +30,7 @@ from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_average
+from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_angle, check_average
 from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
