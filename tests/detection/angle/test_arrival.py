@@ -13,7 +13,7 @@ from sionna_radar.detection.build import build_angle_estimator, build_detector
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 

@@ -22,7 +22,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
