@@ -21,7 +21,6 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
@@ -31,7 +30,7 @@ from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_angle, check_average
-from sionna_radar.scenario.receiver import Interferer
+from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,

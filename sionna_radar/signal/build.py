@@ -12,10 +12,9 @@ from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.receiver import ConverterTable, Interferer, OscillatorTable, Place, ReceiverTable
+from sionna_radar.scenario.receiver import ConverterTable, Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
 from sionna_radar.scenario.registry import Builder, registers, require
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain

@@ -20,8 +20,9 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.tiles import EachPiece, MakePiece, Piece, Tiles, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import Observed, observe, on_this_worker, place
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Sensor
 
 

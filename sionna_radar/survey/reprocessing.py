@@ -41,8 +41,8 @@ from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
+from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.preparation import CustomParts, refuse_for_workers
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor

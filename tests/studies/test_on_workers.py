@@ -28,7 +28,7 @@ from sionna_radar.studies.crosscheck import CrossCheck, run_crosscheck
 from sionna_radar.studies.design import parse_design
 from sionna_radar.studies.sweep import SweepPlan, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}

@@ -12,7 +12,8 @@ from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 
 HILLS = parse_scenario(

@@ -15,7 +15,8 @@ from sionna_radar.scene.build import build_ground
 from sionna_radar.scene.landscape import TerrainInputs
 from sionna_radar.scene.terrains.build import build_landscape
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0}

@@ -13,8 +13,8 @@ from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.receiver import LidarTable
 from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
