@@ -1,4 +1,4 @@
-"""What a caller gives in place of parts of a scenario: an antenna, a method, ground as heights, a file or a function."""
+"""What a caller gives in place of parts of a scenario: an antenna, a method, ground as heights, a file, a function."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
