@@ -240,7 +240,7 @@ def _footprints(scenario: Scenario, land: Landscape, inputs: TerrainInputs) -> t
     if not scenario.footprints:
         return ()
     frame = frame_of(land.georeference)
-    files = [OutlineFile(**{name: getattr(f, name) for name in type(f).model_fields}) for f in scenario.footprints]
+    files = [OutlineFile(**table.model_dump()) for table in scenario.footprints]
     built = [build_footprints(file, i, frame, inputs.window_m, land.ground_m) for i, file in enumerate(files)]
     return tuple(surface for surfaces in built for surface in surfaces)
 
@@ -324,4 +324,4 @@ def box_of(table: Building) -> Box:
 
 
 def _stand(table: VegetationTable) -> Stand:
-    return Stand(of_cloud=table.of_cloud, **{name: getattr(table, name) for name in type(table).model_fields})
+    return Stand(of_cloud=table.of_cloud, **table.model_dump())
