@@ -171,13 +171,16 @@ def test_no_map_knows_the_truth():
 
 
 def test_physics_reads_tables_of_a_scenario_at_its_doors_alone():
-    """Each room has one `build.py`, and its terrains another; all other files take numbers and objects."""
+    """Each room has one `build.py`, and its terrains another; all other files take numbers and objects.
+
+    Tables of parameters that parts declare in a room stand in its `options.py`.
+    """
     readers = {
         name
         for name in MODULES
         if name.split(".")[0] in PHYSICS and any(other.split(".")[0] == "scenario" for other in GRAPH[name])
     }
-    assert {name for name in readers if name.rpartition(".")[2] != "build"} == set()
+    assert {name for name in readers if name.rpartition(".")[2] not in ("build", "options")} == set()
     assert len(readers) <= 14
 
 
@@ -206,8 +209,11 @@ def test_validating_a_scenario_loads_no_part():
     code = (
         "import sys; from sionna_radar.scenario import load_scenario; load_scenario('buildings'); print(*sys.modules)"
     )
-    rooms = {name.split(".")[1] for name in run(code).split() if name.startswith("sionna_radar.")}
-    assert rooms & set(PHYSICS) == {"weather"}, rooms  # whose limits of frequency are checked
+    loaded = {name.removeprefix("sionna_radar.") for name in run(code).split() if name.startswith("sionna_radar.")}
+    physics = {name for name in loaded if name.split(".")[0] in PHYSICS and name in MODULES}
+    declared = {name for name in physics if name.endswith(".options") or MODULES[name].name == "__init__.py"}
+    # The weather's limits of frequency are checked.
+    assert {name.split(".")[0] for name in physics - declared} == {"weather"}, physics
 
 
 # Stops at the first import of the ray tracer, and reports whether the library was chosen by then.

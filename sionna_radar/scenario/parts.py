@@ -37,28 +37,28 @@ DEM_METHODS = Registry(
 SCANS = Registry(
     "scan",
     {
-        "whisk_broom": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
-        "conical": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
-        "fixed": BuiltIn("flight.build.rotating_scan", "radar.ScanTable"),
-        "side_looking": BuiltIn("flight.build.side_looking_scan", "radar.ScanTable"),
-        "electronic": BuiltIn("flight.build.electronic_scan", "radar.ElectronicScanTable"),
+        "whisk_broom": BuiltIn("flight.build.rotating_scan", "scenario.radar.ScanTable"),
+        "conical": BuiltIn("flight.build.rotating_scan", "scenario.radar.ScanTable"),
+        "fixed": BuiltIn("flight.build.rotating_scan", "scenario.radar.ScanTable"),
+        "side_looking": BuiltIn("flight.build.side_looking_scan", "scenario.radar.ScanTable"),
+        "electronic": BuiltIn("flight.build.electronic_scan", "scenario.radar.ElectronicScanTable"),
     },
     ScanParameters,
 )
 ANTENNAS = Registry(
     "antenna",
     {
-        "taylor": BuiltIn("radar.build.taylor_array", "radar.AntennaTable"),
-        "array": BuiltIn("radar.build.array_antenna", "radar.ArrayAntennaTable"),
-        "pattern": BuiltIn("radar.build.measured_antenna", "radar.PatternAntennaTable"),
+        "taylor": BuiltIn("radar.build.taylor_array", "scenario.radar.AntennaTable"),
+        "array": BuiltIn("radar.build.array_antenna", "scenario.radar.ArrayAntennaTable"),
+        "pattern": BuiltIn("radar.build.measured_antenna", "scenario.radar.PatternAntennaTable"),
     },
     AntennaParameters,
 )
 NAVIGATIONS = Registry(
     "navigation",
     {
-        "errors": BuiltIn("flight.build.inertial_errors", "platform.NavigationTable"),
-        "from_log": BuiltIn("flight.build.logged_errors", "platform.LoggedErrorsTable"),
+        "errors": BuiltIn("flight.build.inertial_errors", "scenario.platform.NavigationTable"),
+        "from_log": BuiltIn("flight.build.logged_errors", "scenario.platform.LoggedErrorsTable"),
     },
     NavigationParameters,
 )
@@ -79,23 +79,19 @@ ENGINES = Registry(
 )
 _CLOUD = Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.cloud_frame"))
 _RASTER = Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.raster_frame"))
-_CITY = BuiltIn("scene.terrains.build.city", "terrain.CityTerrain", Facts(uses=("carrier_hz", "channel")))
+_CITY = BuiltIn("scene.terrains.build.city", "scenario.terrain.CityTerrain", Facts(uses=("carrier_hz", "channel")))
 TERRAINS = Registry(
     "terrain",
     {
-        "flat": BuiltIn("scene.terrains.build.flat", "terrain.FlatTerrain", Facts(uses=())),
-        "hills": BuiltIn("scene.terrains.build.hills", "terrain.HillsTerrain", Facts(uses=())),
-        "fractal": BuiltIn("scene.terrains.build.fractal", "terrain.FractalTerrain", Facts(uses=())),
-        "jacksboro": BuiltIn("scene.terrains.build.sample_or_raster", "terrain.SampleTerrain", _RASTER),
-        "raster": BuiltIn("scene.terrains.build.sample_or_raster", "terrain.RasterTerrain", _RASTER),
-        "points": BuiltIn(
-            "scene.terrains.build.cloud",
-            "terrain.PointsTerrain",
-            Facts(uses=("window_m",), frame=Deferred("scene.terrains.build.cloud_frame")),
-        ),
+        "flat": BuiltIn("scene.terrains.build.flat", "scenario.terrain.FlatTerrain", Facts(uses=())),
+        "hills": BuiltIn("scene.terrains.build.hills", "scenario.terrain.HillsTerrain", Facts(uses=())),
+        "fractal": BuiltIn("scene.terrains.build.fractal", "scenario.terrain.FractalTerrain", Facts(uses=())),
+        "jacksboro": BuiltIn("scene.terrains.build.sample_or_raster", "scenario.terrain.SampleTerrain", _RASTER),
+        "raster": BuiltIn("scene.terrains.build.sample_or_raster", "scenario.terrain.RasterTerrain", _RASTER),
+        "points": BuiltIn("scene.terrains.build.cloud", "scenario.terrain.PointsTerrain", _CLOUD),
         "mesh": BuiltIn(
             "scene.terrains.build.mesh_ground",
-            "terrain.MeshTerrain",
+            "scenario.terrain.MeshTerrain",
             Facts(uses=(), frame=Deferred("scene.terrains.build.mesh_frame")),
         ),
         "sionna:san_francisco": _CITY,
@@ -108,27 +104,27 @@ TERRAINS = Registry(
 MATERIALS = Registry(
     "material",
     {
-        "constant_gamma": BuiltIn("surfaces.build.constant_gamma", "materials.ConstantGamma"),
-        "lambertian": BuiltIn("surfaces.build.lambertian", "materials.Lambertian"),
-        "ulaby_dobson": BuiltIn("surfaces.build.ulaby_dobson", "materials.UlabyDobson"),
-        "table": BuiltIn("surfaces.build.measured", "materials.MeasuredTable"),
-        "kirchhoff": BuiltIn("surfaces.build.kirchhoff", "materials.Kirchhoff"),
-        "physical_optics": BuiltIn("surfaces.build.physical_optics", "materials.PhysicalOptics"),
-        "small_perturbation": BuiltIn("surfaces.build.small_perturbation", "materials.SmallPerturbation"),
-        "integral_equation": BuiltIn("surfaces.build.integral_equation", "materials.IntegralEquation"),
-        "sionna_itu": BuiltIn("surfaces.build.sionna_itu", "materials.SionnaItu"),
+        "constant_gamma": BuiltIn("surfaces.build.constant_gamma", "scenario.materials.ConstantGamma"),
+        "lambertian": BuiltIn("surfaces.build.lambertian", "scenario.materials.Lambertian"),
+        "ulaby_dobson": BuiltIn("surfaces.build.ulaby_dobson", "scenario.materials.UlabyDobson"),
+        "table": BuiltIn("surfaces.build.measured", "scenario.materials.MeasuredTable"),
+        "kirchhoff": BuiltIn("surfaces.build.kirchhoff", "scenario.materials.Kirchhoff"),
+        "physical_optics": BuiltIn("surfaces.build.physical_optics", "scenario.materials.PhysicalOptics"),
+        "small_perturbation": BuiltIn("surfaces.build.small_perturbation", "scenario.materials.SmallPerturbation"),
+        "integral_equation": BuiltIn("surfaces.build.integral_equation", "scenario.materials.IntegralEquation"),
+        "sionna_itu": BuiltIn("surfaces.build.sionna_itu", "scenario.materials.SionnaItu"),
     },
     MaterialParameters,
 )
 RECEIVER_STAGES = Registry(
     "receiver stage",
     {
-        "leakage": BuiltIn("signal.build.build_leakage", "bases.StageParameters"),
-        "mixer": BuiltIn("signal.build.build_mixer", "bases.StageParameters"),
-        "interference": BuiltIn("signal.build.build_interference_stage", "bases.StageParameters"),
-        "noise": BuiltIn("signal.build.build_noise_stage", "bases.StageParameters"),
-        "filters": BuiltIn("signal.build.build_filters", "bases.StageParameters"),
-        "converter": BuiltIn("signal.build.build_converter", "bases.StageParameters"),
+        "leakage": BuiltIn("signal.build.build_leakage", "scenario.bases.StageParameters"),
+        "mixer": BuiltIn("signal.build.build_mixer", "scenario.bases.StageParameters"),
+        "interference": BuiltIn("signal.build.build_interference_stage", "scenario.bases.StageParameters"),
+        "noise": BuiltIn("signal.build.build_noise_stage", "scenario.bases.StageParameters"),
+        "filters": BuiltIn("signal.build.build_filters", "scenario.bases.StageParameters"),
+        "converter": BuiltIn("signal.build.build_converter", "scenario.bases.StageParameters"),
     },
     StageParameters,
 )

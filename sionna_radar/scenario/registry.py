@@ -109,7 +109,7 @@ class Entry:
 class BuiltIn:
     """A part of this package.
 
-    build: dotted name of its builder. table: that of its parameters within `scenario`; None for a part without any.
+    build, table: dotted names of its builder and of the table of its parameters; None for a part without any.
     """
 
     build: str
@@ -118,7 +118,7 @@ class BuiltIn:
 
     def entry(self, kind: str, name: str) -> Entry:
         """Return it as registered; its table is loaded, its builder is not."""
-        table: Any = None if self.table is None else Deferred(f"scenario.{self.table}").function
+        table: Any = None if self.table is None else Deferred(self.table).function
         return Entry(
             kind=kind, name=name, parameters=table, build=Deferred(self.build), origin=PACKAGE, facts=self.facts
         )

@@ -42,8 +42,7 @@ from sionna_radar.survey.observation import key_of, observe_blocks, on_this_work
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.tracing.build import EngineInputs, build_engine
-from sionna_radar.tracing.engine import Engine
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import Engine, Paths
 
 INCIDENCE_STEP_DEG = 5.0
 

@@ -23,7 +23,7 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.tracing.build import EngineInputs
-from sionna_radar.tracing.engine import Engine
+from sionna_radar.tracing.paths import Engine
 
 GivenTerrain = (
     Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path

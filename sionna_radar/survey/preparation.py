@@ -65,8 +65,7 @@ from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.build import EngineInputs
-from sionna_radar.tracing.engine import SampledBeams
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import Paths, SampledBeams
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,9 @@ from .build import build_weather as build_weather
 from .build import rain_map_of as rain_map_of
 from .build import rcs_of_mesh as rcs_of_mesh
 from .build import register_engine as register_engine
-from .engine import Engine as Engine
 from .paths import BOUNCED as BOUNCED
 from .paths import TARGET as TARGET
 from .paths import VOLUME as VOLUME
+from .paths import Engine as Engine
 from .paths import Paths as Paths
 from .tracer import Tracer as Tracer

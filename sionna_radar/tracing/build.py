@@ -26,8 +26,8 @@ from sionna_radar.tracing.effects.bodies import rcs_m2
 from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.moving_ground import build_moving_ground
 from sionna_radar.tracing.effects.physical_optics import Scatterer
-from sionna_radar.tracing.engine import Engine, SampledBeams, SteerableEngine
 from sionna_radar.tracing.engines.persistent.density import DensityMap, filled_beam, footprint_density
+from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air

@@ -20,8 +20,7 @@ from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, plane_mirrors
 from sionna_radar.tracing.effects.moving_ground import MovingGround
 from sionna_radar.tracing.effects.targets import seen_past, trace_targets
-from sionna_radar.tracing.engine import Engine
-from sionna_radar.tracing.paths import DeviceTracing, Paths
+from sionna_radar.tracing.paths import DeviceTracing, Engine, Paths
 
 
 class Tracer:

@@ -44,7 +44,7 @@ def test_our_own_parts_come_by_the_same_door(registry):
 def test_facts_of_a_dem_method_are_those_of_the_method():
     for name in DEM_METHODS.known():
         entry = DEM_METHODS.entry(name)
-        assert entry.facts.profiles == entry(None).profiles
+        assert entry.facts.profiles == entry(entry.check(None)).profiles
 
 
 def test_parameters_are_filled_in_and_written_back(gated):

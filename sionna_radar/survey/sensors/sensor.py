@@ -21,8 +21,7 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
 from sionna_radar.tracing.build import EngineInputs, build_engine, build_steered_tracer, build_tracer
-from sionna_radar.tracing.engine import Engine
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import Engine, Paths
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
