@@ -13,10 +13,11 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import HoldsMemory, peak_memory_mb, release_memory, stage, timed, timing
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe, place
 from sionna_radar.survey.observed_survey import map_observed
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.warnings import survey_warnings

@@ -11,7 +11,8 @@ from functools import lru_cache
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Failure, Task
-from sionna_radar.flight.pulses import Navigation, build_navigation
+from sionna_radar.flight.build import build_navigation
+from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
@@ -19,8 +20,9 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.tiles import EachPiece, MakePiece, Piece, Tiles, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import Observed, observe, on_this_worker, place
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Sensor
 
 

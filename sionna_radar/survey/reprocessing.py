@@ -18,9 +18,10 @@ from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
+from sionna_radar.detection.build import build_detector, build_expected_ground
+from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
+from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task
 from sionna_radar.flight.pulses import Pose, Pulses
@@ -28,19 +29,20 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.speckle import speckle_memory
-from sionna_radar.mapping.mapper import Mapper, build_dem_method, build_mapper, dem_grid
+from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
+from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
-from sionna_radar.radar.antenna import Antenna, build_antenna
-from sionna_radar.radar.chirp import Chirp, build_sweeps
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
-from sionna_radar.signal.analog_filters import build_high_pass
+from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
+from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.preparation import CustomParts, refuse_for_workers
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor

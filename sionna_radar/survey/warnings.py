@@ -15,9 +15,9 @@ from sionna_radar.foundation.numerics import to_db
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
-from sionna_radar.scenario.angle_of_arrival import NEEDED
+from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
-from sionna_radar.signal.converter import rounding_over_noise
+from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
 

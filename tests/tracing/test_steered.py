@@ -10,7 +10,7 @@ from sionna_radar.radar.main_lobe import in_main_lobe
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import prepare
 from sionna_radar.survey.warnings import steered_warnings
-from sionna_radar.tracing.tracer import build_steered_tracer
+from sionna_radar.tracing.build import build_steered_tracer
 
 SCAN = {"mode": "electronic", "beams": 3, "half_swath_deg": 40.0, "scans_per_s": 40.0, "incidence_deg": 30.0}
 OVERRIDES = {

@@ -119,7 +119,7 @@ class ThroughVolume:
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
-        accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
+        accepted = _accepted(tracked, self.detector.cfar.false_alarm_probability)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
@@ -173,7 +173,7 @@ class ThroughVolume:
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
         place = np.arange(spectra.power.shape[1]) / self.detector.analyser.zero_padding
-        clutter = self.volume.clutter_threshold(self.detector.processing.cfar.false_alarm_probability)
+        clutter = self.volume.clutter_threshold(self.detector.cfar.false_alarm_probability)
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
@@ -226,15 +226,14 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
         return None
     # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
     # so much that these cannot be taken for an echo.
-    processing = detector.processing
-    margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
+    margin = STRONGER if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
     return None if strongest > margin * MAX_OVER_MEAN * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:
     range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
-    return int(np.searchsorted(range_m, detector.processing.min_range_m))
+    return int(np.searchsorted(range_m, detector.min_range_m))
 
 
 def volume_in_front(

@@ -24,7 +24,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
-from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.refined.scoring import MAX_SCORING_STEPS, most_probable
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.terrain.covariance import fit_covariance
@@ -105,7 +105,6 @@ SMOOTHING = Tiling(_smoothed, SURFACES)
 REFINING = Tiling(_refined, SURFACES + MAX_SCORING_STEPS)
 
 
-@register_dem_method("refined")
 class Refined:
     """Fits the surface to the whole echoes."""
 
@@ -125,7 +124,6 @@ class Refined:
 EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
 
 
-@register_dem_method("smooth")
 class Smooth:
     """Fits the most probable surface to the mean ranges of the echoes, each weighted by its uncertainty.
 

@@ -19,11 +19,10 @@ from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_librar
 from sionna_radar.foundation.progress import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs
 from sionna_radar.tracing.paths import DevicePaths, DeviceTracing, Paths
 
 
-@register_sensor("radar", provides_profiles=True)
 def build_radar(given: SensorInputs) -> Sensor:
     """Return the radar: on a GPU where that traces the rays. Without CuPy the host makes the spectra."""
     return DeviceRadar(given, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(given)
@@ -73,12 +72,12 @@ class DeviceRadar(Radar):
 
     def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
         """Return the engine if nothing stands between its paths and the spectra but noise."""
-        receiver, processing = given.receiver, given.detector.processing
+        receiver, detector = given.receiver, given.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
         if given.angle is not None or given.bursts is not None:
             return None
-        if processing.leakage != "keep" or processing.interference != "keep":
+        if detector.leakage != "keep" or detector.interference != "keep":
             return None
         return self.tracer.device_engine
 

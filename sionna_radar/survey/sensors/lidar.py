@@ -10,8 +10,9 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
-from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
+from sionna_radar.signal.build import lidar_receiver
+from sionna_radar.signal.lidar import LidarReceiver
+from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
 
@@ -60,7 +61,6 @@ class Lidar:
         return None
 
 
-@register_sensor("lidar")
 def lidar(given: SensorInputs) -> Lidar:
     """Return the lidar of a scenario."""
     seed = given.engine.seed

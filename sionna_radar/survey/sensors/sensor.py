@@ -13,16 +13,16 @@ from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.receiver import LidarTable
+from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
-from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
-from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_steered_tracer, build_tracer
+from sionna_radar.tracing.build import EngineInputs, build_engine, build_steered_tracer, build_tracer
+from sionna_radar.tracing.paths import Engine, Paths
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 
@@ -156,7 +156,7 @@ def register_sensor(
     True
 
     """
-    return SENSORS.register(name, parameters, provides_profiles=provides_profiles)
+    return SENSORS.register(name, parameters, Facts(provides_profiles=provides_profiles))
 
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:

@@ -86,7 +86,7 @@ class SweepDetector:
     def through(self) -> list[ThroughVolume | None]:
         """The detector of each sweep through the volume that the survey shows; None in clear air."""
         detector = self.detector
-        if detector.processing.volume_clutter == "off":
+        if detector.volume_clutter == "off":
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
@@ -109,11 +109,11 @@ class SweepDetector:
 
         Those of a burst's chirps are averaged, unless their powers are to be.
         """
-        processing = self.detector.processing
-        if processing.leakage == "subtract":
+        detector = self.detector
+        if detector.leakage == "subtract":
             beats = [beat - still for beat, still in zip(beats, self.still, strict=True)]
-        beats = [zeroed(beat) for beat in beats] if processing.interference == "zeroing" else beats
-        if self.bursts is None or processing.average.mode == "incoherent":
+        beats = [zeroed(beat) for beat in beats] if detector.interference == "zeroing" else beats
+        if self.bursts is None or detector.analyser.averaged > 1:
             return beats
         rate_mps, offset_s = pulses.measured.boresight_range_rate_mps, self.bursts.offset_s
         return [burst_mean(beat, sweep, offset_s, rate_mps) for beat, sweep in zip(beats, self.sweeps, strict=True)]
