@@ -127,7 +127,7 @@ class Prepared:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the map uses range profiles around the echoes."""
+        """Whether the DEM method uses range profiles around the echoes."""
         return self.mapper.keeps_profiles
 
     def document(self) -> dict[str, str]:

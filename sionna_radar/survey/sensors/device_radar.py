@@ -1,8 +1,7 @@
-"""The radar whose signals stay in the memory of the ray tracer, from the fields to range profiles.
+"""A radar whose signals stay in the ray tracer's memory, from fields to range profiles.
 
-It serves where a GPU traces, for an engine that traces all that the radar sees, one sweep a pulse, and a receiver that
-is ideal but for its noise. What the processing looks at before the flight, and everything else, take the way of `Radar`
-by the host.
+It is used on a GPU, for engines that trace all that the radar sees, one sweep per pulse, and receivers that only add
+noise. Pulses examined before the flight and all other cases use `Radar` on the host.
 """
 
 from collections import deque
@@ -42,11 +41,11 @@ class DeviceRadar(Radar):
 
     @property
     def on_device(self) -> bool:
-        """Whether signals stay there; otherwise this is any radar."""
+        """Whether signals stay on the device; if not, it behaves as `Radar`."""
         return self._engine is not None
 
     def expect(self, pulses: Pulses) -> None:
-        """Begin with a block of pulses before it is to be observed."""
+        """Start on a block of pulses before it is observed."""
         if self._engine is None:
             super().expect(pulses)
         else:
@@ -71,7 +70,7 @@ class DeviceRadar(Radar):
         )
 
     def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
-        """Return the engine if nothing stands between its paths and the spectra but noise."""
+        """Return the engine if only noise is added between its paths and the spectra."""
         receiver, detector = given.receiver, given.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
@@ -106,7 +105,7 @@ class DeviceRadar(Radar):
 
 @dataclass(frozen=True, kw_only=True)
 class _Look:
-    """What a block of pulses saw: its paths, the power spectra, the beat signals."""
+    """Paths, power spectra and beat signals of a block of pulses."""
 
     paths: Paths
     power: Float[np.ndarray, "pulse bin"]
@@ -114,7 +113,7 @@ class _Look:
 
 
 class _Kept(Sequence[Inexact[np.ndarray, "pulse sample"]]):
-    """The beat signals of the one sweep of a block, fetched by whoever records them."""
+    """The beat signals of a block, copied to the host on demand."""
 
     def __init__(self, parts: tuple[Any, ...], library: ArrayLibrary) -> None:
         self._parts, self._library = parts, library

@@ -1,4 +1,4 @@
-"""What every sensor offers, what it is built from, and how a scenario names one."""
+"""The interface of sensors, their inputs, and their registration under a name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a sensor observes in a block of pulses; of the measured pose it uses only what rain requires.
+    """Observations of a sensor over a block of pulses; the measured pose is used only to separate rain from ground.
 
     paths: what was lit; none for a recording.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
@@ -49,7 +49,7 @@ class Observation:
 
 @runtime_checkable
 class Sensor(Protocol):
-    """A sensor: it observes from the true pose, and corrects what it saw by the measured one."""
+    """A sensor: it observes from the true pose, and corrects echoes with the measured one."""
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""

@@ -158,7 +158,7 @@ def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
     assert direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1) == ()
     turned = prepare(load_scenario("hills", keys | {"radar.scan.mode": "whisk_broom"}))
     (warning,) = direction_warnings(turned.angle, turned.flight.sample(50).measured, 1)
-    assert warning.endswith("it takes their spread for a second surface; set radar.scan.mode = 'conical'")
+    assert warning.endswith("their spread is interpreted as a second surface; set radar.scan.mode = 'conical'")
 
 
 @pytest.mark.parametrize(
