@@ -221,7 +221,7 @@ Maps = dict[str, np.ndarray]
 def maps_of(surveys: tuple[Survey, ...], options: Mapping[str, Any] | None = None) -> dict[str, Maps]:
     """The error, the stated standard deviation and the lit cells of each map, by survey and method."""
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.mapping.mapper import build_dem_method
+    from sionna_radar.mapping.build import build_dem_method
     from sionna_radar.survey.observation import observe, place
     from sionna_radar.survey.recordings import netcdf
     from sionna_radar.survey.reprocessing import open_recording

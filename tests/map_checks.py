@@ -7,7 +7,7 @@ import numpy as np
 from sionna_radar import load_scenario
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, UncertaintyCheck, check_uncertainty
 from sionna_radar.execution.execution import Execution
-from sionna_radar.mapping.mapper import build_dem_method
+from sionna_radar.mapping.build import build_dem_method
 from sionna_radar.survey.observation import observe, place
 from sionna_radar.survey.preparation import prepare
 

@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.analog_filters import build_high_pass
+from sionna_radar.signal.build import build_chain, build_high_pass
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import build_chain
 
 
 def radar_with(receiver: Mapping[str, Any] | None = None, **keys: Any) -> RadarTable:

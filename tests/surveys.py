@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from sionna_radar.accuracy.compare import difference, summarise
+from sionna_radar.flight.build import flight_plan, plan_track
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
-from sionna_radar.flight.trajectory import plan_track, plan_trajectory
+from sionna_radar.flight.trajectory import plan_trajectory
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario, parse_scenario
@@ -112,7 +113,7 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
     dem = Raster(grid=grid, height_m=dem_height)
     error = difference(dem, truth)
     track = plan_track(scenario.platform, (-0.2 * size_m, 0.0))
-    trajectory = plan_trajectory(scenario.platform, track, ground_m)
+    trajectory = plan_trajectory(flight_plan(scenario.platform), track, ground_m)
     vertices, faces = mesh_of(truth)
     surface = Surface(name="hill", vertices_m=vertices, faces=faces, material="ground")
     prepared = prepare(scenario)

@@ -39,6 +39,21 @@ ROOMS = (
     "cli",
     "notebook",
 )
+# They take numbers and objects; only the door of each reads tables of a scenario.
+PHYSICS = (
+    "elevation",
+    "weather",
+    "surfaces",
+    "flight",
+    "scene",
+    "radar",
+    "tracing",
+    "signal",
+    "detection",
+    "mapping",
+    "accuracy",
+    "imaging",
+)
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
 
@@ -155,6 +170,20 @@ def test_no_map_knows_the_truth():
             assert ".true." not in path.read_text(encoding="utf-8"), name
 
 
+def test_physics_reads_tables_of_a_scenario_at_its_doors_alone():
+    """Each room has one `build.py`, and its terrains another; all other files take numbers and objects.
+
+    Tables of parameters that parts declare in a room stand in its `options.py`.
+    """
+    readers = {
+        name
+        for name in MODULES
+        if name.split(".")[0] in PHYSICS and any(other.split(".")[0] == "scenario" for other in GRAPH[name])
+    }
+    assert {name for name in readers if name.rpartition(".")[2] not in ("build", "options")} == set()
+    assert len(readers) <= 14
+
+
 def knows_the_ray_tracer(path: Path) -> bool:
     return any(module.split(".")[0] in RAY_TRACING for module in imports(path))
 
@@ -174,6 +203,17 @@ def run(code: str, **environment: str) -> str:
 
 def loaded_by(statement: str) -> set[str]:
     return {module.split(".")[0] for module in run(f"import sys; {statement}; print(' '.join(sys.modules))").split()}
+
+
+def test_validating_a_scenario_loads_no_part():
+    code = (
+        "import sys; from sionna_radar.scenario import load_scenario; load_scenario('buildings'); print(*sys.modules)"
+    )
+    loaded = {name.removeprefix("sionna_radar.") for name in run(code).split() if name.startswith("sionna_radar.")}
+    physics = {name for name in loaded if name.split(".")[0] in PHYSICS and name in MODULES}
+    declared = {name for name in physics if name.endswith(".options") or MODULES[name].name == "__init__.py"}
+    # The weather's limits of frequency are checked.
+    assert {name.split(".")[0] for name in physics - declared} == {"weather"}, physics
 
 
 # Stops at the first import of the ray tracer, and reports whether the library was chosen by then.
@@ -233,7 +273,7 @@ def test_what_does_not_trace_loads_no_ray_tracer():
     """Nor do the engines' names: each engine loads what it needs when it is built."""
     trace = ("tracing.engines", "tracing.sionna", "signal.device_beats")
     names = [n for n in MODULES if not n.startswith(trace) and n != "__main__"]
-    modules = [f"sionna_radar.{name}" for name in [*names, "tracing.engines.ours"]]
+    modules = [f"sionna_radar.{name}" for name in names]
     code = f"""
 import importlib, sys
 for module in {modules}:

@@ -8,10 +8,10 @@ from sionna_radar.accuracy.edges import half_footprint_m, near_walls
 from sionna_radar.accuracy.illumination import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.radar.antenna import build_antenna
-from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.radar.build import build_antenna, build_chirp
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scenario.radar import AntennaTable
+from sionna_radar.scene.build import box_of
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 from sionna_radar.signal.beat import synthesise
@@ -121,7 +121,7 @@ def test_fig_14_errors_gather_at_the_walls():
     inside = (column >= 0) & (row >= 0) & (column < survey.truth.grid.columns) & (row < survey.truth.grid.rows)
     error = points.position_m[inside, 2] - survey.truth.height_m[row[inside], column[inside]]
     reach = half_footprint_m(points, np.deg2rad(2.0))
-    edge = near_walls(points.position_m[:, :2], reach, survey.scenario.buildings)[inside]
+    edge = near_walls(points.position_m[:, :2], reach, [box_of(table) for table in survey.scenario.buildings])[inside]
     with_edges, without = (float(np.sqrt(np.nanmean(e**2))) for e in (error, error[~edge]))
     assert with_edges > 1.0
     assert without < 0.35

@@ -6,8 +6,9 @@ import numpy as np
 
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import TerrainParameters
-from sionna_radar.scene.landscape import TerrainInputs, build_landscape
+from sionna_radar.scene.landscape import TerrainInputs
 from sionna_radar.scene.model import Scene, Surface, mesh_of
+from sionna_radar.scene.terrains.build import build_landscape
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 
 GAMMA = 0.01

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.points import Points
-from sionna_radar.scenario.objects import Building
+from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.model import Scene, Surface
 
 # Loose soil is no steeper than about 40 deg; a face steeper than this and higher than that is a wall.
@@ -27,7 +27,7 @@ class Walls:
     foot_m: points along the steep faces of all other surfaces.
     """
 
-    buildings: tuple[Building, ...]
+    buildings: tuple[Box, ...]
     foot_m: Float[np.ndarray, "point 2"]
 
     def __bool__(self) -> bool:
@@ -51,7 +51,7 @@ class Walls:
         return np.where(distance <= farthest_m, distance, np.inf)
 
 
-def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Building]) -> Walls:
+def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Box]) -> Walls:
     """Return the walls within a map; the last surfaces of the scene are the buildings."""
     others = scene.surfaces[: len(scene.surfaces) - len(buildings)]
     feet = [_foot_points(surface, grid) for surface in others]
@@ -74,7 +74,7 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
 
 
 def near_walls(
-    place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Building]
+    place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Box]
 ) -> Bool[np.ndarray, " n"]:
     """Return the mask of places within reach of a building's outline, inside it or outside."""
     near = np.zeros(len(place_m), dtype=bool)
@@ -83,9 +83,9 @@ def near_walls(
     return near
 
 
-def _outside(place_m: Float[np.ndarray, "n 2"], building: Building) -> Float[np.ndarray, " n"]:
+def _outside(place_m: Float[np.ndarray, "n 2"], building: Box) -> Float[np.ndarray, " n"]:
     """Return the distance to a building's outline, negative inside it."""
-    heading = np.deg2rad(building.heading_deg)
+    heading = building.heading_rad
     offset = place_m - np.array(building.position_m)
     along = offset @ np.array([np.sin(heading), np.cos(heading)])
     across = offset @ np.array([np.cos(heading), -np.sin(heading)])

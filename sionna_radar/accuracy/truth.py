@@ -20,8 +20,8 @@ from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.ground_cover import Overhang, overhang
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.tracing.paths import VOLUME, Paths
@@ -93,7 +93,7 @@ class GroundTruth:
     """
 
     built: BuiltScene
-    buildings: tuple[Building, ...]
+    buildings: tuple[Box, ...]
     grid: Grid
     max_gap_m: float
     antenna: Antenna

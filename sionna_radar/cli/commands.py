@@ -163,9 +163,8 @@ def budget(
 ) -> None:
     """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.flight.navigation import GRADES, load_grades
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
-    from sionna_radar.studies.budget import GROWTH, identity_of, run_budget
+    from sionna_radar.studies.budget import GRADES, GROWTH, identity_of, load_grades, run_budget
 
     checked = session.load_to_fly()
     known = GRADES | load_grades(grades) if grades else GRADES

@@ -1,3 +1,4 @@
+from .build import register_range_estimator as register_range_estimator
 from .detector import Detector as Detector
 from .echoes import Echoes as Echoes
 from .echoes import Profiles as Profiles
@@ -11,5 +12,4 @@ from .range_doppler.movers import find_movers as find_movers
 from .ranging.estimator import EchoSpans as EchoSpans
 from .ranging.estimator import RangeEstimator as RangeEstimator
 from .ranging.estimator import Ranges as Ranges
-from .ranging.estimator import register_range_estimator as register_range_estimator
 from .spectrum import SpectrumAnalyser as SpectrumAnalyser

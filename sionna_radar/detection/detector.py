@@ -6,28 +6,20 @@ range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes, Profiles, cut_profiles
-from sionna_radar.detection.ranging.estimator import (
-    EchoSpans,
-    RangeEstimator,
-    Ranges,
-    build_range_estimator,
-    span_cells,
-)
-from sionna_radar.detection.ranging.plane_fit import BeamProfile, beam_profile
+from sionna_radar.detection.ranging.estimator import EchoSpans, RangeEstimator, Ranges, span_cells
+from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
-from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.numerics import from_db
-from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.signal.analog_filters import HighPass
 
 # Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.
 SHARED_NOISE = 0.01
@@ -55,10 +47,36 @@ class Detections:
     profiles: Profiles
 
 
+class VolumeOptions(Protocol):
+    """Options of detection behind a volume; `scenario.processing.VolumeTable` says what each is."""
+
+    @property
+    def estimation_rounds(self) -> int: ...  # noqa: D102
+    @property
+    def smoothed_cells(self) -> int: ...  # noqa: D102
+    @property
+    def cells_before(self) -> int: ...  # noqa: D102
+    @property
+    def widths_before(self) -> float: ...  # noqa: D102
+    @property
+    def floor_share(self) -> float: ...  # noqa: D102
+    @property
+    def width_spread_nepers(self) -> float: ...  # noqa: D102
+    @property
+    def height_step_cells(self) -> float: ...  # noqa: D102
+
+
 @dataclass(frozen=True, kw_only=True)
 class Detector:
-    """The processing of a scenario for one chirp.
+    """The processing of one chirp.
 
+    min_range_m: nothing nearer is detected.
+    merge_gap_m: detected cells no farther apart are one echo.
+    dynamic_range_db: echoes this far below the strongest of their pulse are dropped.
+    kept: which echoes of a pulse are kept.
+    doppler_correction: whether the Doppler shift of stationary ground is removed from ranges.
+    leakage, interference: whether the mean of the chirps is subtracted, and whether bursts are set to zero.
+    volume_clutter: whether a volume in front of the ground is looked for; volume: options of detection behind it.
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
@@ -66,8 +84,16 @@ class Detector:
 
     analyser: SpectrumAnalyser
     cfar: Cfar
-    processing: ProcessingTable
     estimator: RangeEstimator
+    min_range_m: float
+    merge_gap_m: float
+    dynamic_range_db: float
+    kept: Literal["first", "strongest", "all"]
+    doppler_correction: bool
+    volume: VolumeOptions
+    leakage: Literal["keep", "subtract"] = "keep"
+    interference: Literal["keep", "zeroing"] = "keep"
+    volume_clutter: Literal["auto", "off"] = "auto"
     beam: BeamProfile | None = None
     speckle_looks: int = 1
 
@@ -119,7 +145,7 @@ class Detector:
     ) -> Detections:
         """Return the uncorrected echoes and range profiles of power spectra; see `find`."""
         spans = self.spans(self.tested(power), window_m)
-        profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
+        profiles = cut_profiles(spans, pulse, self.analyser.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)
 
     def spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
@@ -155,7 +181,7 @@ class Detector:
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the sorted echoes of some pulses, ranges corrected for the Doppler shift of stationary ground."""
-        if not self.processing.doppler_correction:
+        if not self.doppler_correction:
             return echoes
         row = rows_of(pulse, echoes.pulse)
         if echoes.direction is not None:
@@ -167,7 +193,7 @@ class Detector:
 
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
         """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""
-        tested = self.analyser.range_m >= self.processing.min_range_m
+        tested = self.analyser.range_m >= self.min_range_m
         if self.analyser.chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
             tested &= self.analyser.range_m < self.analyser.chirp.max_range_m - self.analyser.chirp.range_resolution_m
@@ -178,7 +204,7 @@ class Detector:
             spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
         detected = (spectra.power > spectra.threshold) & tested
         row, start, stop = _true_spans((detected | self._raised(spectra)) & tested)
-        gap = int(self.processing.merge_gap_m / self.analyser.bin_m)
+        gap = int(self.merge_gap_m / self.analyser.bin_m)
         follows = np.zeros(len(row), dtype=bool)
         follows[1:] = (row[1:] == row[:-1]) & (start[1:] - stop[:-1] <= gap)
         first = np.flatnonzero(~follows)
@@ -208,7 +234,7 @@ class Detector:
         """
         factor = self.cfar.both_sides_factor * self.cfar.both_sides_mean
         quiet = np.min(spectra.noise, axis=1, keepdims=True) * factor
-        strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.processing.dynamic_range_db)
+        strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.dynamic_range_db)
         return spectra.power > np.maximum(quiet, strongest)
 
     def _select(self, spans: EchoSpans) -> EchoSpans:
@@ -216,10 +242,10 @@ class Detector:
         peak_power = spans.power[spans.row, spans.peak]
         strongest = np.zeros(len(spans.power))
         np.maximum.at(strongest, spans.row, peak_power)
-        keep = peak_power >= strongest[spans.row] / from_db(self.processing.dynamic_range_db)
-        if self.processing.echoes == "strongest":
+        keep = peak_power >= strongest[spans.row] / from_db(self.dynamic_range_db)
+        if self.kept == "strongest":
             keep &= _first_of_row(spans.row, peak_power == strongest[spans.row])
-        elif self.processing.echoes == "first":
+        elif self.kept == "first":
             keep = _first_of_row(spans.row, keep)
         return spans.rows(keep)
 
@@ -234,65 +260,6 @@ def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None
         return
     message = f"range estimator {type(estimator).__name__}: return `Ranges` with a finite range for each of the echoes"
     raise PluginError(message)
-
-
-def build_detector(
-    processing: ProcessingTable,
-    chirp: Chirp,
-    antenna: Antenna | None = None,
-    high_pass: HighPass | None = None,
-    estimator: RangeEstimator | None = None,
-    *,
-    speckle_looks: int = 1,
-) -> Detector:
-    """Return the processing of a scenario.
-
-    Parameters
-    ----------
-    processing, chirp:
-        The processing and the sweep it is for.
-    antenna:
-        The antenna, for estimators that model the beam.
-    high_pass:
-        High-pass of the receiver, which the calibration removes from the spectra.
-    estimator:
-        A range estimator in place of that of `processing`.
-    speckle_looks:
-        Number of averaged powers in a pulse with independent speckle.
-
-    Raises
-    ------
-    ScenarioError
-        The window leaks the cell under test into the training cells.
-
-    """
-    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
-    table = processing.cfar
-    correlation = analyser.noise_correlation(table.guard + table.training + 1)
-    shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
-    if table.guard < shared[-1]:
-        message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
-        raise ScenarioError([Problem("processing.cfar.guard", message)])
-    cfar = Cfar(
-        kind=table.kind,
-        guard=table.guard,
-        training=table.training,
-        false_alarm_probability=table.false_alarm_probability,
-        rank=table.rank,
-        stride=processing.zero_padding,
-        correlation=correlation,
-        looks=processing.average.powers,
-    )
-    response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
-    beam = None if antenna is None else beam_profile(antenna, response)
-    return Detector(
-        analyser=analyser,
-        cfar=cfar,
-        processing=processing,
-        estimator=estimator or build_range_estimator(processing),
-        beam=beam,
-        speckle_looks=speckle_looks,
-    )
 
 
 def _true_spans(

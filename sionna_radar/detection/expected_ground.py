@@ -5,6 +5,7 @@ tolerance to that with the ground lowered by as much. Only the measured pose is 
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -18,9 +19,7 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.foundation.raster_file import open_raster, require_cells
-from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.processing import ExpectedGroundTable
 
 KEY = "processing.expected_ground.path"
 MAX_CELLS_READ = 100_000_000
@@ -71,47 +70,10 @@ class ExpectedGround:
         return raised.first_hit(pose.position_m, direction, reach_m)
 
 
-def build_expected_ground(
-    table: ExpectedGroundTable | None, altitude_m: float, antenna: Antenna, grid: Grid, place: Georeference | None
-) -> ExpectedGround | None:
-    """Return the expected ground of a scenario; None if it has none.
-
-    Parameters
-    ----------
-    table:
-        `[processing.expected_ground]`.
-    altitude_m:
-        Nominal height of the flight above ground.
-    antenna:
-        The antenna, for its beam width.
-    grid:
-        Cells of the survey's DEM.
-    place:
-        Georeference of the local frame, if it has one.
-
-    Raises
-    ------
-    InputFileError
-        The rough DEM cannot be read, or does not overlap the survey.
-    ScenarioError
-        Only one of the rough DEM and the terrain is georeferenced.
-
-    """
-    if table is None:
-        return None
-    azimuth, elevation = antenna.beamwidths_rad
-    return ExpectedGround(
-        surface=None if table.path is None else _rough_surface(table, grid, place),
-        altitude_m=altitude_m,
-        tolerance_m=table.tolerance_m,
-        half_beam_rad=(azimuth, elevation),
-    )
-
-
-def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference | None) -> Heightfield:
-    assert table.path is not None
-    with open_raster(table.path, KEY) as source:
-        require_cells(source, f"{KEY} = {table.path}", "heights; give an elevation raster in metres")
+def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightfield:
+    """Return the heights of a rough DEM in the cells of a map; raises as `build_expected_ground` does."""
+    with open_raster(path, KEY) as source:
+        require_cells(source, f"{KEY} = {path}", "heights; give an elevation raster in metres")
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
         column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
         # Between the outermost cell centres and the raster's edge use the heights of those cells.
@@ -119,7 +81,7 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
             np.abs(row - (source.height - 1) / 2) <= source.height / 2
         )
         if not covered.any():
-            message = f"{KEY} = {table.path}: does not overlap the survey; check its position and CRS"
+            message = f"{KEY} = {path}: does not overlap the survey; check its position and CRS"
             raise InputFileError(message)
         column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
         left, top = int(column[covered].min()), int(row[covered].min())
@@ -128,7 +90,7 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
             for c, start, size in ((column, left, source.width), (row, top, source.height))
         )
         if width * height > MAX_CELLS_READ:
-            message = f"{KEY} = {table.path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it"
+            message = f"{KEY} = {path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it"
             raise InputFileError(message)
         stored = source.read(1, window=Window(left, top, width, height), masked=True)
     height_m = np.full(len(x), np.nan)
@@ -138,7 +100,7 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
     height_m[covered] = bilinear(cells, row[covered] - top, column[covered] - left)
     valid = np.isfinite(height_m)
     if not valid.any():
-        message = f"{KEY} = {table.path}: has no heights under the survey; fill its voids, or give another raster"
+        message = f"{KEY} = {path}: has no heights under the survey; fill its voids, or give another raster"
         raise InputFileError(message)
     # In voids the ground is expected at the mean height: a rough height is enough.
     height_m = np.where(valid, height_m, float(height_m[valid].mean())) - (place.origin_m[2] if place else 0.0)

@@ -1,3 +1,5 @@
+from .build import register_navigation as register_navigation
+from .build import register_scan as register_scan
 from .frames import conical_from_antenna as conical_from_antenna
 from .frames import whisk_broom_from_antenna as whisk_broom_from_antenna
 from .frames import world_from_body as world_from_body
@@ -8,8 +10,6 @@ from .pulses import Pose as Pose
 from .pulses import Pulses as Pulses
 from .pulses import PulseSchedule as PulseSchedule
 from .pulses import antenna_pose as antenna_pose
-from .pulses import register_navigation as register_navigation
 from .scan import Pointing as Pointing
 from .scan import Scan as Scan
-from .scan import register_scan as register_scan
 from .trajectory import Trajectory as Trajectory

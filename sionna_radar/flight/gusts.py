@@ -29,7 +29,6 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.randomness import Stream, pulse_generator
-from sionna_radar.scenario.platform import WindTable
 
 DRAG_S, DAMPING = 5.0, 0.7
 # The model's heights, m.
@@ -143,14 +142,32 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def in_wind(trajectory: Trajectory, table: WindTable, height_m: float, speed_mps: float, seed: int) -> Trajectory:
+@dataclass(frozen=True, kw_only=True)
+class Wind:
+    """A mean wind and the response of the aircraft to its gusts.
+
+    from_rad: where it comes from, clockwise from grid north.
+    gust_mps: standard deviation of the vertical gusts.
+    crab: whether the nose points along the motion through the air.
+    attitude_s, position_s: time constants of the responses; see the module.
+    """
+
+    speed_mps: float
+    from_rad: float
+    gust_mps: float
+    crab: bool
+    attitude_s: float
+    position_s: float
+
+
+def in_wind(trajectory: Trajectory, wind: Wind, height_m: float, speed_mps: float, seed: int) -> Trajectory:
     """Return a planned flight in wind.
 
     Parameters
     ----------
     trajectory:
         The flight in still air.
-    table:
+    wind:
         The wind.
     height_m, speed_mps:
         Of the flight, over the ground.
@@ -168,23 +185,22 @@ def in_wind(trajectory: Trajectory, table: WindTable, height_m: float, speed_mps
             f"gusts are drawn for {MAX_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
         )
         raise ScenarioError([Problem("platform.wind", f"{message}; shorten it")])
-    toward = np.deg2rad(table.from_deg) + np.pi
+    toward = wind.from_rad + np.pi
     along = np.array([np.sin(toward), np.cos(toward)])
     left = np.array([-along[1], along[0]])
-    airspeed = max(float(np.hypot(speed_mps, table.speed_mps)), MIN_AIRSPEED_MPS)
-    vertical = INTENSITY * table.speed_mps if table.gust_mps is None else table.gust_mps
+    airspeed = max(float(np.hypot(speed_mps, wind.speed_mps)), MIN_AIRSPEED_MPS)
     gusts = Gusts(
-        axes=dryden_axes(height_m, airspeed, vertical),
+        axes=dryden_axes(height_m, airspeed, wind.gust_mps),
         end_s=trajectory.end_s,
-        attitude_s=table.attitude_response_s,
-        position_s=table.position_response_s,
+        attitude_s=wind.attitude_s,
+        position_s=wind.position_s,
         seed=seed,
     )
     flight = _Shaken(
         still=trajectory,
         gusts=gusts,
         R_world_wind=np.array([[*along, 0.0], [*left, 0.0], [0.0, 0.0, 1.0]]).T,
-        wind_mps=along * table.speed_mps if table.crab else np.zeros(2),
+        wind_mps=along * wind.speed_mps if wind.crab else np.zeros(2),
         speed_mps=speed_mps,
         airspeed_mps=airspeed,
     )

@@ -4,9 +4,9 @@ The chirps of a burst are averaged to one pulse of the survey, in the middle of 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,11 +15,6 @@ from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, worl
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.scenario.bases import NavigationParameters
-from sionna_radar.scenario.parts import NAVIGATIONS
-from sionna_radar.scenario.registry import registers, require
-
-Builder = TypeVar("Builder", bound=Callable[..., object])
 
 CHIRPS_AT_ONCE = 100_000
 # A continuous scan is divided into lines of this many pulses, counted from the first of the survey.
@@ -96,47 +91,6 @@ def antenna_pose(
         velocity_mps=velocity_mps,
         R_world_antenna=world_from_body(motion.euler_rad) @ R_body_antenna,
     )
-
-
-@registers(NAVIGATIONS, "[platform.navigation]")
-def register_navigation(name: str, parameters: type[NavigationParameters]) -> Callable[[Builder], Builder]:
-    """Register a navigation system, for `platform.navigation.kind` in a scenario.
-
-    It decorates a class or function that builds a `Navigation`, called with the parameters, the true trajectory, the
-    chirp rate (Hz) and the scenario's seed. It may return None for a system without errors.
-
-    Examples
-    --------
-    >>> from sionna_radar.flight import Pose, antenna_pose
-    >>> from sionna_radar.scenario import NavigationParameters
-    >>> class Drift(NavigationParameters):
-    ...     east_mps: float = 0.1
-    >>> @register_navigation("drift", Drift)
-    ... class DriftingGps:
-    ...     def __init__(self, parameters, trajectory, chirp_rate_hz, seed):
-    ...         self.parameters = parameters
-    ...     def measure(self, index, time_s, trajectory, R_body_antenna):
-    ...         pose = antenna_pose(trajectory, time_s, R_body_antenna, self.parameters.lever_arm_m)
-    ...         pose.position_m[:, 0] += self.parameters.east_mps * time_s
-    ...         return pose
-    >>> table = {"kind": "drift", "east_mps": 0.5}
-    >>> prepared = prepare(load_scenario("hills", {"platform.navigation": table, "platform.length_m": 10.0}))
-    >>> last = prepared.flight.sample(2)
-    >>> bool((last.measured.position_m - last.true.position_m)[1, 0] > 0.2)
-    True
-
-    """
-    return NAVIGATIONS.register(name, parameters)
-
-
-def build_navigation(
-    table: NavigationParameters, trajectory: Trajectory, chirp_rate_hz: float, seed: int
-) -> Navigation | None:
-    """Return the navigation system of a scenario; None if it reports the true pose."""
-    system: Navigation | None = NAVIGATIONS.entry(table.kind)(table, trajectory, chirp_rate_hz, seed)
-    if system is not None:
-        require(system, Navigation, str(NAVIGATIONS.entry(table.kind)))
-    return system
 
 
 def rows_of(index: Int[np.ndarray, " pulse"], wanted: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

@@ -8,11 +8,12 @@ rotation at a constant rate, since a rotation spline may overshoot there.
 """
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -27,7 +28,6 @@ from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.platform import Platform
 
 # A gap in the attitudes: least ratio to the median step, and least length.
 GAP_RATIO, MIN_GAP_S = 5.0, 0.5
@@ -124,15 +124,36 @@ FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
+class LogPart:
+    """A part of a flight log, and how it is placed.
+
+    path, columns: its file, and the names of a CSV file's columns by ours.
+    start_s, stop_s: of the part, from its first position.
+    gap_s: longest time without a position or an attitude that is interpolated.
+    shift: "to_terrain" moves its middle to the local origin; or metres east, north, up.
+    height: what its heights are taken for, as `platform.log_height`; None chooses by the log.
+    """
+
+    path: Path
+    columns: Mapping[str, str] = field(default_factory=dict)
+    start_s: float = 0.0
+    stop_s: float = np.inf
+    gap_s: float = 2.0
+    shift: Literal["to_terrain"] | tuple[float, float, float] = (0.0, 0.0, 0.0)
+    height: str | float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class RecordedRoute:
     """A part of a log in the metres of a scenario, before it is placed over its ground; a `Route`.
 
+    part: how it is cut out and placed.
     clean: the part; its times count from the log's first position, and its heights are those of the log.
     takeoff_m: the log's first position, in the same metres.
     height: as `platform.log_height`, with its default resolved.
     """
 
-    platform: Platform
+    part: LogPart
     log: FlightLog
     clean: CleanLog
     attitudes: Attitudes
@@ -224,7 +245,7 @@ class RecordedRoute:
         origin_height_m: float,
     ) -> tuple[float, str]:
         """Return the offset added to the log's heights, m, and a description of their assumed reference."""
-        shift = self.platform.log_shift
+        shift = self.part.shift
         vertical_shift_m = 0.0 if isinstance(shift, str) else shift[2]
         if isinstance(self.height, float):
             return float(ground[0] - position[0, 2]) + self.height, f"its first place {self.height:g} m up"
@@ -280,7 +301,7 @@ class RecordedRoute:
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         from_positions = self.log.positions.velocity_mps is None
         return {
-            "path": str(self.platform.log),
+            "path": str(self.part.path),
             "format": self.log.kind,
             "start_s": start_s,
             "stop_s": stop_s,
@@ -304,13 +325,13 @@ def _from(log: FlightLog) -> str:
     return "an unknown level" if log.datum == "unknown" else log.datum
 
 
-def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
+def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
     """Return the recorded flight of a scenario.
 
     Parameters
     ----------
-    platform:
-        With its log.
+    part:
+        Part of a log, and how it is placed.
     frame:
         Returns the local frame on the map, if the terrain has one.
 
@@ -322,29 +343,27 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
         It is on the map and the terrain is not, or the part begins after its end.
 
     """
-    assert platform.log is not None
-    log = read_log(platform.log, KEY, platform.log_columns)
+    log = read_log(part.path, KEY, part.columns)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
         message = (
-            f"{KEY} = {shown(platform.log)}: its clock does not advance: no position is later than the first; sort it"
+            f"{KEY} = {shown(part.path)}: its clock does not advance: no position is later than the first; sort it"
         )
         raise InputFileError(message)
-    if platform.log_start_s >= last_s:
-        message = f"{platform.log_start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
+    if part.start_s >= last_s:
+        message = f"{part.start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
         raise ScenarioError([Problem("platform.log_start_s", message)])
-    moved = platform.log_shift == "to_terrain"
-    metric = _placed(log, None if moved else frame, platform)
-    stop_s = np.inf if platform.log_stop_s is None else platform.log_stop_s
-    log_part = clean(metric, platform.log_start_s, stop_s, platform.log_gap_s)
-    _refuse(log_part.findings, platform)
+    moved = part.shift == "to_terrain"
+    metric = _placed(log, None if moved else frame, part.path)
+    log_part = clean(metric, part.start_s, part.stop_s, part.gap_s)
+    _refuse(log_part.findings, part.path)
     attitudes = log_part.attitudes or course_attitudes(log_part.positions)
     finite = np.isfinite(metric.positions.place).all(axis=1)
     takeoff = metric.positions.place[int(np.argmax(finite))]
-    shift = _shift(platform, log_part.positions)
-    height = platform.log_height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
+    shift = _shift(part, log_part.positions)
+    height = part.height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
     route = RecordedRoute(
-        platform=platform,
+        part=part,
         log=log,
         clean=replace(log_part, positions=replace(log_part.positions, place=log_part.positions.place + shift)),
         attitudes=attitudes,
@@ -359,12 +378,12 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
         )
         raise ScenarioError([Problem(KEY, message)])
     if route.duration_s <= 0:
-        message = f"{KEY} {shown(platform.log)}: its positions and attitudes have no time in common; give another part"
+        message = f"{KEY} {shown(part.path)}: its positions and attitudes have no time in common; give another part"
         raise InputFileError(message)
     return route
 
 
-def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, platform: Platform) -> MetricLog:
+def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, path: Path) -> MetricLog:
     if not log.on_map or frame is None:
         return in_metres(log)
     map_frame = frame()
@@ -377,24 +396,20 @@ def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, platfor
     try:
         return in_metres(log, map_frame)
     except ProjError as error:
-        message = (
-            f"{KEY} {shown(platform.log)} cannot be put into {map_frame.crs.name!r} ({error}); check the terrain's CRS"
-        )
+        message = f"{KEY} {shown(path)} cannot be put into {map_frame.crs.name!r} ({error}); check the terrain's CRS"
         raise InputFileError(message) from error
 
 
-def _refuse(findings: tuple[Finding, ...], platform: Platform) -> None:
+def _refuse(findings: tuple[Finding, ...], path: Path) -> None:
     if findings:
         count_note = f" (and {len(findings) - 1:,} more)" if len(findings) > 1 else ""
-        message = f"{KEY} {shown(platform.log)}: at {findings[0].time_s:.2f} s: {findings[0].message}{count_note}"
+        message = f"{KEY} {shown(path)}: at {findings[0].time_s:.2f} s: {findings[0].message}{count_note}"
         raise InputFileError(message)
 
 
-def _shift(platform: Platform, positions: Positions) -> Float[np.ndarray, " 3"]:
+def _shift(part: LogPart, positions: Positions) -> Float[np.ndarray, " 3"]:
     """Return the horizontal shift of the flight, m; the vertical shift follows once the ground is known."""
-    if platform.log_shift == "to_terrain":
+    if isinstance(part.shift, str):
         lower, upper = positions.place.min(axis=0), positions.place.max(axis=0)
         return np.array([*(-(lower + upper)[:2] / 2), 0.0])
-    if isinstance(platform.log_shift, str):
-        return np.zeros(3)
-    return np.array([*platform.log_shift[:2], 0.0])
+    return np.array([*part.shift[:2], 0.0])

@@ -4,29 +4,36 @@ A route is a flight before the ground under it is known. Several lines over one 
 transits between them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.gusts import in_wind
-from sionna_radar.flight.recorded import read_route
-from sionna_radar.flight.trajectory import Course, Flight, Heights, plan_track, plan_trajectory
-from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, rounded_track, shortest_way, turn_radius_m
+from sionna_radar.flight.gusts import Wind, in_wind
+from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, Heights, plan_trajectory
+from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, shortest_way
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.scenario.platform import LinesTable, Platform
 
 Place = tuple[float, float, float]
 
 
-def lines_track(table: LinesTable, heading_rad: float, radius_m: float | None, lead_m: float = 0.0) -> CurvedTrack:
+@dataclass(frozen=True, kw_only=True)
+class SurveyLines:
+    """Parallel lines about a centre; `crossing` adds a second set at right angles to the first."""
+
+    count: int
+    spacing_m: float
+    length_m: float
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    crossing: bool = False
+
+
+def lines_track(survey: SurveyLines, heading_rad: float, radius_m: float | None, lead_m: float = 0.0) -> CurvedTrack:
     """Return the track over all lines.
 
     Parameters
     ----------
-    table:
+    survey:
         The lines.
     heading_rad:
         Of the first one.
@@ -36,12 +43,12 @@ def lines_track(table: LinesTable, heading_rad: float, radius_m: float | None, l
         Straight flight before and after each line, in which the aircraft rolls level.
 
     """
-    lines = _lines(table, heading_rad)
-    if table.crossing:
+    lines = _lines(survey, heading_rad)
+    if survey.crossing:
         # Crossing lines at +90 or -90 degrees: the set that begins nearest to the last line's end.
         last_end = lines[-1][1]
         turns = (np.pi / 2, -np.pi / 2)
-        sets = [_lines(table, heading_rad + turn, mirrored=mirrored) for turn in turns for mirrored in (False, True)]
+        sets = [_lines(survey, heading_rad + turn, mirrored=mirrored) for turn in turns for mirrored in (False, True)]
         ways_m = [np.hypot(first_line[0][0] - last_end[0], first_line[0][1] - last_end[1]) for first_line, *_ in sets]
         lines += sets[int(np.argmin(ways_m))]
     segments: list[TurnSegment] = []
@@ -53,17 +60,17 @@ def lines_track(table: LinesTable, heading_rad: float, radius_m: float | None, l
     return CurvedTrack(segments=tuple(segments))
 
 
-def _lines(table: LinesTable, heading_rad: float, *, mirrored: bool = False) -> list[tuple[Place, Place]]:
+def _lines(survey: SurveyLines, heading_rad: float, *, mirrored: bool = False) -> list[tuple[Place, Place]]:
     """Return the ends of parallel lines, with their headings."""
-    centre = np.array(table.centre_m or (0.0, 0.0))
+    centre = np.array(survey.centre_m)
     forward = np.array([np.sin(heading_rad), np.cos(heading_rad)])
     right = np.array([forward[1], -forward[0]]) * (-1 if mirrored else 1)
     lines = []
-    for line in range(table.count):
+    for line in range(survey.count):
         sign = 1 - 2 * (line % 2)
-        middle = centre + (line - (table.count - 1) / 2) * table.spacing_m * right
+        middle = centre + (line - (survey.count - 1) / 2) * survey.spacing_m * right
         heading = heading_rad if sign > 0 else heading_rad + np.pi
-        ends = [middle + end_sign * sign * table.length_m / 2 * forward for end_sign in (-1, 1)]
+        ends = [middle + end_sign * sign * survey.length_m / 2 * forward for end_sign in (-1, 1)]
         poses = [(float(end[0]), float(end[1]), float(heading)) for end in ends]
         lines.append((poses[0], poses[1]))
     return lines
@@ -135,20 +142,30 @@ class Route(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedRoute:
-    """A flight from a scenario's own table; a `Route`."""
+    """A planned flight along a track; a `Route`.
 
-    platform: Platform
+    roll_in_s: time to roll into a turn, and out of it.
+    transmit_in_turns: whether the radar also transmits between the lines of a curved track.
+    wind: None for still air.
+    off_ground: key of the scenario's platform and remedy, for a track that leaves the ground.
+    """
+
+    plan: FlightPlan
     track: Course
+    roll_in_s: float = 1.0
+    transmit_in_turns: bool = True
+    wind: Wind | None = None
+    off_ground: tuple[str, str]
 
     @property
     def altitude_m(self) -> float:
         """Height above the ground under the start."""
-        return self.platform.planned[0]
+        return self.plan.altitude_m
 
     @property
     def speed_mps(self) -> float:
         """Speed over the ground."""
-        return self.platform.planned[1]
+        return self.plan.speed_mps
 
     @property
     def length_m(self) -> float:
@@ -162,7 +179,7 @@ class PlannedRoute:
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
         """Return the extent within a reach of it: west, south, east, north."""
-        if self.platform.wind is not None:
+        if self.wind is not None:
             reach_m += WIND_MARGIN_M
         west, south = self.track.waypoints_m.min(axis=0) - reach_m
         east, north = self.track.waypoints_m.max(axis=0) + reach_m
@@ -172,18 +189,17 @@ class PlannedRoute:
         """Return the flight over ground of given heights; ScenarioError where the track leaves it."""
         del origin_height_m  # its heights count from the ground
         self._check(ground_m)
-        trajectory = plan_trajectory(self.platform, self.track, ground_m)
-        altitude_m, speed_mps = self.platform.planned
+        trajectory = plan_trajectory(self.plan, self.track, ground_m)
+        altitude_m, speed_mps = self.altitude_m, self.speed_mps
         if isinstance(self.track, CurvedTrack):
-            trajectory = banked(trajectory, self.track, speed_mps, self.platform.roll_in_s)
-            lines = self.platform.lines
-            if lines is not None and not lines.transmit_in_turns:
+            trajectory = banked(trajectory, self.track, speed_mps, self.roll_in_s)
+            if not self.transmit_in_turns:
                 start_s = trajectory.cruise_s()[0]
                 lines_m = self.track.lines_m()
                 intervals_s = tuple((start_s + a / speed_mps, start_s + b / speed_mps) for a, b in lines_m)
                 trajectory = replace(trajectory, transmits_s=intervals_s)
-        if self.platform.wind is not None:
-            trajectory = in_wind(trajectory, self.platform.wind, altitude_m, speed_mps, seed)
+        if self.wind is not None:
+            trajectory = in_wind(trajectory, self.wind, altitude_m, speed_mps, seed)
         return Flight(trajectory=trajectory, altitude_m=altitude_m, speed_mps=speed_mps)
 
     def _check(self, ground_m: Heights) -> None:
@@ -191,40 +207,6 @@ class PlannedRoute:
         off_ground = np.isnan(ground_m(points))
         if off_ground.any():
             x, y = points[off_ground][0]
-            key, remedy = "start_m", "move platform.start_m, shorten platform.length_m"
-            if self.platform.lines is not None:
-                key, remedy = "lines", "move lines.centre_m, shorten lines.length_m, turn more tightly (bank_deg)"
-            elif self.platform.waypoints_m:
-                key, remedy = "waypoints_m", "move the points, turn more tightly (bank_deg)"
+            key, remedy = self.off_ground
             message = f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; {remedy}, or enlarge the terrain"
             raise ScenarioError([Problem(f"platform.{key}", message)])
-
-
-def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Route:
-    """Return the route of a scenario.
-
-    Parameters
-    ----------
-    platform:
-        The flight, in local metres.
-    frame:
-        Returns the local frame on the map, if there is one; called only for logs on the map.
-
-    Raises
-    ------
-    ScenarioError, InputFileError
-        Turns do not fit the track; the log cannot be read or flown, or has no place on the ground.
-
-    """
-    if platform.log is not None:
-        return read_route(platform, frame)
-    return PlannedRoute(platform=platform, track=_course(platform))
-
-
-def _course(platform: Platform) -> Course:
-    radius_m = turn_radius_m(platform)
-    if platform.lines is not None:
-        lead_m = platform.roll_in_s * platform.planned[1] / 2 if radius_m is not None else 0.0
-        return lines_track(platform.lines, float(np.deg2rad(platform.heading_deg)), radius_m, lead_m)
-    track = plan_track(platform)
-    return track if radius_m is None else rounded_track(track.waypoints_m, radius_m)

@@ -1,20 +1,13 @@
 """Antenna scans and their registry: rotating, fixed, side-looking, and electronically steered."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol, TypeVar, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.frames import conical_from_antenna, steering, whisk_broom_from_antenna
-from sionna_radar.scenario.bases import ScanParameters
-from sionna_radar.scenario.parts import SCANS
-from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
-from sionna_radar.scenario.registry import registers, require
-
-Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
 
 
 @dataclass(frozen=True)
@@ -58,45 +51,6 @@ class Scan(Protocol):
         ...
 
 
-@registers(SCANS, "[radar.scan]")
-def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Builder], Builder]:
-    """Register a scan, for `radar.scan.mode` in a scenario.
-
-    It decorates a class or function that builds a `Scan`; it is called with the parameters.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sionna_radar.flight import Pointing, whisk_broom_from_antenna
-    >>> from sionna_radar.scenario import ScanParameters
-    >>> class Nodding(ScanParameters):
-    ...     amplitude_deg: float = 20.0
-    >>> @register_scan("nodding", Nodding)
-    ... class NoddingScan:
-    ...     stabilised, incidence_rad, period_s = True, float(np.deg2rad(45.0)), 0.5
-    ...     def __init__(self, parameters):
-    ...         self.amplitude_rad = np.deg2rad(parameters.amplitude_deg)
-    ...     def point(self, time_s):
-    ...         angle = self.amplitude_rad * np.sin(2 * np.pi * time_s / self.period_s)
-    ...         axes = whisk_broom_from_antenna(self.incidence_rad, angle)
-    ...         return Pointing(axes, angle, np.ones(len(time_s), dtype=bool))
-    ...     def spacing_m(self, height_m, speed_mps, chirp_rate_hz):
-    ...         return speed_mps * self.period_s
-    >>> scan = {"mode": "nodding", "amplitude_deg": 10.0}
-    >>> len(prepare(load_scenario("hills", {"radar.scan": scan, "platform.length_m": 10.0})))
-    360
-
-    """
-    return SCANS.register(name, parameters)
-
-
-def build_scan(table: ScanParameters) -> Scan:
-    """Return the scan of a scenario."""
-    scan: Scan = SCANS.entry(table.mode)(table)
-    require(scan, Scan, str(SCANS.entry(table.mode)))
-    return scan
-
-
 @dataclass(frozen=True, kw_only=True)
 class RotatingScan:
     """An antenna that rotates steadily and transmits inside a sector about the middle.
@@ -135,23 +89,6 @@ class RotatingScan:
         return float(max(line, across))
 
 
-@register_scan("whisk_broom", ScanTable)
-@register_scan("conical", ScanTable)
-@register_scan("fixed", ScanTable)
-def rotating_scan(table: ScanTable) -> RotatingScan:
-    """Return the scan of a scenario's table; a fixed one does not rotate."""
-    assert table.mode != "side_looking"
-    turns = 0.0 if table.mode == "fixed" else table.rotation_rpm / 60
-    return RotatingScan(
-        mode=table.mode,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        half_swath_rad=np.pi if table.mode == "fixed" else float(np.deg2rad(table.half_swath_deg)),
-        rotation_rad_s=2 * np.pi * turns,
-        start_rad=float(np.deg2rad(table.start_deg)),
-        stabilised=table.stabilised,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class SideLookingScan:
     """An antenna pointing to one side of the track, its azimuth cut along the track."""
@@ -169,16 +106,6 @@ class SideLookingScan:
     def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
         """Return the distance between neighbouring beam centres along the track."""
         return speed_mps / chirp_rate_hz
-
-
-@register_scan("side_looking", ScanTable)
-def side_looking_scan(table: ScanTable) -> SideLookingScan:
-    """Return the scan of a scenario's table."""
-    return SideLookingScan(
-        side=table.side,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        stabilised=table.stabilised,
-    )
 
 
 LOOKS = {"forward": 0.0, "left": -np.pi / 2, "right": np.pi / 2}
@@ -227,16 +154,3 @@ class ElectronicScan:
         ground_points = height_m * directions[:, :2] / cos_incidence[:, None]
         beam_spacing_m = float(np.linalg.norm(np.diff(ground_points, axis=0), axis=1).max())
         return max(speed_mps / self.scans_per_s, beam_spacing_m)
-
-
-@register_scan("electronic", ElectronicScanTable)
-def electronic_scan(table: ElectronicScanTable) -> ElectronicScan:
-    """Return the scan of a scenario's table."""
-    return ElectronicScan(
-        look=table.look,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        half_swath_rad=float(np.deg2rad(table.half_swath_deg)),
-        beams=table.beams,
-        scans_per_s=table.scans_per_s,
-        stabilised=table.stabilised,
-    )

@@ -17,8 +17,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
 
-from sionna_radar.scenario.platform import Platform
-
 
 class Phase(StrEnum):
     """A phase of a flight."""
@@ -114,18 +112,29 @@ class Track:
         return (np.diff(self.waypoints_m, axis=0) / self.leg_lengths_m[:, None])[leg]
 
 
-def plan_track(platform: Platform, centre_m: tuple[float, float] = (0.0, 0.0)) -> Track:
-    """Return the track of a scenario; without a start it is centred on the terrain."""
-    if platform.waypoints_m:
-        return Track(np.array(platform.waypoints_m, dtype=float))
-    heading = np.deg2rad(platform.heading_deg)
-    track_vector = platform.length_m * np.array([np.sin(heading), np.cos(heading)])
-    start = np.array(centre_m) - track_vector / 2 if platform.start_m is None else np.array(platform.start_m)
-    return Track(np.array([start, start + track_vector]))
+@dataclass(frozen=True, kw_only=True)
+class FlightPlan:
+    """Heights and speeds of a planned flight.
+
+    altitude_m: height above the ground under the start, or, following the terrain, under the track.
+    follow_length_m: length over which the followed ground is smoothed.
+    vertical: whether it has take-off, climb, descent and landing, with these rates.
+    takeoff_height_m: height above the ground where the take-off ends and the climb begins.
+    """
+
+    altitude_m: float
+    speed_mps: float
+    follows_terrain: bool = False
+    follow_length_m: float = 50.0
+    vertical: bool = False
+    climb_rate_mps: float = 2.0
+    descent_rate_mps: float = 2.0
+    acceleration_mps2: float = 2.0
+    takeoff_height_m: float = 5.0
 
 
 def plan_trajectory(
-    platform: Platform,
+    plan: FlightPlan,
     track: Course,
     ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
 ) -> Trajectory:
@@ -133,8 +142,8 @@ def plan_trajectory(
 
     Parameters
     ----------
-    platform:
-        Height, speed and profile.
+    plan:
+        Heights and speeds.
     track:
         Track of the cruise.
     ground_m:
@@ -143,21 +152,20 @@ def plan_trajectory(
 
     """
     start_ground = float(ground_m(track.waypoints_m[:1])[0])
-    height = _cruise_height(platform, track, ground_m, start_ground)
-    if platform.profile == "cruise":
+    height = _cruise_height(plan, track, ground_m, start_ground)
+    if not plan.vertical:
         before, after = [], []
     else:
-        before = _vertical_phases(platform, start_ground, float(height(np.zeros(1))[0]))
+        before = _vertical_phases(plan, start_ground, float(height(np.zeros(1))[0]))
         end_ground = float(ground_m(track.waypoints_m[-1:])[0])
         end_height = float(height(np.array([track.length_m]))[0])
-        after = _mirrored(_vertical_phases(platform, end_ground, end_height, landing=True))
-    _, speed_mps = platform.planned
+        after = _mirrored(_vertical_phases(plan, end_ground, end_height, landing=True))
     legs = _Legs(
         track=track,
-        speed_mps=speed_mps,
+        speed_mps=plan.speed_mps,
         cruise_height=height,
         before=tuple(before),
-        cruise_duration_s=track.length_m / speed_mps,
+        cruise_duration_s=track.length_m / plan.speed_mps,
         after=tuple(after),
     )
     return Trajectory(position=legs.position, velocity=legs.velocity, euler=legs.euler, phases=legs.phases)
@@ -241,32 +249,29 @@ class _Legs:
                 yield phase, in_phase, time_s[in_phase] - self.phases[index][1]
 
 
-def _cruise_height(platform: Platform, track: Course, ground_m: Callable, start_ground: float) -> PPoly:
+def _cruise_height(plan: FlightPlan, track: Course, ground_m: Callable, start_ground: float) -> PPoly:
     """Return the height of the cruise against the distance along the track."""
-    altitude_m, _ = platform.planned
-    if platform.height == "level":
-        level = start_ground + altitude_m
+    if not plan.follows_terrain:
+        level = start_ground + plan.altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
     # The ground is averaged over follow_length_m, as by a flight controller, then splined. Toward the ends of the
     # track the average narrows and stays centred: a one-sided one would be biased on a slope.
-    step = platform.follow_length_m / 10
+    step = plan.follow_length_m / 10
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
-    half_window = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
+    half_window = np.minimum(plan.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
     samples = distance[:, None] + half_window[:, None] * np.linspace(-1.0, 1.0, 11)
     ground = ground_m(track.point(samples.ravel())).reshape(samples.shape)
-    return CubicSpline(distance, ground.mean(axis=1) + altitude_m)
+    return CubicSpline(distance, ground.mean(axis=1) + plan.altitude_m)
 
 
-def _vertical_phases(
-    platform: Platform, ground: float, height: float, *, landing: bool = False
-) -> list[_VerticalPhase]:
+def _vertical_phases(plan: FlightPlan, ground: float, height: float, *, landing: bool = False) -> list[_VerticalPhase]:
     """Return take-off and climb, each from rest to rest with a trapezoidal profile of vertical speed."""
-    rate = platform.descent_rate_mps if landing else platform.climb_rate_mps
+    rate = plan.descent_rate_mps if landing else plan.climb_rate_mps
     names = (Phase.LANDING, Phase.DESCENT) if landing else (Phase.TAKE_OFF, Phase.CLIMB)
-    low = ground + platform.takeoff_height_m
+    low = ground + plan.takeoff_height_m
     return [
-        _trapezoid(names[0], ground, low, rate, platform.acceleration_mps2),
-        _trapezoid(names[1], low, height, rate, platform.acceleration_mps2),
+        _trapezoid(names[0], ground, low, rate, plan.acceleration_mps2),
+        _trapezoid(names[1], low, height, rate, plan.acceleration_mps2),
     ]
 
 

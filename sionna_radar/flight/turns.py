@@ -16,7 +16,6 @@ from scipy.constants import g as gravity
 
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.scenario.platform import Platform
 
 # A turn back on itself has no arc between its legs.
 MAX_TURN_RAD = np.deg2rad(175.0)
@@ -107,14 +106,6 @@ class CurvedTrack:
         """Return the start and end of each survey line as distances along the track."""
         edges = zip(self._starts_m[:-1], self._starts_m[1:], self.segments, strict=True)
         return tuple((float(start), float(end)) for start, end, segment in edges if segment.on_line)
-
-
-def turn_radius_m(platform: Platform) -> float | None:
-    """Return the radius of a planned flight's turns; None for instantaneous ones."""
-    if platform.turn_radius_m is not None or platform.bank_deg is None:
-        return platform.turn_radius_m
-    _, speed_mps = platform.planned
-    return float(speed_mps**2 / (gravity * np.tan(np.deg2rad(platform.bank_deg))))
 
 
 def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> CurvedTrack:

@@ -6,7 +6,7 @@ A mapper knows the measured poses, the antenna and the echoes, but not the truth
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal, Protocol, TypeVar, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
@@ -27,10 +27,6 @@ from sionna_radar.mapping.terrain.heights import Heights, Looks, looks_at, point
 from sionna_radar.mapping.terrain.tiles import EachPiece, Tiles, Tiling, pieces_here
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.scenario.parts import DEM_METHODS
-from sionna_radar.scenario.processing import DemTable
-from sionna_radar.scenario.registry import registers, require
-from sionna_radar.scenario.table import Table
 
 # Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
 # scatter of the mean errors of eight flights through rain of 2 to 20 mm/h.
@@ -38,8 +34,6 @@ SHARED_CELLS = 0.3
 # Relief of real ground below the footprint: its roughness is 0.5 to 4 cm at the scale of metres (Ulaby and Long 2014,
 # section 4-10).
 MICRORELIEF_M = 0.03
-
-Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,41 +117,6 @@ class TiledMethod(DemMethod, Protocol):
     def tiling(self) -> Tiling:
         """How the surface of a tile is made."""
         ...
-
-
-@registers(DEM_METHODS, "[dem.method_parameters]")
-def register_dem_method(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
-    """Register a DEM method, for `dem.method` in a scenario.
-
-    It decorates a class or function that builds a `DemMethod`; it is called with the parameters, if any.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> @register_dem_method("highest_point")
-    ... class HighestPoint:
-    ...     profiles = "unused"
-    ...     def __call__(self, given):
-    ...         height_m = np.full(given.grid.shape, np.nan)
-    ...         row, column, inside = given.grid.cell_of(given.points.position_m)
-    ...         np.fmax.at(height_m, (row[inside], column[inside]), given.points.position_m[inside, 2])
-    ...         return Raster(grid=given.grid, height_m=height_m)
-    >>> overrides = {"dem.method": "highest_point", "platform.length_m": 10.0}
-    >>> run(load_scenario("hills", overrides)).lit_error.rms_m < 1.0
-    True
-
-    """
-    return DEM_METHODS.register(name, parameters)
-
-
-def build_dem_method(table: DemTable) -> DemMethod:
-    """Return the DEM method of a scenario."""
-    entry, parameters = DEM_METHODS.entry(table.map_method), table.method_parameters
-    # Those of another method, where a copy of the table names a new one, give way to the defaults.
-    own = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
-    method: DemMethod = entry(own)
-    require(method, DemMethod, str(entry))
-    return method
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,54 +259,6 @@ class Mapper:
             reach_m=self.analyser.chirp.max_range_m,
             memory=self.memory,
         )
-
-
-def build_mapper(
-    dem: DemTable,
-    grid: Grid,
-    max_gap_m: float,
-    antenna: Antenna | None,
-    analyser: SpectrumAnalyser,
-    doppler_corrected: bool,
-    method: DemMethod | None = None,
-    memory: SpeckleMemory | None = None,
-    *,
-    measured_ground: bool,
-) -> Mapper:
-    """Return the mapper of a scenario.
-
-    Parameters
-    ----------
-    dem:
-        The scenario's `[dem]`.
-    grid, max_gap_m:
-        Cells of the DEM, and the largest distance of a filled one from a measured one.
-    antenna, analyser, doppler_corrected:
-        See `Mapper`.
-    method:
-        A custom method in place of the scenario's.
-    memory:
-        How long the ground keeps its speckle; without it, it stands still.
-    measured_ground:
-        Whether the ground is real or from a file, with relief finer than the footprint unless `dem` says another one.
-
-    """
-    microrelief_m = dem.microrelief_m
-    if microrelief_m is None:
-        microrelief_m = MICRORELIEF_M if measured_ground else 0.0
-    return Mapper(
-        method=method or build_dem_method(dem),
-        name=type(method).__name__ if method else dem.method,
-        grid=grid,
-        max_gap_m=max_gap_m,
-        shadow_incidence_rad=float(np.deg2rad(dem.shadow_incidence_deg)),
-        antenna=antenna,
-        analyser=analyser,
-        doppler_corrected=doppler_corrected,
-        memory=memory or STILL,
-        microrelief_m=microrelief_m,
-        min_confidence_m=dem.min_confidence_m,
-    )
 
 
 # West, south, east and north in local metres.

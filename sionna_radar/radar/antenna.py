@@ -6,23 +6,15 @@ the angle from boresight, there is no backward radiation, and the gain is 4 pi |
 lossless antenna.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.integrate import cumulative_simpson, simpson
 
-from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.radar.two_way_grid import TwoWayGrid, two_way_grid
-from sionna_radar.scenario.bases import AntennaParameters
-from sionna_radar.scenario.loading import content_key
-from sionna_radar.scenario.parts import ANTENNAS
-from sionna_radar.scenario.registry import PACKAGE, registers, require
-
-Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
 # Largest number of samples on either side of a cut.
 MAX_CUT_SAMPLES = 50_000
@@ -324,44 +316,3 @@ def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray,
     u = np.linspace(-1.0, 1.0, 2 * int(np.ceil(8 / finest)) + 1)
     level_db = np.interp(np.arcsin(u), angle_rad, power_db - np.max(power_db))
     return Cut(10 ** (level_db / 20))
-
-
-@registers(ANTENNAS, "[radar.antenna]")
-def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable[[Builder], Builder]:
-    """Register an antenna, for `radar.antenna.kind` in a scenario.
-
-    It decorates a function that builds an `Antenna`; it is called with the parameters.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sionna_radar.radar import Antenna, Cut
-    >>> from sionna_radar.scenario import AntennaParameters
-    >>> class Horn(AntennaParameters):
-    ...     exponent: float = 200.0
-    >>> @register_antenna("horn", Horn)
-    ... def horn(parameters):
-    ...     cut = Cut(np.sqrt(1 - np.linspace(-1, 1, 4001) ** 2) ** (parameters.exponent / 2))
-    ...     return Antenna(cut, cut, parameters.polarization, parameters.receive_polarization)
-    >>> antenna = {"kind": "horn", "exponent": 500.0}
-    >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
-    >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
-    True
-
-    """
-    return ANTENNAS.register(name, parameters)
-
-
-def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario; the last one is cached, with its computed properties."""
-    entry = ANTENNAS.entry(table.kind)
-    key = content_key({"antenna": table}) if entry.origin == PACKAGE else None
-    if key is not None:
-        cached: Antenna = _LAST.once(key, lambda: entry(table))
-        return cached
-    antenna: Antenna = entry(table)
-    require(antenna, Antenna, str(entry))
-    return antenna
-
-
-_LAST = KeptValues(1)

@@ -14,52 +14,15 @@ from scipy.optimize import brentq
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import read_text, shown
-from sionna_radar.foundation.numerics import from_db, taylor, to_db
-from sionna_radar.radar.antenna import Antenna, Cut, Pattern, antenna_of, register_antenna
-from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
-from sionna_radar.radar.pattern_files.reader import read_pattern
-from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable
+from sionna_radar.foundation.numerics import taylor, to_db
+from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.array_pattern import ArrayPattern, steered
 
 KEY = "radar.antenna.path"
 COLUMNS = ("left_wavelengths", "up_wavelengths")
 EXTRAS = {"amplitude_db": 0.0, "phase_deg": 0.0}
 MAX_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
 REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.join(EXTRAS)}"
-
-
-@register_antenna("array", ArrayAntennaTable)
-def array_antenna(table: ArrayAntennaTable) -> Antenna:
-    """Return the antenna of a scenario's table, with its beam steered.
-
-    Raises
-    ------
-    InputFileError
-        The table of elements, or the element's pattern, cannot be read.
-    ScenarioError
-        The array is too large, or its weights cancel.
-
-    """
-    positions, weights = read_elements(table.path) if table.path is not None else _rectangle(table)
-    size = np.ptp(positions, axis=0) + 0.5
-    if size.max() > LARGEST_WAVELENGTHS:
-        message = f"{size.max():.0f} wavelengths are more than {LARGEST_WAVELENGTHS:g}; give fewer or closer elements"
-        raise ScenarioError([Problem("radar.antenna", message)])
-    if abs(weights.sum()) < 0.1 * np.abs(weights).sum():
-        message = "its weights nearly cancel toward the normal of its face; remove the steering from its phases"
-        raise ScenarioError([Problem("radar.antenna", message)])
-    element: Pattern = ElementPattern(table.element_exponent)
-    if table.element_pattern is not None:
-        element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
-    broadside = antenna_of(
-        ArrayPattern(array_factor(positions, weights), element, (float(size[0]), float(size[1]))),
-        polarization=table.polarization,
-        receives=table.receive_polarization,
-        efficiency=from_db(table.efficiency_db),
-    )
-    if table.steer_deg == (0.0, 0.0):
-        return broadside
-    left_rad, up_rad = np.deg2rad(table.steer_deg)
-    return steered(broadside, float(left_rad), float(up_rad))
 
 
 def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
@@ -80,19 +43,8 @@ def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
     return tuple(steered(antenna, float(angle)) for angle in azimuth)
 
 
-def _rectangle(
-    table: ArrayAntennaTable,
-) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:
-    assert table.elements is not None  # the table's own check
-    spacing = table.spacing_wavelengths
-    steps = spacing if isinstance(spacing, tuple) else (spacing, spacing)
-    axes = [(np.arange(n) - (n - 1) / 2) * step for n, step in zip(table.elements, steps, strict=True)]
-    tapers = [_taper(n, table.taper_db) for n in table.elements]
-    left, up = np.meshgrid(*axes, indexing="ij")
-    return np.column_stack([left.ravel(), up.ravel()]), np.outer(*tapers).ravel().astype(np.complex128)
-
-
-def _taper(count: int, side_lobe_db: float | None) -> Float[np.ndarray, " element"]:
+def line_taper(count: int, side_lobe_db: float | None) -> Float[np.ndarray, " element"]:
+    """Return the Taylor weights of a line of elements for a level of its side lobes; None for equal weights."""
     if side_lobe_db is None or count < 3:
         return np.ones(count)
     ratio = np.arccosh(10 ** (-side_lobe_db / 20)) / np.pi
@@ -183,16 +135,3 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     for weight, x in zip(weights, length * position, strict=True):
         voltage += weight * np.cos(2 * np.pi * x * u)
     return Cut(voltage)
-
-
-@register_antenna("taylor", AntennaTable)
-def taylor_array(table: AntennaTable) -> Antenna:
-    """Return the antenna of a scenario's table."""
-    azimuth, elevation = table.beamwidths_rad
-    return Antenna(
-        taylor_cut(azimuth, table.side_lobe_db),
-        taylor_cut(elevation, table.side_lobe_db),
-        table.polarization,
-        table.receive_polarization,
-        table.axial_ratio_db,
-    )

@@ -7,8 +7,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.radar import RadarTable
-
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
@@ -84,36 +82,6 @@ class Chirp:
     def doppler_range_m(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the range shift of an echo by its Doppler frequency."""
         return self.doppler_hz(range_rate_mps) / self.beat_per_metre_hz
-
-
-def build_chirp(radar: RadarTable) -> Chirp:
-    """Return the chirp of a scenario; for a triangular sweep its rising half."""
-    return build_sweeps(radar)[0]
-
-
-def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
-    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
-    pair = radar.sweep == "triangular"
-    directions: tuple[Literal["up", "down"], ...]
-    directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
-    full_sweeps = tuple(
-        Chirp(
-            carrier_hz=radar.carrier_hz,
-            bandwidth_hz=radar.bandwidth_hz,
-            rate_hz=radar.chirp_rate_hz * len(directions),
-            samples=radar.samples_per_chirp,
-            sweep=direction,
-            sampling=radar.sampling,
-            centre_s=(half - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
-        )
-        for half, direction in enumerate(directions)
-    )
-    first, last = radar.used_samples
-    return (
-        full_sweeps
-        if last - first == radar.samples_per_chirp
-        else tuple(used(chirp, first, last) for chirp in full_sweeps)
-    )
 
 
 def used(chirp: Chirp, first: int, last: int) -> Chirp:

@@ -8,19 +8,15 @@ a quarter of a turn, which is the Hilbert transform of the sum pattern over the 
 D of pattern sin(x) / x, x = k D u / 2, the ratio of both is tan(x / 2).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.radar.antenna import Antenna, Cut
-from sionna_radar.radar.main_lobe import lobe_samples, reach_of_power
-from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.radar.antenna import Cut
+from sionna_radar.radar.main_lobe import lobe_samples
 
-AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
 # Standard deviation of the phase over the two-way beam with the default baseline. The phase of an echo of many
 # scatterers gives their mean direction with an error of second order in this phase; the error from noise is inverse to
 # it. Both are equal at some 25 dB of a point.
@@ -103,59 +99,3 @@ def difference_pattern(cut: Cut) -> DifferencePattern:
 def baseline_of(spread: float, wavelength_m: float) -> float:
     """Return the baseline for a phase standard deviation of `SCATTER_RAD` over a beam of given spread."""
     return SCATTER_RAD * wavelength_m / (2 * np.pi * spread)
-
-
-def build_side_receivers(
-    radar: RadarTable, antenna: Antenna, spread: Sequence[float], wavelength_m: float
-) -> tuple[SideReceiver, ...]:
-    """Return the receivers beside the first of a scenario's radar; none if it has none.
-
-    Parameters
-    ----------
-    radar, antenna:
-        The scenario's `[radar]`, and its antenna.
-    spread:
-        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
-    wavelength_m:
-        Of the carrier.
-
-    Raises
-    ------
-    ScenarioError
-        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna without two cuts.
-
-    """
-    table = radar.second_receiver
-    if table is None:
-        return ()
-    axes = AXES[table.axis]
-    if table.kind == "monopulse":
-        if not antenna.separable:
-            message = "'monopulse' splits an antenna of two cuts into halves; set 'interferometer', or another antenna"
-            raise ScenarioError([Problem("radar.second_receiver.kind", message)])
-        cuts = {1: antenna.azimuth, 2: antenna.elevation}
-        return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
-    receivers, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
-    for axis in axes:
-        # With both axes, the row of receivers is along the last one, elevation.
-        in_row = table.receivers is not None and axis == axes[-1]
-        baseline_wavelengths = None if table.receivers is not None and not in_row else table.baseline_wavelengths
-        max_wavelengths = 1 / (2 * reach[axis - 1])
-        default_m = max_wavelengths * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
-        baseline_m = default_m if baseline_wavelengths is None else baseline_wavelengths * wavelength_m
-        if baseline_m > max_wavelengths * wavelength_m:
-            message = (
-                f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
-                f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {max_wavelengths:.3g}"
-            )
-            raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
-        receivers += [
-            SideReceiver(
-                axis=axis,
-                baseline_m=multiple * baseline_m,
-                true_baseline_m=multiple * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
-                phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
-            )
-            for multiple in range(1, (table.receivers or 2) if in_row else 2)
-        ]
-    return tuple(receivers)

@@ -5,7 +5,6 @@ from .bases import NavigationParameters as NavigationParameters
 from .bases import ScanParameters as ScanParameters
 from .bases import StageParameters as StageParameters
 from .bases import TerrainParameters as TerrainParameters
-from .lidar import LidarTable as LidarTable
 from .loading import load_scenario as load_scenario
 from .loading import parse_scenario as parse_scenario
 from .loading import shipped_scenarios as shipped_scenarios
@@ -36,6 +35,7 @@ from .radar import ElectronicScanTable as ElectronicScanTable
 from .radar import PatternAntennaTable as PatternAntennaTable
 from .radar import RadarTable as RadarTable
 from .radar import ScanTable as ScanTable
+from .receiver import LidarTable as LidarTable
 from .receiver import OscillatorTable as OscillatorTable
 from .receiver import ReceiverTable as ReceiverTable
 from .reference import reference as reference

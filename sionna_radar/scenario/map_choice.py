@@ -39,7 +39,7 @@ def _built_up(tables: Mapping[str, Any]) -> bool:
 
 def _whole_echoes(tables: Mapping[str, Any]) -> bool:
     sensor = tables.get("sensor", "radar")
-    if sensor not in SENSORS or not SENSORS.entry(sensor).provides_profiles:
+    if sensor not in SENSORS or not SENSORS.entry(sensor).facts.provides_profiles:
         return False
     if _value(tables, "processing", "angle") not in (None, "off"):
         return False

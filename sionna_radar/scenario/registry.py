@@ -12,8 +12,9 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module, metadata
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from sionna_radar.foundation.errors import PluginError, RadarError
 from sionna_radar.foundation.input_file import shown
@@ -25,6 +26,41 @@ PACKAGE = "sionna_radar"
 NAME = re.compile(r"[^\W_][\w:.+-]{0,63}")
 
 Builder = TypeVar("Builder", bound=Callable[..., Any])
+UseOfProfiles = Literal["unused", "optional", "required"]
+
+
+@dataclass(frozen=True)
+class Deferred:
+    """A function of this package by its dotted name, whose module is loaded by the first call."""
+
+    name: str
+
+    @cached_property
+    def function(self) -> Callable[..., Any]:
+        """The function itself."""
+        module, _, name = self.name.rpartition(".")
+        function: Callable[..., Any] = getattr(import_module(f"{PACKAGE}.{module}"), name)
+        return function
+
+    def __call__(self, *given: Any) -> Any:
+        """Call the function."""
+        return self.function(*given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """Facts of a part, for checks of a scenario that must not load the part.
+
+    provides_profiles: of a sensor: whether its observations have range profiles.
+    profiles: of a DEM method: how it uses range profiles.
+    uses: of a terrain: the `TerrainInputs` on which it depends.
+    frame: of a terrain: returns its own local frame on the map, or None, from its parameters.
+    """
+
+    provides_profiles: bool = False
+    profiles: UseOfProfiles = "unused"
+    uses: tuple[str, ...] = ()
+    frame: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +71,6 @@ class Entry:
     parameters: the table of its parameters; None for a part without any.
     build: returns the part from its parameters, if any, and the other arguments of its kind.
     origin: its package or script, in words.
-    provides_profiles: of a sensor: whether its observations have range profiles.
     """
 
     kind: str
@@ -43,7 +78,7 @@ class Entry:
     parameters: type[Table] | None
     build: Callable[..., Any]
     origin: str
-    provides_profiles: bool = False
+    facts: Facts = Facts()
 
     def __call__(self, parameters: Table | None, *given: Any) -> Any:
         """Return the part; PluginError where a custom one cannot be built."""
@@ -70,6 +105,25 @@ class Entry:
         return self.parameters.model_validate({} if parameters is None else parameters)
 
 
+@dataclass(frozen=True)
+class BuiltIn:
+    """A part of this package.
+
+    build, table: dotted names of its builder and of the table of its parameters; None for a part without any.
+    """
+
+    build: str
+    table: str | None = None
+    facts: Facts = Facts()
+
+    def entry(self, kind: str, name: str) -> Entry:
+        """Return it as registered; its table is loaded, its builder is not."""
+        table: Any = None if self.table is None else Deferred(self.table).function
+        return Entry(
+            kind=kind, name=name, parameters=table, build=Deferred(self.build), origin=PACKAGE, facts=self.facts
+        )
+
+
 class Registry:
     """The parts of one kind.
 
@@ -78,19 +132,18 @@ class Registry:
     kind:
         Kind of the parts, in words.
     ours:
-        Names of the built-in parts by module; modules are loaded on first use.
+        The built-in parts by name.
     base:
         Base table of all parameters.
 
     """
 
-    def __init__(self, kind: str, ours: Mapping[str, tuple[str, ...]], base: type[Table] = Table) -> None:
-        self.kind, self.base = kind, base
-        self._ours = {name: f"{PACKAGE}.{module}" for module, names in ours.items() for name in names}
+    def __init__(self, kind: str, ours: Mapping[str, BuiltIn], base: type[Table] = Table) -> None:
+        self.kind, self.base, self._ours = kind, base, ours
         self._entries: dict[str, Entry] = {}
 
     def register(
-        self, name: str, parameters: type[Any] | None = None, *, provides_profiles: bool = False
+        self, name: str, parameters: type[Any] | None = None, facts: Facts = Facts()
     ) -> Callable[[Builder], Builder]:
         """Return a decorator that registers the builder of a part.
 
@@ -100,8 +153,8 @@ class Registry:
             Name in scenarios.
         parameters:
             The table of its parameters, the first argument of the builder.
-        provides_profiles:
-            See `Entry`.
+        facts:
+            What a scenario must know of it.
 
         Raises
         ------
@@ -130,7 +183,7 @@ class Registry:
                     parameters=parameters,
                     build=build,
                     origin=_origin(build),
-                    provides_profiles=provides_profiles,
+                    facts=facts,
                 )
             )
             return build
@@ -139,7 +192,7 @@ class Registry:
 
     def _add(self, entry: Entry) -> None:
         existing = self._entries.get(entry.name)
-        if existing is None and entry.name in self._ours and entry.origin != PACKAGE:
+        if existing is None and entry.name in self._ours:
             existing = self.entry(entry.name)
         if existing is not None and _place(existing.build) != _place(entry.build):
             message = f"{self.kind} {entry.name!r} is registered already, by {existing.origin}; choose another name"
@@ -149,7 +202,7 @@ class Registry:
     def entry(self, name: str) -> Entry:
         """Return a registered part; KeyError for an unknown name."""
         if name not in self._entries and name in self._ours:
-            import_module(self._ours[name])
+            self._entries[name] = self._ours[name].entry(self.kind, name)
         if name not in self._entries:
             load_plugins()
         return self._entries[name]

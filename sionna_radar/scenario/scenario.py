@@ -18,11 +18,9 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
@@ -31,8 +29,8 @@ from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_average
-from sionna_radar.scenario.receiver import Interferer
+from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_angle, check_average
+from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,
@@ -265,8 +263,8 @@ class Scenario(Table):
                 f"weather.{uneven[0]}",
                 "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
             )
-        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
-        if needs_profiles and not SENSORS.entry(self.sensor).provides_profiles:
+        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
+        if needs_profiles and not SENSORS.entry(self.sensor).facts.provides_profiles:
             raise refuse(
                 "dem.method",
                 f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",
@@ -282,14 +280,14 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _angle_is_measured(self) -> Scenario:
         method = self.dem.method
-        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
+        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
         check_angle(self.processing, self.radar, self.weather, self.sensor, method if needs_profiles else None)
         return self
 
     @model_validator(mode="after")
     def _average_is_measured(self) -> Scenario:
         method = self.dem.method
-        uses_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", "unused") != "unused"
+        uses_profiles = DEM_METHODS.entry(method).facts.profiles != "unused"
         chosen = method if uses_profiles else None
         check_average(self.processing, self.radar, self.weather, self.tracing, self.sensor, chosen)
         return self

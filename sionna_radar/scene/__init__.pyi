@@ -1,9 +1,9 @@
 from .landscape import Landscape as Landscape
 from .landscape import TerrainInputs as TerrainInputs
-from .landscape import build_landscape as build_landscape
-from .landscape import landscape_of_heights as landscape_of_heights
-from .landscape import register_terrain as register_terrain
 from .model import Scene as Scene
 from .model import Surface as Surface
 from .model import Target as Target
 from .raycast import RayCaster as RayCaster
+from .terrains.build import build_landscape as build_landscape
+from .terrains.build import landscape_of_heights as landscape_of_heights
+from .terrains.build import register_terrain as register_terrain

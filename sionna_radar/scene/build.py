@@ -1,29 +1,40 @@
-"""Building the scene of a scenario: terrain or city, buildings, targets, materials."""
+"""Building the scene of a scenario: terrain or city, buildings, targets, materials.
+
+The ground with the objects on it is kept for the next survey of the same scene.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 from scipy.constants import speed_of_light
 
+from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.loading import content_key
-from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.scenario.registry import PACKAGE
+from sionna_radar.scenario.objects import Building, PointTarget, RotorTable, TargetMesh
+from sionna_radar.scenario.parts import MATERIALS, TERRAINS
+from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.canopy_heights import plant_heights
-from sionna_radar.scene.ground import build_ground, shared_ground
+from sionna_radar.scene.footprints import Box, OutlineFile, build_box, build_footprints
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
-from sionna_radar.scene.model import Scene, Target
+from sionna_radar.scene.model import Body, Scene, Surface, Target
+from sionna_radar.scene.motion import Rotor
+from sionna_radar.scene.objects import StandingMesh, build_objects
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.targets import target_of
-from sionna_radar.scene.vegetation import vegetation_of
+from sionna_radar.scene.targets import body_of, read_rcs, way_over
+from sionna_radar.scene.terrains.build import build_landscape, landscape_of_raster, mesh_source
+from sionna_radar.scene.vegetation import Stand, vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter, motions_of
+from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
 
 # Progress steps reported by `build_scene`.
 BUILDING_STEPS = 3
@@ -90,7 +101,10 @@ def build_scene(
             ground_material=land.ground_material,
             georeference=land.georeference,
             vegetation=vegetation_of(
-                scenario.vegetation, land.ground_m, window_m, partial(plant_heights, land.georeference, land.ground_m)
+                [_stand(table) for table in scenario.vegetation],
+                land.ground_m,
+                window_m,
+                partial(plant_heights, land.georeference, land.ground_m),
             ),
             motions=motions,
         )
@@ -150,3 +164,164 @@ def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
         target_of(table, f"targets.{index}", float(height[index]), land.standing_m, wavelength_m)
         for index, table in enumerate(scenario.targets)
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """A landscape with the objects on it, and rays against its surfaces; immutable."""
+
+    land: Landscape
+    surfaces: tuple[Surface, ...]
+    caster: RayCaster
+
+
+def build_ground(
+    scenario: Scenario,
+    given: TerrainInputs,
+    terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
+    *,
+    shared: bool = False,
+) -> Ground:
+    """Return the ground of a scenario, or a custom one, with the objects on it.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        It has no surface; a building is beyond it; an input file cannot be used.
+
+    """
+    if isinstance(terrain, Raster):
+        land = landscape_of_raster(terrain, scenario.terrain, given)
+    else:
+        land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+    require(land, Landscape, "terrain")
+    if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
+        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
+        raise ScenarioError([Problem("terrain", message)])
+    boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
+    surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
+    return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces, shared=shared))
+
+
+_LAST = KeptValues(1)
+
+
+def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
+    """Return the ground of a scenario, the same object for consecutive surveys with equal inputs.
+
+    Its key is the content of all its inputs, including the identity of files and, if it depends on them, the survey's
+    window, carrier and channel. Only the last one is cached; custom registered terrains, with unknown dependencies,
+    are not.
+    """
+    kind = scenario.terrain.kind
+    if TERRAINS.entry(kind).origin != PACKAGE:
+        return build_ground(scenario, given)
+    # Footprints are read within the window.
+    fields = set(TERRAINS.entry(kind).facts.uses) | ({"window_m"} if scenario.footprints else set())
+    key = content_key(
+        {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
+        | {name: getattr(given, name) for name in sorted(fields)}
+    )
+    if key is None:
+        return build_ground(scenario, given)
+    return _LAST.once(key, lambda: build_ground(scenario, given, shared=True))
+
+
+def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
+    datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
+    items = [
+        StandingMesh(source=mesh_source(item), position_m=item.position_m, on_ground=item.on_ground)
+        for item in scenario.objects
+    ]
+    return build_objects(items, land.ground_m, datum_m)
+
+
+def _footprints(scenario: Scenario, land: Landscape, inputs: TerrainInputs) -> tuple[Surface, ...]:
+    if not scenario.footprints:
+        return ()
+    frame = frame_of(land.georeference)
+    files = [OutlineFile(**table.model_dump()) for table in scenario.footprints]
+    built = [build_footprints(file, i, frame, inputs.window_m, land.ground_m) for i, file in enumerate(files)]
+    return tuple(surface for surfaces in built for surface in surfaces)
+
+
+AXES = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
+
+
+def target_of(
+    table: PointTarget,
+    key: str,
+    ground_m: float,
+    standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    wavelength_m: float,
+) -> Target:
+    """Return a target over the ground.
+
+    Parameters
+    ----------
+    table, key:
+        The target in the scenario, and its dotted key.
+    ground_m:
+        Height of the ground at its position.
+    standing_m:
+        Returns the ground height at horizontal positions.
+    wavelength_m:
+        Of the carrier; sets the subdivision of a body.
+
+    Raises
+    ------
+    ScenarioError
+        It stands, or moves, beyond the terrain.
+    InputFileError
+        Its table of cross-sections, or its mesh, cannot be read.
+
+    """
+    if not np.isfinite(ground_m):
+        message = f"{table.position_m} is beyond the terrain; move it or enlarge the terrain"
+        raise ScenarioError([Problem(f"{key}.position_m", message)])
+    return Target(
+        position_m=(*table.position_m, ground_m + table.height_m),
+        rcs_m2=0.0 if table.rcs_dbsm is None else from_db(table.rcs_dbsm),
+        swerling=table.swerling,
+        way=None
+        if table.speed_mps is None
+        else way_over(
+            (table.position_m, *table.waypoints_m),
+            table.height_m,
+            table.speed_mps,
+            key,
+            standing_m,
+            closed=table.closed,
+        ),
+        heading_rad=float(np.deg2rad(table.heading_deg)),
+        rcs_table=None if table.rcs_table is None else read_rcs(table.rcs_table),
+        rotors=tuple(_rotor(rotor) for rotor in table.rotors),
+        body=None if table.mesh is None else build_body(table.mesh, f"{key}.mesh", wavelength_m),
+    )
+
+
+def _rotor(table: RotorTable) -> Rotor:
+    return Rotor(
+        offset_m=table.offset_m,
+        axis=AXES[table.axis],
+        radius_m=table.radius_m,
+        turns_per_s=table.rotation_rpm / 60,
+        blades=table.blades,
+        points=table.points,
+        rcs_m2=from_db(table.rcs_dbsm),
+    )
+
+
+def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
+    """Return the body of a target; raises as `body_of` does."""
+    return body_of(mesh_source(table), key, wavelength_m, from_db(table.reflectivity_db))
+
+
+def box_of(table: Building) -> Box:
+    """Return a building of the scenario as a box."""
+    heading_rad = float(np.deg2rad(table.heading_deg))
+    return Box(position_m=table.position_m, size_m=table.size_m, heading_rad=heading_rad, material=table.material)
+
+
+def _stand(table: VegetationTable) -> Stand:
+    return Stand(of_cloud=table.of_cloud, **table.model_dump())

@@ -12,9 +12,9 @@ from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid
-from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.terrains.points import Unstated
+from sionna_radar.scene.vegetation import Stand
 
 MAX_CELLS = 50_000_000
 
@@ -24,7 +24,7 @@ Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 def plant_heights(
     georeference: Georeference | None,
     ground_m: Heights,
-    stand: VegetationTable,
+    stand: Stand,
     key: str,
     point_m: Float[np.ndarray, "n 2"],
 ) -> Float[np.ndarray, " n"]:
@@ -59,7 +59,7 @@ def plant_heights(
 def _of_cloud(
     georeference: Georeference | None,
     ground_m: Heights,
-    stand: VegetationTable,
+    stand: Stand,
     key: str,
     point_m: Float[np.ndarray, "n 2"],
 ) -> Float[np.ndarray, " n"]:

@@ -2,7 +2,9 @@
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,6 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.objects import Building, Footprints
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import Polygons, read_polygons
 
@@ -25,6 +26,37 @@ HIGHEST_M, LOWEST_M = 2000.0, 0.01
 FOOT_M, INCH_M = 0.3048, 0.0254
 METRES = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*(m|metres|meters|ft|feet|')?\s*")
 FEET_AND_INCHES = re.compile(r"\s*([0-9]+)\s*'\s*([0-9]*\.?[0-9]+)\s*\"\s*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutlineFile:
+    """A vector file of the outlines of buildings.
+
+    layer: None for its only one.
+    height, levels: attributes with the height and with the number of storeys, of `level_height_m` each; None for none.
+    height_m: of outlines for which the attributes say nothing; None leaves them out.
+    material: of walls and roofs, but where `material_attribute` has a value of `materials`.
+    """
+
+    path: Path
+    layer: str | None = None
+    height: str | None = None
+    levels: str | None = None
+    level_height_m: float = 3.0
+    height_m: float | None = None
+    material: str = "building"
+    material_attribute: str | None = None
+    materials: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """A box on the ground: the place of its middle, its length, width and height, and the heading of its length."""
+
+    position_m: tuple[float, float]
+    size_m: tuple[float, float, float]
+    heading_rad: float = 0.0
+    material: str = "building"
 
 
 def height_of(value: Any) -> float:
@@ -46,7 +78,7 @@ def height_of(value: Any) -> float:
 
 
 def build_footprints(
-    table: Footprints,
+    file: OutlineFile,
     index: int,
     frame: MapFrame | None,
     window_m: tuple[float, float, float, float],
@@ -58,7 +90,7 @@ def build_footprints(
 
     Parameters
     ----------
-    table, index:
+    file, index:
         The file and its number in the scenario.
     frame, window_m:
         Position of the local frame on the map, and the extent visible to the survey (west, south, east, north).
@@ -73,15 +105,15 @@ def build_footprints(
     """
     import shapely
 
-    key, name = f"footprints.{index}", f"footprints.{index}.path = {shown(table.path)}"
+    key, name = f"footprints.{index}", f"footprints.{index}.path = {shown(file.path)}"
     attributes = [
-        attribute for attribute in (table.height, table.levels, table.material_attribute) if attribute is not None
+        attribute for attribute in (file.height, file.levels, file.material_attribute) if attribute is not None
     ]
-    polygons = read_polygons(table.path, key, list(dict.fromkeys(attributes)), frame, window_m, table.layer)
+    polygons = read_polygons(file.path, key, list(dict.fromkeys(attributes)), frame, window_m, file.layer)
     if len(polygons.shape) == 0:
         logger.warning("%s: has no polygon within the survey's reach", name)
         return ()
-    height = _heights(table, polygons.values, len(polygons.shape))
+    height = _heights(file, polygons.values, len(polygons.shape))
     shape = shapely.orient_polygons(shapely.remove_repeated_points(polygons.shape, 1e-3))
     base = _lowest_ground(shape, ground_m)
     tall = (height >= LOWEST_M) & (height <= HIGHEST_M)
@@ -96,7 +128,7 @@ def build_footprints(
     if not keep.any():
         message = f"none of its {len(shape):,} outlines stands on the terrain; check its place and CRS"
         raise ScenarioError([Problem(f"{key}.path", message)])
-    material = _materials(table, polygons.values, len(shape), key)
+    material = _materials(file, polygons.values, len(shape), key)
     surfaces: list[Surface] = []
     for name in dict.fromkeys(material[keep]):
         selected = keep & (material == name)
@@ -106,20 +138,20 @@ def build_footprints(
     return tuple(surfaces)
 
 
-def _materials(table: Footprints, values: dict[str, np.ndarray], count: int, key: str) -> np.ndarray:
+def _materials(file: OutlineFile, values: dict[str, np.ndarray], count: int, key: str) -> np.ndarray:
     """Return the material of each polygon.
 
     Raises ScenarioError for values without a polygon.
     """
-    if table.material_attribute is None:
-        return np.full(count, table.material, dtype=object)
-    attribute_values = ["" if value is None else str(value) for value in values[table.material_attribute]]
-    missing = sorted(set(table.materials) - set(attribute_values))
+    if file.material_attribute is None:
+        return np.full(count, file.material, dtype=object)
+    attribute_values = ["" if value is None else str(value) for value in values[file.material_attribute]]
+    missing = sorted(set(file.materials) - set(attribute_values))
     if missing:
         options = ", ".join(shown(name) for name in sorted(set(attribute_values) - {""})[:50]) or "none at all"
-        message = f"no outline has {', '.join(map(shown, missing))} as {table.material_attribute}; there are {options}"
+        message = f"no outline has {', '.join(map(shown, missing))} as {file.material_attribute}; there are {options}"
         raise ScenarioError([Problem(f"{key}.materials", message)])
-    return np.array([table.materials.get(value, table.material) for value in attribute_values], dtype=object)
+    return np.array([file.materials.get(value, file.material) for value in attribute_values], dtype=object)
 
 
 def _log_omissions(
@@ -137,15 +169,15 @@ def _log_omissions(
         logger.warning(message, name, counts_text or "none", f"{polygons.repaired:,}", f"{len(polygons.shape):,}")
 
 
-def _heights(table: Footprints, values: dict[str, np.ndarray], count: int) -> Float[np.ndarray, " polygon"]:
+def _heights(file: OutlineFile, values: dict[str, np.ndarray], count: int) -> Float[np.ndarray, " polygon"]:
     """Return the height of each polygon: from its attribute, its storeys, or the common height; NaN without any."""
     height = np.full(count, np.nan)
-    if table.height is not None:
-        height = np.array([height_of(value) for value in values[table.height]], dtype=np.float64)
-    if table.levels is not None:
-        levels = np.array([height_of(value) for value in values[table.levels]], dtype=np.float64)
-        height = np.where(np.isfinite(height), height, levels * table.level_height_m)
-    return height if table.height_m is None else np.where(np.isfinite(height), height, table.height_m)
+    if file.height is not None:
+        height = np.array([height_of(value) for value in values[file.height]], dtype=np.float64)
+    if file.levels is not None:
+        levels = np.array([height_of(value) for value in values[file.levels]], dtype=np.float64)
+        height = np.where(np.isfinite(height), height, levels * file.level_height_m)
+    return height if file.height_m is None else np.where(np.isfinite(height), height, file.height_m)
 
 
 def _lowest_ground(
@@ -204,10 +236,8 @@ def _extruded(
     return np.concatenate([foot, eaves]), np.concatenate([walls, roof + count])
 
 
-def build_box(
-    building: Building, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
-) -> Surface:
-    """Return a building as a box: its base on the lowest ground in its outline, its height above that.
+def build_box(box: Box, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]) -> Surface:
+    """Return a box as a surface: its base on the lowest ground in its outline, its height above that.
 
     Raises
     ------
@@ -215,25 +245,25 @@ def build_box(
         Part of the outline is outside the terrain.
 
     """
-    length, width, height = building.size_m
-    heading = np.deg2rad(building.heading_deg)
+    length, width, height = box.size_m
+    heading = box.heading_rad
     along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
     share = np.linspace(-0.5, 0.5, 21)
     a, b = (grid.ravel()[:, None] for grid in np.meshgrid(share * length, share * width))
-    base = float(np.min(ground_m(np.array(building.position_m) + a * along + b * across)))
+    base = float(np.min(ground_m(np.array(box.position_m) + a * along + b * across)))
     if not np.isfinite(base):
-        message = f"the building at {building.position_m} extends beyond the terrain; move it or enlarge the terrain"
+        message = f"the building at {box.position_m} extends beyond the terrain; move it or enlarge the terrain"
         raise ScenarioError([Problem(f"buildings.{index}.position_m", message)])
     transform = np.eye(4)
     transform[:2, 0], transform[:2, 1] = across, along
-    transform[:3, 3] = [*building.position_m, base + height / 2]
+    transform[:3, 3] = [*box.position_m, base + height / 2]
     # Slow to import (0.1 s), and most scenes have no boxes.
     import trimesh
 
-    box = trimesh.creation.box(extents=(width, length, height), transform=transform)
+    mesh = trimesh.creation.box(extents=(width, length, height), transform=transform)
     return Surface(
         name=f"building-{index}",
-        vertices_m=np.asarray(box.vertices, dtype=np.float64),
-        faces=np.asarray(box.faces, dtype=np.int64),
-        material=building.material,
+        vertices_m=np.asarray(mesh.vertices, dtype=np.float64),
+        faces=np.asarray(mesh.faces, dtype=np.int64),
+        material=box.material,
     )

@@ -9,6 +9,7 @@ From a top to the next underside is air; from an underside to the next top is so
 an underside (a roof on walls).
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,6 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.foundation.raster_file import open_raster, require_cells
-from sionna_radar.scenario.bases import CoveredTerrain
-from sionna_radar.scenario.cover import CoverRaster, CoverVector
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
 from sionna_radar.scene.vector_file import read_polygons
@@ -35,10 +34,61 @@ NO_CLASS = -(2**31)
 MAX_CELLS_READ = 100_000_000
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClassRaster:
+    """A raster of land-cover classes, and the material of each."""
+
+    path: Path
+    materials: Mapping[int, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClassPolygons:
+    """A vector file of land-cover polygons, and the material of each value of an attribute; layer: None for its own."""
+
+    path: Path
+    attribute: str
+    materials: Mapping[str, str]
+    layer: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaterialRectangle:
+    """A rectangle of another material: its centre and its size along east and north."""
+
+    centre_m: tuple[float, float]
+    size_m: tuple[float, float]
+    material: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaterialPolygon:
+    """A polygon of another material, by its corners."""
+
+    corners_m: Sequence[tuple[float, float]]
+    material: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundCover:
+    """The material of the ground, and its covers in their order; see the module."""
+
+    material: str = "ground"
+    raster: ClassRaster | None = None
+    vector: ClassPolygons | None = None
+    fields: tuple[MaterialRectangle, ...] = ()
+    polygons: tuple[MaterialPolygon, ...] = ()
+
+    @property
+    def bare(self) -> bool:
+        """Whether nothing covers the ground."""
+        return self.raster is None and self.vector is None and not self.fields and not self.polygons
+
+
 def cover_ground(
     vertices_m: Float[np.ndarray, "vertex 3"],
     faces: Int[np.ndarray, "face 3"],
-    terrain: CoveredTerrain,
+    cover: GroundCover,
     georeference: Georeference | None,
 ) -> tuple[Surface, ...]:
     """Return the ground's mesh as one surface for each visible cover.
@@ -49,27 +99,25 @@ def cover_ground(
         A polygon covers no face; the raster of classes cannot be read or georeferenced.
 
     """
-    files = terrain.cover_raster is not None or terrain.cover_vector is not None
-    if not files and not terrain.cover and not getattr(terrain, "fields", ()):
-        return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=terrain.material),)
+    if cover.bare:
+        return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=cover.material),)
     middle = vertices_m[faces][:, :, :2].mean(axis=1)
-    names = [terrain.material]
+    names = [cover.material]
     owner = np.zeros(len(faces), dtype=np.int64)
-    if terrain.cover_raster is not None:
-        value = classes_at(terrain.cover_raster, middle, georeference)
-        for cover_class, name in terrain.cover_raster.material_of_class.items():
+    if cover.raster is not None:
+        value = classes_at(cover.raster, middle, georeference)
+        for cover_class, name in cover.raster.materials.items():
             owner[value == cover_class] = len(names)
             names.append(name)
-    if terrain.cover_vector is not None:
-        classes = list(terrain.cover_vector.classes)
-        value = vector_classes_at(terrain.cover_vector, middle, georeference)
+    if cover.vector is not None:
+        value = vector_classes_at(cover.vector, middle, georeference)
         owner = np.where(value >= 0, len(names) + value, owner)
-        names += [terrain.cover_vector.classes[name] for name in classes]
-    for field in getattr(terrain, "fields", ()):
+        names += cover.vector.materials.values()
+    for field in cover.fields:
         owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
         names.append(field.material)
-    for index, polygon in enumerate(terrain.cover):
-        covered = _inside(np.array(polygon.polygon_m), middle)
+    for index, polygon in enumerate(cover.polygons):
+        covered = _inside(np.array(polygon.corners_m), middle)
         if len(covered) == 0:
             message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
             raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
@@ -77,12 +125,12 @@ def cover_ground(
         names.append(polygon.material)
     count = np.bincount(owner, minlength=len(names))
     if np.count_nonzero(count) == 1:
-        cover = int(np.argmax(count))
-        return (Surface(name=f"terrain-{cover}", vertices_m=vertices_m, faces=faces, material=names[cover]),)
+        only = int(np.argmax(count))
+        return (Surface(name=f"terrain-{only}", vertices_m=vertices_m, faces=faces, material=names[only]),)
     groups = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
     return tuple(
-        _part(vertices_m, faces[face_rows], cover, names[cover])
-        for cover, face_rows in enumerate(groups)
+        _part(vertices_m, faces[face_rows], number, names[number])
+        for number, face_rows in enumerate(groups)
         if len(face_rows)
     )
 
@@ -105,7 +153,7 @@ def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, 
 
 
 def vector_classes_at(
-    cover: CoverVector, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
+    cover: ClassPolygons, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
     """Return the class at each horizontal position, by its number in the table; -1 without one.
 
@@ -125,7 +173,7 @@ def vector_classes_at(
     (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
     window_m = (float(west), float(south), float(east), float(north))
     polygons = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
-    class_index = {name: polygon_class for polygon_class, name in enumerate(cover.classes)}
+    class_index = {name: polygon_class for polygon_class, name in enumerate(cover.materials)}
     polygon_class = np.array(
         [class_index.get(_class_name(v), -1) for v in polygons.values[cover.attribute]], dtype=np.int64
     )
@@ -134,8 +182,8 @@ def vector_classes_at(
     if len(point) == 0:
         options = sorted({_class_name(v) for v in polygons.values[cover.attribute]})
         message = (
-            f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.classes))} lies "
-            f"over the terrain; those over it are {', '.join(map(shown, options[:50])) or 'none'}"
+            f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.materials))} "
+            f"lies over the terrain; those over it are {', '.join(map(shown, options[:50])) or 'none'}"
         )
         raise InputFileError(message)
     last_polygon = np.full(len(point_m), -1, dtype=np.int64)
@@ -151,7 +199,7 @@ def _class_name(value: Any) -> str:
 
 
 def classes_at(
-    cover: CoverRaster, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
+    cover: ClassRaster, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
     """Return the class value of the raster cell at each horizontal position; NO_CLASS beyond the raster.
 

@@ -1,8 +1,9 @@
 """Placement of mesh files in the scene: units, axes, heading, materials, and the ground below."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +11,6 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.objects import MeshObject
-from sionna_radar.scenario.terrain import MeshFile, MeshShape
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
@@ -25,27 +24,56 @@ SIONNA_PREFIX = "mat-"
 GROUND_SAMPLES = 21
 
 
-def upright(table: MeshShape, key: str) -> tuple[MeshPart, ...]:
+@dataclass(frozen=True, kw_only=True)
+class MeshSource:
+    """A file of triangles, with its axes, its size and what it is made of.
+
+    units, metres_per_unit: of its coordinates, the latter with its scale.
+    up: its axis that points up; None for that of its format.
+    heading_rad: clockwise turn of its y axis (of -z where y is up) from north.
+    centre: what stands at its position: the file's origin, or the middle of its box at its lowest point.
+    material, materials: of all of it but some parts, and of these by their names.
+    """
+
+    path: Path
+    units: str = "m"
+    metres_per_unit: float = 1.0
+    up: Literal["y", "z"] | None = None
+    heading_rad: float = 0.0
+    centre: Literal["origin", "box"] = "origin"
+    material: str = "building"
+    materials: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandingMesh:
+    """A mesh at a place: east and north where it stands on the ground, otherwise with its height above the datum."""
+
+    source: MeshSource
+    position_m: tuple[float, ...]
+    on_ground: bool = True
+
+
+def upright(source: MeshSource, key: str) -> tuple[MeshPart, ...]:
     """Return a mesh file in metres, z up, rotated to its heading about its own origin.
 
     Raises InputFileError if it cannot be read or its size is implausible.
     """
-    parts = read_mesh(table.path, f"{key}.path")
+    parts = read_mesh(source.path, f"{key}.path")
     turn = np.eye(3)
-    if (table.up or up_axis(table.path)) == "y":
+    if (source.up or up_axis(source.path)) == "y":
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    heading = np.deg2rad(table.heading_deg)
-    cos, sin = np.cos(heading), np.sin(heading)
-    turn = table.metres_per_unit * np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ turn
+    cos, sin = np.cos(source.heading_rad), np.sin(source.heading_rad)
+    turn = source.metres_per_unit * np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ turn
     with np.errstate(over="ignore", invalid="ignore"):  # non-finite vertices are detected below
         placed = tuple(MeshPart(name=p.name, vertices=p.vertices @ turn.T, faces=p.faces) for p in parts)
-        _check_size(placed, table, key)
+        _check_size(placed, source, key)
     return placed
 
 
-def about_box(parts: Sequence[MeshPart], table: MeshFile) -> tuple[MeshPart, ...]:
+def about_box(parts: Sequence[MeshPart], source: MeshSource) -> tuple[MeshPart, ...]:
     """Return an upright mesh about its reference point: its origin or the middle of its base."""
-    if table.centre == "origin":
+    if source.centre == "origin":
         return tuple(parts)
     lower, upper = corners_of(parts)
     middle = np.array([*(lower + upper)[:2] / 2, lower[2]])
@@ -78,18 +106,20 @@ def _far_from_origin(place_m: Float[np.ndarray, "n 3"]) -> str:
     return f"; its file's origin lies {distance_m:,.0f} m from the middle of its box: set centre = 'box'"
 
 
-def _check_size(parts: Sequence[MeshPart], table: MeshShape, key: str) -> None:
+def _check_size(parts: Sequence[MeshPart], source: MeshSource, key: str) -> None:
     lower, upper = corners_of(parts)
     largest = float(np.max(upper - lower))
-    label = f"{key}.path = {shown(table.path)}"
+    label = f"{key}.path = {shown(source.path)}"
     if not np.isfinite(largest):
         message = f"{label}: none of its vertices is a place; export the mesh again"
         raise InputFileError(message)
     if largest > LARGEST_M:
-        message = f"{label}: is {largest / 1000:,.0f} km across in units = '{table.units}'; set units = 'mm' or a scale"
+        message = (
+            f"{label}: is {largest / 1000:,.0f} km across in units = '{source.units}'; set units = 'mm' or a scale"
+        )
         raise InputFileError(message)
     if largest < SMALLEST_M:
-        message = f"{label}: is {largest * 1000:.3g} mm across in units = '{table.units}'; set units = 'km' or a scale"
+        message = f"{label}: is {largest * 1000:.3g} mm across in units = '{source.units}'; set units = 'km' or a scale"
         raise InputFileError(message)
 
 
@@ -102,12 +132,12 @@ def corners_of(parts: Sequence[MeshPart]) -> Float[np.ndarray, "2 3"]:
     return np.array([referenced.min(axis=0), referenced.max(axis=0)])
 
 
-def material_of_parts(parts: Sequence[MeshPart], table: MeshFile, key: str) -> list[str]:
+def material_of_parts(parts: Sequence[MeshPart], source: MeshSource, key: str) -> list[str]:
     """Return the scenario's material of each part.
 
     Raises ScenarioError for a table of materials with names that the mesh does not have.
     """
-    assigned = {name.removeprefix(SIONNA_PREFIX): material for name, material in table.materials.items()}
+    assigned = {name.removeprefix(SIONNA_PREFIX): material for name, material in source.materials.items()}
     part_names = [part.name.removeprefix(SIONNA_PREFIX) for part in parts]
     missing = sorted(set(assigned) - set(part_names))
     if missing:
@@ -116,7 +146,7 @@ def material_of_parts(parts: Sequence[MeshPart], table: MeshFile, key: str) -> l
         )
         message = f"the mesh has no {', '.join(shown(name) for name in missing)}; it has {options[:1000]}"
         raise ScenarioError([Problem(f"{key}.materials", message)])
-    return [assigned.get(name, table.material) for name in part_names]
+    return [assigned.get(name, source.material) for name in part_names]
 
 
 def surfaces_of(mesh: RepairedMesh, materials: Sequence[str], name: str) -> tuple[Surface, ...]:
@@ -147,13 +177,13 @@ class ReadObject:
     materials: list[str]
 
 
-def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
+def build_objects(items: Sequence[StandingMesh], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
     """Return objects as surfaces, one or two per material of each; copies of one file are read once.
 
     Parameters
     ----------
-    tables:
-        The scenario's objects.
+    items:
+        The objects, in the order of the scenario.
     ground_m:
         Height of the ground at horizontal positions; NaN beyond the terrain.
     datum_m:
@@ -167,31 +197,31 @@ def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: floa
     """
     cache: dict[str, ReadObject] = {}
     surfaces: list[Surface] = []
-    for index, table in enumerate(tables):
-        key = table.model_dump_json(exclude={"position_m", "on_ground"})
+    for index, item in enumerate(items):
+        key = repr(item.source)
         if key not in cache:
-            cache[key] = _read(table, f"objects.{index}")
-        surfaces += _placed(table, index, cache[key], ground_m, datum_m)
+            cache[key] = _read(item.source, f"objects.{index}")
+        surfaces += _placed(item, index, cache[key], ground_m, datum_m)
     return tuple(surfaces)
 
 
-def _read(table: MeshObject, key: str) -> ReadObject:
-    parts = about_box(upright(table, key), table)
-    materials = material_of_parts(parts, table, key)
-    return ReadObject(mesh=repair(parts, f"{key}.path = {shown(table.path)}"), materials=materials)
+def _read(source: MeshSource, key: str) -> ReadObject:
+    parts = about_box(upright(source, key), source)
+    materials = material_of_parts(parts, source, key)
+    return ReadObject(mesh=repair(parts, f"{key}.path = {shown(source.path)}"), materials=materials)
 
 
-def _placed(table: MeshObject, index: int, item: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
+def _placed(item: StandingMesh, index: int, read: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
     """Return an object at its position in the scene."""
-    mesh, key = item.mesh, f"objects.{index}.position_m"
-    east, north, *height = table.position_m
+    mesh, key = read.mesh, f"objects.{index}.position_m"
+    east, north, *height = item.position_m
     kept_vertices = mesh.vertices_m[np.unique(mesh.faces)]
-    if table.on_ground:
+    if item.on_ground:
         ground = float(np.min(ground_m(_under(kept_vertices[:, :2]) + np.array([east, north]))))
         if not np.isfinite(ground):
             box = box_text(kept_vertices + np.array([east, north, 0.0])).rsplit(", z", 1)[0]
             message = (
-                f"the object at {table.position_m}, {box}, extends beyond the terrain; move it or enlarge the terrain"
+                f"the object at {item.position_m}, {box}, extends beyond the terrain; move it or enlarge the terrain"
                 f"{_far_from_origin(kept_vertices)}"
             )
             raise ScenarioError([Problem(key, message)])
@@ -199,8 +229,8 @@ def _placed(table: MeshObject, index: int, item: ReadObject, ground_m: Heights, 
     else:
         lift_m = height[0] - datum_m
     placed = replace(mesh, vertices_m=mesh.vertices_m + np.array([east, north, lift_m]))
-    check_reach(placed.vertices_m[np.unique(placed.faces)], key, table.path)
-    return surfaces_of(placed, item.materials, f"object-{index}")
+    check_reach(placed.vertices_m[np.unique(placed.faces)], key, item.source.path)
+    return surfaces_of(placed, read.materials, f"object-{index}")
 
 
 def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None:

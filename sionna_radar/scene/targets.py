@@ -1,7 +1,7 @@
 """Targets of a scene: points, tables of cross-sections, and bodies from meshes."""
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +9,10 @@ from jaxtyping import Float
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import read_text, shown
-from sionna_radar.foundation.numerics import from_db
-from sionna_radar.scenario.objects import PointTarget, RotorTable, TargetMesh
 from sionna_radar.scene.mesh_files.repair import repair
-from sionna_radar.scene.model import Body, Target
-from sionna_radar.scene.motion import RcsTable, Rotor, Way
-from sionna_radar.scene.objects import upright
+from sionna_radar.scene.model import Body
+from sionna_radar.scene.motion import RcsTable, Way
+from sionna_radar.scene.objects import MeshSource, upright
 
 AZIMUTH, ELEVATION, RCS = "azimuth_deg", "elevation_deg", "rcs_dbsm"
 REMEDY = f"give a CSV file with the columns {AZIMUTH},{RCS}, and {ELEVATION} if it depends on that"
@@ -69,8 +67,10 @@ NEAREST_M = 10.0
 MAX_FACES = 200_000
 
 
-def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
+def body_of(source: MeshSource, key: str, wavelength_m: float, reflectivity: float = 1.0) -> Body:
     """Return the body of a target.
+
+    reflectivity: of its surface, power over that of a perfect conductor.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
         It is so large that it would have too many faces.
 
     """
-    mesh = repair(upright(table, key), f"{key}.path = {shown(table.path)}")
+    mesh = repair(upright(source, key), f"{key}.path = {shown(source.path)}")
     longest_m = np.sqrt(wavelength_m * NEAREST_M / 4)
     corner = mesh.vertices_m[mesh.faces]
     side_m = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
@@ -102,64 +102,25 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
         vertices_m=vertices,
         faces=faces.astype(np.int64),
         two_sided=mesh.two_sided[owner],
-        reflectivity=from_db(table.reflectivity_db),
+        reflectivity=reflectivity,
     )
 
 
-AXES = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
 # Largest step, and largest number of steps, in which a path follows the ground.
 STEP_M, MAX_STEPS = 2.0, 20_000
 
 
-def target_of(
-    table: PointTarget,
+def way_over(
+    waypoints_m: Sequence[tuple[float, float]],
+    height_m: float,
+    speed_mps: float,
     key: str,
-    ground_m: float,
     standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
-    wavelength_m: float,
-) -> Target:
-    """Return a target over the ground.
-
-    Parameters
-    ----------
-    table, key:
-        The target in the scenario, and its dotted key.
-    ground_m:
-        Height of the ground at its position.
-    standing_m:
-        Returns the ground height at horizontal positions.
-    wavelength_m:
-        Of the carrier; sets the subdivision of a body.
-
-    Raises
-    ------
-    ScenarioError
-        It stands, or moves, beyond the terrain.
-    InputFileError
-        Its table of cross-sections, or its mesh, cannot be read.
-
-    """
-    if not np.isfinite(ground_m):
-        message = f"{table.position_m} is beyond the terrain; move it or enlarge the terrain"
-        raise ScenarioError([Problem(f"{key}.position_m", message)])
-    return Target(
-        position_m=(*table.position_m, ground_m + table.height_m),
-        rcs_m2=0.0 if table.rcs_dbsm is None else from_db(table.rcs_dbsm),
-        swerling=table.swerling,
-        way=_way(table, key, standing_m),
-        heading_rad=float(np.deg2rad(table.heading_deg)),
-        rcs_table=None if table.rcs_table is None else read_rcs(table.rcs_table),
-        rotors=tuple(_rotor(rotor) for rotor in table.rotors),
-        body=None if table.mesh is None else body_of(table.mesh, f"{key}.mesh", wavelength_m),
-    )
-
-
-def _way(
-    table: PointTarget, key: str, standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
-) -> Way | None:
-    if table.speed_mps is None:
-        return None
-    waypoints = np.array([table.position_m, *table.waypoints_m, *([table.position_m] if table.closed else [])])
+    *,
+    closed: bool,
+) -> Way:
+    """Return a way along waypoints, at a height above the ground and a speed; ScenarioError where there is none."""
+    waypoints = np.array([*waypoints_m, *(waypoints_m[:1] if closed else [])])
     length_m = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     step_m = max(STEP_M, float(length_m.sum()) / MAX_STEPS)
     pieces = [
@@ -171,18 +132,4 @@ def _way(
     if not np.all(np.isfinite(height)):
         message = "its way leaves the terrain; keep it over ground, or enlarge the terrain"
         raise ScenarioError([Problem(f"{key}.waypoints_m", message)])
-    return Way(
-        corner_m=np.column_stack([corner, height + table.height_m]), speed_mps=table.speed_mps, closed=table.closed
-    )
-
-
-def _rotor(table: RotorTable) -> Rotor:
-    return Rotor(
-        offset_m=table.offset_m,
-        axis=AXES[table.axis],
-        radius_m=table.radius_m,
-        turns_per_s=table.rotation_rpm / 60,
-        blades=table.blades,
-        points=table.points,
-        rcs_m2=from_db(table.rcs_dbsm),
-    )
+    return Way(corner_m=np.column_stack([corner, height + height_m]), speed_mps=speed_mps, closed=closed)

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,7 +14,6 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.scenario.cover import VegetationTable
 
 logger = logging.getLogger("sionna_radar")
 
@@ -25,8 +25,32 @@ TALLEST_M = 100.0
 # Larger heights in a file are undeclared nodata values.
 NO_PLANT_M = 1000.0
 
+
+@dataclass(frozen=True, kw_only=True)
+class Stand:
+    """A stand of plants.
+
+    polygon_m: corners of its outline; None for all that its file covers.
+    height_m: of its top above the ground; None for that of its file.
+    path: a raster of heights above ground in metres, or a point cloud, whose highest points of some classes are taken
+        in cells of `cloud_spacing_m`.
+    least_height_m: below which nothing stands.
+    extinction_db_per_m, backscatter_db_per_m: of power, one way; cross-section per volume.
+    """
+
+    polygon_m: tuple[tuple[float, float], ...] | None = None
+    height_m: float | None = None
+    path: FilePath | None = None
+    of_cloud: bool = False
+    classes: tuple[int, ...] = (3, 4, 5)
+    cloud_spacing_m: float = 1.0
+    least_height_m: float = 0.5
+    extinction_db_per_m: float
+    backscatter_db_per_m: float
+
+
 # Returns heights of plants at horizontal positions from a raster file; NaN without data.
-CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+CanopyHeights = Callable[[Stand, str, Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,16 +88,16 @@ class PlantCover:
 
 
 def vegetation_of(
-    tables: Sequence[VegetationTable],
+    stands: Sequence[Stand],
     ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
     window_m: tuple[float, float, float, float],
     heights: CanopyHeights,
 ) -> PlantCover | None:
-    """Return the vegetation of a scenario; None if it has none.
+    """Return all stands as one cover; None for none.
 
     Parameters
     ----------
-    tables:
+    stands:
         The stands.
     ground_m:
         Returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
@@ -91,36 +115,36 @@ def vegetation_of(
         A raster of heights cannot be read, or has implausible heights.
 
     """
-    if not tables:
+    if not stands:
         return None
     west, south, east, north = window_m
     window_corners = np.array([[west, south], [east, south], [east, north], [west, north]])
-    corners = [window_corners if table.polygon_m is None else np.array(table.polygon_m) for table in tables]
+    corners = [window_corners if own.polygon_m is None else np.array(own.polygon_m) for own in stands]
     grid = _grid(corners, window_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
-    for index, (table, corner) in enumerate(zip(tables, corners, strict=True)):
+    for index, (own, corner) in enumerate(zip(stands, corners, strict=True)):
         in_stand = _inside(grid, corner)
         points = grid.centres_m[in_stand.ravel()]
-        height = np.full(len(points), table.height_m)
-        if table.path is not None:
-            height = heights(table, f"vegetation.{index}", points) if len(points) else np.zeros(0)
+        height = np.full(len(points), own.height_m)
+        if own.path is not None:
+            height = heights(own, f"vegetation.{index}", points) if len(points) else np.zeros(0)
             if np.any(height > NO_PLANT_M):
                 message = (
-                    f"vegetation.{index}.path = {shown(table.path)}: holds plants {np.nanmax(height):g} m high; give "
+                    f"vegetation.{index}.path = {shown(own.path)}: holds plants {np.nanmax(height):g} m high; give "
                     "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
                 )
                 raise InputFileError(message)
             too_tall = int(np.sum(height > TALLEST_M))
             if too_tall:
                 message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
-                logger.warning(message, index, shown(table.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
-            height = np.where(height >= table.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+                logger.warning(message, index, shown(own.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
+            height = np.where(height >= own.least_height_m, np.minimum(height, TALLEST_M), np.nan)
         if len(points) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
             continue
         if not np.any(np.isfinite(ground_m(points)) & np.isfinite(height)):
             field, threshold = "polygon_m", ""
-            if table.path is not None:
-                field, threshold = "path", f" of least_height_m = {table.least_height_m:g} or more"
+            if own.path is not None:
+                field, threshold = "path", f" of least_height_m = {own.least_height_m:g} or more"
             message = (
                 f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
             )
@@ -135,8 +159,8 @@ def vegetation_of(
         stand=stand,
         plant_m=np.where(stand >= 0, plant_m, np.nan),
         top_m=np.where(stand >= 0, base_m + plant_m, -np.inf),
-        extinction_per_m=np.array([NEPERS * table.extinction_db_per_m for table in tables]),
-        backscatter_per_m=np.array([from_db(table.backscatter_db_per_m) for table in tables]),
+        extinction_per_m=np.array([NEPERS * own.extinction_db_per_m for own in stands]),
+        backscatter_per_m=np.array([from_db(own.backscatter_db_per_m) for own in stands]),
     )
 
 

@@ -12,17 +12,21 @@ order ((jf + f1) / (jf + f2)), so that the attenuation of the nearest ranges is 
 Each path's beat is a steady tone, which the filter multiplies by its complex response at that frequency; a chirp
 is much longer than the filter's settling time. Thermal noise enters before the filter and is shaped like the echoes, so
 its level in a calibrated spectrum is the same at all ranges.
+
+The stage of all filters also samples their output. Echoes are filtered over the whole grid: the sweep begins before the
+first sample, so that filters have settled. Noise is stationary, and is treated as periodic over the samples.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float, Inexact
+from jaxtyping import Bool, Complex, Float, Inexact
 
+from sionna_radar.foundation.threads import cores
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.signal.beat import beat_phase
+from sionna_radar.signal.stages import Received
 from sionna_radar.tracing.paths import Paths
 
 
@@ -58,13 +62,6 @@ class AntiAlias:
         """Return the power response at the edge of a band `oversampling` times as wide as that of the samples."""
         edge_hz = oversampling * self.chirp.sampling_rate_hz / 2
         return float(1 / (1 + (edge_hz / self.corner_hz) ** (2 * self.order)))
-
-
-def build_anti_alias(table: ReceiverTable, chirp: Chirp) -> AntiAlias | None:
-    """Return the anti-alias filter of a scenario; None where it is ideal."""
-    if table.anti_alias_corner_hz == 0:
-        return None
-    return AntiAlias(corner_hz=table.anti_alias_corner_hz, order=table.anti_alias_order, chirp=chirp)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,10 +147,50 @@ class HighPass:
         return scipy.fft.irfft(scipy.fft.rfft(noise) * response, samples)
 
 
-def build_high_pass(table: ReceiverTable) -> HighPass | None:
-    """Return the high-pass of a scenario, with its gain over range; None if it has none."""
-    rising = table.range_gain
-    if table.high_pass_corner_hz == 0 and rising is None:
-        return None
-    gain = None if rising is None else RangeGain(from_hz=rising.from_hz, to_hz=rising.to_hz, order=rising.order)
-    return HighPass(corner_hz=table.high_pass_corner_hz, order=table.high_pass_order, range_gain=gain)
+@dataclass(frozen=True, kw_only=True)
+class Filters:
+    """The filters of a receiver; the default anti-alias filter is ideal and passes only the sampled band.
+
+    high_pass, anti_alias: None for none.
+    """
+
+    high_pass: HighPass | None = None
+    anti_alias: AntiAlias | None = None
+
+    def __call__(self, received: Received) -> Received:
+        """Return the samples, with the noise in them."""
+        grid, echoes = received.grid, received.signal
+        if grid.oversampling > 1 or self.high_pass is not None or self.anti_alias is not None:
+            echoes = self._passed(echoes * grid.taper, grid.chirp, grid.oversampling)
+        samples = grid.sampled(echoes)
+        if received.noise is None:
+            return replace(received, samples=samples)
+        noise = self._noise(received.noise, grid.chirp, received.noise_points)
+        return replace(received, samples=samples + noise, noise=None)
+
+    def _noise(
+        self, noise: Inexact[np.ndarray, "pulse point"], chirp: Chirp, points: int
+    ) -> Inexact[np.ndarray, "pulse sample"]:
+        if self.anti_alias is not None:
+            return self._passed(noise, chirp, points)[:, ::points]
+        return noise if self.high_pass is None else self.high_pass.shaped(noise, chirp.sampling_rate_hz)
+
+    def _passed(
+        self, signal: Inexact[np.ndarray, "pulse point"], chirp: Chirp, oversampling: int
+    ) -> Inexact[np.ndarray, "pulse point"]:
+        """Return a filtered signal of `oversampling` points per sample; it is treated as periodic."""
+        points, band_hz = signal.shape[1], chirp.sampling_rate_hz
+        rate_hz = band_hz * oversampling
+        if np.iscomplexobj(signal):
+            frequency = scipy.fft.fftfreq(points, 1 / rate_hz)
+            # Beats of I/Q samples run from zero to the sampling rate; a finer grid's band has the same middle.
+            frequency = np.mod(frequency - band_hz / 2 + rate_hz / 2, rate_hz) + band_hz / 2 - rate_hz / 2
+            response = self._response(frequency, (frequency >= 0) & (frequency < band_hz))
+            return scipy.fft.ifft(scipy.fft.fft(signal, workers=cores()) * response, workers=cores())
+        frequency = scipy.fft.rfftfreq(points, 1 / rate_hz)
+        response = self._response(frequency, frequency <= band_hz / 2)
+        return scipy.fft.irfft(scipy.fft.rfft(signal, workers=cores()) * response, points, workers=cores())
+
+    def _response(self, beat_hz: Float[np.ndarray, " f"], sampled: Bool[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+        response = sampled.astype(np.complex128) if self.anti_alias is None else self.anti_alias.response(beat_hz)
+        return response if self.high_pass is None else response * self.high_pass.response(beat_hz)

@@ -8,13 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.receiver import ConverterTable
-from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,43 +107,3 @@ class Converter:
         code = np.floor(values * half_range) if self.bits == 1 else np.rint(values * half_range)
         clipped = np.clip(code, -half_range, half_range - 1)
         return (clipped + shift) / half_range, clipped != code
-
-
-@register_receiver_stage("converter", StageParameters)
-def build_converter(_: StageParameters, given: StageInputs) -> Converter:
-    """Return the converter of a scenario's radar."""
-    receiver = given.radar.receiver
-    table = receiver.converter
-    gain = from_db(receiver.amplifier_gain_db + table.gain_db)
-    return Converter(
-        bits=table.bits,
-        full_scale_w=None if table.full_scale_dbm is None else 1e-3 * from_db(table.full_scale_dbm) / gain,
-        over_noise=None if table.full_scale_over_noise_db is None else from_db(table.full_scale_over_noise_db),
-        headroom=None if table.agc_headroom_db is None else from_db(-table.agc_headroom_db / 2),
-        offset=0.0 if table.dc_offset_db is None else from_db(table.dc_offset_db / 2),
-        imbalance=_imbalance(table),
-    )
-
-
-def _imbalance(table: ConverterTable) -> Imbalance | None:
-    if not table.imbalanced:
-        return None
-    return Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
-
-
-def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
-    """Return the step of the converter on the scale of the antenna; None for one without a fixed step."""
-    if "converter" in radar.receiver.stages:
-        return None
-    inputs = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
-    converter = build_converter(StageParameters(stage="converter"), inputs)
-    return converter.step(receiver.noise_power_w, receiver.chirp)
-
-
-def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
-    """Return the power of the rounding of a sample over that of its thermal noise; None without a fixed step."""
-    step = rounding_step(radar, receiver)
-    if step is None or receiver.noise_power_w == 0:
-        return None
-    components = 1 if receiver.chirp.sampling == "real" else 2
-    return components * step**2 / 12 / receiver.noise_power_w

@@ -6,22 +6,18 @@ a chirp of the difference of their slopes, within the band of the receiver for t
 Its power is that of one way: P G G_r lambda^2 / (4 pi r)^2 (Friis 1946).
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.signal.beat import SampleGrid
-from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Received
 
 # Fraction of the grid's band at its edges over which bursts fade out; filters remove it.
 FADED = 0.25
@@ -151,51 +147,3 @@ def _beat(
     fading = np.cos(np.pi / 2 * np.maximum(outside_band[row, point], 0.0)) ** 2
     beat[row, point] = fading * np.exp(2j * np.pi * sweep.direction * np.mod(turns, 1.0))
     return beat
-
-
-@register_receiver_stage("interference", StageParameters)
-def build_interference_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
-    """Return the stage that adds the interference of other radars."""
-    return given.interference or Interference()
-
-
-def build_interference(
-    interferers: Sequence[Interferer],
-    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
-    antennas: tuple[Antenna, ...],
-) -> Interference | None:
-    """Return the other radars of a scenario, whose positions are local; None for none.
-
-    Raises ScenarioError for one beyond the terrain, which is the reference of its height.
-    """
-    if not interferers:
-        return None
-    positions = np.array([table.position_m for table in interferers])
-    ground = ground_m(positions)
-    off_terrain: Int[np.ndarray, " n"] = np.flatnonzero(~np.isfinite(ground))
-    if len(off_terrain):
-        text = "lies beyond the terrain, from which its height counts; move it, or enlarge the terrain"
-        raise ScenarioError(
-            [Problem(f"interferers.{n}.position_m", f"{interferers[n].position_m} {text}") for n in off_terrain]
-        )
-    return Interference(
-        radars=tuple(
-            _radar(table, np.array([*position, base + table.height_m]))
-            for table, position, base in zip(interferers, positions, ground, strict=True)
-        ),
-        antennas=antennas,
-    )
-
-
-def _radar(table: Interferer, position_m: Float[np.ndarray, "3"]) -> OtherRadar:
-    radiated_w = 1e-3 * from_db(table.power_dbm + table.antenna_gain_db)
-    if table.bandwidth_hz is None or table.chirp_rate_hz is None:
-        return OtherRadar(position_m=position_m, radiated_w=radiated_w, carrier_hz=table.carrier_hz)
-    return OtherRadar(
-        position_m=position_m,
-        radiated_w=radiated_w,
-        carrier_hz=table.carrier_hz,
-        slope_hz_s=table.bandwidth_hz * table.chirp_rate_hz * (1 if table.sweep == "up" else -1),
-        period_s=1 / table.chirp_rate_hz,
-        start_s=table.offset_s,
-    )

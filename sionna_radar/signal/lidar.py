@@ -18,9 +18,9 @@ a pulse, the mean echo of the many small ones, which at 50 mm/h equals a target 
 returns some of a fog's light to the field of view, speckle, and range errors by detector noise.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,11 +28,8 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
-from sionna_radar.scenario.lidar import LidarTable
-from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.paths import VOLUME, Paths
-from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr, optical_air
-from sionna_radar.weather.validity import Precipitation
+from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr
 
 # Reflectivity of the target for which `clear_range_m` is given.
 CLEAR_REFLECTIVITY = 0.1
@@ -45,10 +42,21 @@ STEPS = 200
 class LidarReceiver:
     """A lidar receiver in a given atmosphere.
 
+    returns: which of several returns is reported.
+    ground_reflectivity, least_reflectivity: of the ground, and of the weakest target that is reported.
+    clear_range_m, near_range_m: range of a 10 % target in clear air, and the nearest range.
+    pulse_ns, aperture_mm, divergence_mrad: length of the pulse, width of the beam at the lidar, and its divergence.
     reflectivity: of each surface of the scene; None for the ground's reflectivity everywhere.
     """
 
-    table: LidarTable
+    returns: Literal["first", "last"]
+    ground_reflectivity: float
+    least_reflectivity: float
+    clear_range_m: float
+    near_range_m: float
+    pulse_ns: float
+    aperture_mm: float
+    divergence_mrad: float
     air: OpticalAir
     seed: int
     reflectivity: Float[np.ndarray, " surface"] | None = None
@@ -63,14 +71,14 @@ class LidarReceiver:
         row = pulses.row_of(paths.pulse)
         ground_m[row] = paths.delay_s * (speed_of_light / 2)
         cosine[row] = np.cos(paths.incidence_rad)
-        reflectivity = np.full(len(pulses), self.table.ground_reflectivity)
+        reflectivity = np.full(len(pulses), self.ground_reflectivity)
         if self.reflectivity is not None:
             reflectivity[row] = self.reflectivity[paths.surface]
         ground_seen = self.detects_ground(ground_m, cosine, reflectivity)
         air_m = self.nearest_in_air_m(pulses)
         # Ground occludes particles behind it.
         in_air = air_m < ground_m
-        air_return = in_air if self.table.returns == "first" else in_air & ~ground_seen
+        air_return = in_air if self.returns == "first" else in_air & ~ground_seen
         range_m = np.where(air_return, air_m, ground_m)
         detected = air_return | ground_seen
         surface = np.full(len(pulses), VOLUME)
@@ -88,7 +96,7 @@ class LidarReceiver:
 
     def threshold(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the reflectivity that a return must exceed at given ranges."""
-        return np.maximum(self.table.least_reflectivity, CLEAR_REFLECTIVITY * (range_m / self.table.clear_range_m) ** 2)
+        return np.maximum(self.least_reflectivity, CLEAR_REFLECTIVITY * (range_m / self.clear_range_m) ** 2)
 
     def left(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the two-way transmittance of the air."""
@@ -101,21 +109,21 @@ class LidarReceiver:
         reflectivity: Float[np.ndarray, " n"] | float | None = None,
     ) -> Bool[np.ndarray, " n"]:
         """Return the mask of ranges with detected ground, by default of `ground_reflectivity`; False at infinity."""
-        reflectivity = self.table.ground_reflectivity if reflectivity is None else reflectivity
+        reflectivity = self.ground_reflectivity if reflectivity is None else reflectivity
         echo = reflectivity * cosine * self.left(range_m)
-        far_enough = np.isfinite(range_m) & (range_m >= self.table.near_range_m)
+        far_enough = np.isfinite(range_m) & (range_m >= self.near_range_m)
         return far_enough & (echo >= self.threshold(np.where(far_enough, range_m, 0.0)))
 
     @cached_property
     def volume_reflectivity(self) -> float:
         """Equivalent reflectivity of the volume, before propagation loss."""
-        lit_m = speed_of_light * self.table.pulse_ns * 1e-9 / 2
+        lit_m = speed_of_light * self.pulse_ns * 1e-9 / 2
         loss = 2 * self.air.extinction_per_m * lit_m
         return float(np.pi * self.air.backscatter_per_m_sr * lit_m * (-np.expm1(-loss) / loss if loss > 0 else 1.0))
 
     def nearest_in_air_m(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
         """Return the range of each pulse's first return from the air, infinite without one."""
-        near_m = np.array([self.table.near_range_m])
+        near_m = np.array([self.near_range_m])
         if (self.volume_reflectivity * self.left(near_m) >= self.threshold(near_m))[0]:
             return np.full(len(pulses), near_m[0])
         if self.air.drops is None:
@@ -130,9 +138,9 @@ class LidarReceiver:
     def detectable_drops(self) -> tuple[Float[np.ndarray, " range"], Float[np.ndarray, " range"]]:
         """Ranges, and the expected number of drops above the threshold in the beam up to each."""
         assert self.air.drops is not None
-        near_m = self.table.near_range_m
-        range_m = np.geomspace(near_m, max(self.table.clear_range_m, 2 * near_m), STEPS)
-        width_m = 1e-3 * (self.table.aperture_mm + self.table.divergence_mrad * range_m)
+        near_m = self.near_range_m
+        range_m = np.geomspace(near_m, max(self.clear_range_m, 2 * near_m), STEPS)
+        width_m = 1e-3 * (self.aperture_mm + self.divergence_mrad * range_m)
         area_m2 = np.pi / 4 * width_m**2
         backscatter = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm)
         echo = np.pi * backscatter / area_m2[:, None] * self.left(range_m)[:, None]
@@ -140,24 +148,3 @@ class LidarReceiver:
         per_m = area_m2 * np.trapezoid(detectable * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
         steps = (per_m[1:] + per_m[:-1]) / 2 * np.diff(range_m)
         return range_m, np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def lidar_receiver(
-    table: LidarTable, weather: WeatherTable, seed: int, materials: Sequence[str] = ()
-) -> LidarReceiver | None:
-    """Return the receiver of a scenario; None for a lidar unaffected by the weather.
-
-    materials: names of those of the scene's surfaces, in their order.
-    """
-    if table.wavelength_nm is None:
-        return None
-    air = optical_air(
-        float(table.wavelength_nm),
-        rain_rate_mm_per_h=weather.rain_rate_mm_per_h,
-        snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
-        visibility_m=weather.visibility_m,
-    )
-    reflectivity = None
-    if table.reflectivities:
-        reflectivity = np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
-    return LidarReceiver(table=table, air=air, seed=seed, reflectivity=reflectivity)

@@ -1,4 +1,4 @@
-"""The mixer: echoes times the transmitted sweep, with the phase errors of its oscillator.
+"""The mixer: echoes times the transmitted sweep, with the phase errors of its oscillator; and paths in front of it.
 
 The factor exp(j (e(t) - e(t - tau))) of an oscillator's phase e is smooth in the delay tau. It is computed at delays a
 fixed step apart, and between them interpolated by cubic polynomials: each path is shared among the four nearest
@@ -6,6 +6,10 @@ nodes, the paths of a node are summed as those of an ideal radar, and multiplied
 STEP_RAD radians of the fastest part of e in a step, that part of the factor is wrong by at most 3 / 128 STEP_RAD^4 of
 its size, in the middle of a step, and slower ones by less. Where e(t) - e(t - tau) is itself small, at delays under a
 step, at most STEP_RAD^3 / 12 of it is wrong.
+
+Leakage from the transmitter follows paths of a fixed delay, the same in every sweep. They pass the mixer like any echo:
+the phase noise of the oscillator mostly cancels at their short delay. `side_paths` gives the paths to a receiver beside
+the first.
 """
 
 from collections.abc import Callable
@@ -13,18 +17,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.radar.second_receiver import SideReceiver
 from sionna_radar.signal.beat import SampleGrid, analytic_beats
-from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
-from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.signal.oscillator import Oscillator, PhaseWaves
+from sionna_radar.signal.stages import Received
+from sionna_radar.tracing.paths import TARGET, Paths
 
 STEP_RAD = 0.5
-# Largest frequency error of a sweep, relative to its bandwidth.
-MAX_SHIFTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -103,23 +106,46 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
     return weight
 
 
-@register_receiver_stage("mixer", StageParameters)
-def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
-    """Return the mixer of a scenario's radar.
+@dataclass(frozen=True)
+class Leakage:
+    """Delays of the paths, and their powers over the transmitted one."""
 
-    Raises ScenarioError for frequency errors that are large against the bandwidth.
-    """
-    radar, chirp = given.radar, given.sweeps[0]
-    first, last = radar.used_samples
-    whole = radar.samples_per_chirp
-    middle = first + (last - first) // 2 - whole // 2
-    rate_hz = chirp.sampling_rate_hz
-    oscillator = build_oscillator(radar.receiver.oscillator, whole / rate_hz, middle / rate_hz)
-    shift_hz = oscillator.shift_hz(chirp)
-    if shift_hz > MAX_SHIFTED * radar.bandwidth_hz:
-        message = (
-            f"shifts the frequency by {shift_hz:.3g} Hz, more than {MAX_SHIFTED:g} of radar.bandwidth_hz; lower the "
-            "errors of its sweep, or its phase noise"
+    delay_s: Float[np.ndarray, " path"]
+    power: Float[np.ndarray, " path"]
+
+    def __call__(self, received: Received) -> Received:
+        """Return the received signal with the leakage paths of each pulse added."""
+        leaking = self.paths(received.pulses.index)
+        return replace(received, paths=Paths.concatenate([received.paths, leaking]))
+
+    def paths(self, pulse: Int[np.ndarray, " pulse"]) -> Paths:
+        """Return the leaking paths of some pulses."""
+        count = len(self.delay_s) * len(pulse)
+        return Paths(
+            pulse=np.repeat(pulse, len(self.delay_s)),
+            delay_s=np.tile(self.delay_s, len(pulse)),
+            gain=np.tile(np.sqrt(self.power).astype(np.complex128), len(pulse)),
+            range_rate_mps=np.zeros(count),
+            incidence_rad=np.full(count, np.nan),
+            hit_m=np.zeros((count, 3)),
+            surface=np.full(count, TARGET),
         )
-        raise ScenarioError([Problem("radar.receiver.oscillator", message)])
-    return Mixer(oscillator)
+
+
+def side_paths(paths: Paths, pulses: Pulses, receiver: SideReceiver) -> Paths:
+    """Return the paths of a block of pulses to a second receiver, from the true pose.
+
+    The return path to a phase centre a baseline away is longer or shorter, by exact distances; the difference of the
+    antenna's halves weights each path by its direction.
+    """
+    row = pulses.row_of(paths.pulse)
+    pose = pulses.true
+    offset_m = paths.hit_m - pose.position_m[row]
+    range_m = np.linalg.norm(offset_m, axis=1)
+    R_world_antenna = pose.R_world_antenna[row]
+    direction = np.einsum("nij,ni->nj", R_world_antenna, offset_m / range_m[:, None])
+    delay_s = paths.delay_s
+    if receiver.true_baseline_m:
+        to_side_m = np.linalg.norm(offset_m - receiver.true_baseline_m * R_world_antenna[:, :, receiver.axis], axis=1)
+        delay_s = delay_s + (to_side_m - range_m) / speed_of_light
+    return replace(paths, delay_s=delay_s, gain=paths.gain * receiver.factor(direction))

@@ -7,6 +7,7 @@ cleaner than far ones (Budge and Burt 1993, "Range correlation effects on phase 
 
 import csv
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.fft
@@ -16,7 +17,6 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.receiver import OscillatorTable
 
 COLUMNS = ("time_s", "error_hz")
 # Number of frequencies over which a spectrum is summed.
@@ -25,42 +25,50 @@ FREQUENCIES = 512
 MAX_DBC_HZ = 300.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SweepError:
     """Frequency error over a sweep, held constant before and after it.
 
-    table: its parameters. duration_s: of the whole sweep.
+    duration_s: of the whole sweep.
+    quadratic_hz, cubic_hz: errors at the ends of the sweep.
+    sinusoidal_hz, sinusoidal_periods: amplitude of a sinusoidal error, and its periods in the sweep.
+    settling_hz, settling_time_s: error at its start, and the time constant of its decay; None for none.
     middle_s: origin of time, after the middle of the whole sweep.
     points: times after its start and additional errors in Hz, interpolated linearly.
     """
 
-    table: OscillatorTable
     duration_s: float
+    quadratic_hz: float = 0.0
+    cubic_hz: float = 0.0
+    sinusoidal_hz: float = 0.0
+    sinusoidal_periods: float = 1.0
+    settling_hz: float = 0.0
+    settling_time_s: float | None = None
     middle_s: float = 0.0
     points: Float[np.ndarray, "2 point"] | None = None
 
     def frequency_hz(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
         """Return the frequency error at given times."""
-        table, whole = self.table, self.duration_s
+        whole = self.duration_s
         t = self._inside(time_s)
-        error = table.quadratic_hz * (2 * t / whole) ** 2 + table.cubic_hz * (2 * t / whole) ** 3
-        error += table.sinusoidal_hz * np.sin(2 * np.pi * table.sinusoidal_periods * t / whole)
-        if table.settling_time_s is not None:
-            error += table.settling_hz * np.exp(-(t + whole / 2) / table.settling_time_s)
+        error = self.quadratic_hz * (2 * t / whole) ** 2 + self.cubic_hz * (2 * t / whole) ** 3
+        error += self.sinusoidal_hz * np.sin(2 * np.pi * self.sinusoidal_periods * t / whole)
+        if self.settling_time_s is not None:
+            error += self.settling_hz * np.exp(-(t + whole / 2) / self.settling_time_s)
         if self.points is not None:
             error += np.interp(t + whole / 2, *self.points)
         return error
 
     def phase(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
         """Return the phase error at times, rad: its integral, but for a constant."""
-        table, whole = self.table, self.duration_s
+        whole = self.duration_s
         t = self._inside(time_s)
-        turns = table.quadratic_hz * 4 * t**3 / (3 * whole**2) + table.cubic_hz * 2 * t**4 / whole**3
-        period = whole / table.sinusoidal_periods
-        turns -= table.sinusoidal_hz * period / (2 * np.pi) * np.cos(2 * np.pi * t / period)
-        if table.settling_time_s is not None:
-            decay = table.settling_time_s
-            turns -= table.settling_hz * decay * np.exp(-(t + whole / 2) / decay)
+        turns = self.quadratic_hz * 4 * t**3 / (3 * whole**2) + self.cubic_hz * 2 * t**4 / whole**3
+        period = whole / self.sinusoidal_periods
+        turns -= self.sinusoidal_hz * period / (2 * np.pi) * np.cos(2 * np.pi * t / period)
+        if self.settling_time_s is not None:
+            decay = self.settling_time_s
+            turns -= self.settling_hz * decay * np.exp(-(t + whole / 2) / decay)
         if self.points is not None:
             turns += self._summed(t + whole / 2)
         return 2 * np.pi * (turns + self.frequency_hz(time_s) * (time_s + self.middle_s - t))
@@ -173,34 +181,8 @@ class Oscillator:
         return self.shift_hz(chirp) + (0.0 if self.noise is None else chirp.sampling_rate_hz / 2)
 
 
-def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:
-    """Return the oscillator of a scenario.
-
-    Parameters
-    ----------
-    table:
-        Its parameters.
-    whole_s, middle_s:
-        Duration of a whole sweep, and the middle of its used window after its own.
-
-    Raises
-    ------
-    InputFileError
-        The table of the sweep's error cannot be used.
-
-    """
-    points = None if table.sweep_error is None else _read(table)
-    return Oscillator(
-        error=SweepError(table, whole_s, middle_s, points) if table.bent else None,
-        noise=PhaseNoise(table.levels_dbc_hz) if table.levels_dbc_hz else None,
-        scale=table.scale,
-    )
-
-
-def _read(table: OscillatorTable) -> Float[np.ndarray, "2 point"]:
-    """Return the times and errors of a sweep's table."""
-    path = table.sweep_error
-    assert path is not None
+def read_sweep_error(path: Path) -> Float[np.ndarray, "2 point"]:
+    """Return the times (s) and errors (Hz) of a table of a sweep; InputFileError where it cannot be used."""
     name = "radar.receiver.oscillator.sweep_error"
     rows = list(csv.reader(read_text(path, name, "give a CSV of time_s,error_hz").splitlines()))
     header = [entry.strip().lower() for entry in rows[0]] if rows else []

@@ -4,46 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Inexact, Int
-from scipy.constants import Boltzmann
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.stages import Chain, Received, ReceiverStage, StageInputs, register_receiver_stage
+from sionna_radar.signal.stages import Chain, Received
 from sionna_radar.tracing.paths import Paths
-
-
-def transmit_power_w(radar: RadarTable) -> float:
-    """Return the transmitted power; 1 if the scenario gives a signal-to-noise ratio instead."""
-    return 1.0 if radar.transmit_power_dbm is None else 1e-3 * from_db(radar.transmit_power_dbm)
-
-
-def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float:
-    """Return the noise power of a sample.
-
-    With a noise figure it is k T F times the sampled bandwidth. With `snr_db` it is that much below the
-    reference echo, and constant over the survey like receiver noise.
-
-    Parameters
-    ----------
-    radar, chirp:
-        The radar and its sweep.
-    reference_echo:
-        Received over transmitted power of the echo that `snr_db` refers to.
-
-    """
-    if radar.snr_db is not None:
-        return reference_echo / from_db(radar.snr_db)
-    figure_db = radar.system_noise_figure_db
-    assert figure_db is not None
-    bandwidth = chirp.sampling_rate_hz / (1 if chirp.sampling == "iq" else 2)
-    return Boltzmann * radar.temperature_k * from_db(figure_db) * bandwidth
 
 
 def add_noise(
@@ -69,12 +38,6 @@ def add_noise(
             row += clean
 
     over_rows(add, len(noisy))
-    return noisy
-
-
-@register_receiver_stage("noise", StageParameters)
-def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
-    """Return the stage that adds thermal noise: the same as without other stages."""
     return noisy
 
 

@@ -37,12 +37,12 @@ from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials
+from sionna_radar.surfaces.build import build_materials
 from sionna_radar.survey.observation import key_of, observe_blocks, on_this_worker, segments_of
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.build import EngineInputs, build_engine
+from sionna_radar.tracing.paths import Engine, Paths
 
 INCIDENCE_STEP_DEG = 5.0
 

@@ -32,16 +32,16 @@ from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import LeakageTable
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.signal.analog_filters import AntiAlias
+from sionna_radar.signal.analog_filters import AntiAlias, Filters
 from sionna_radar.signal.beat import phase_polynomial
-from sionna_radar.signal.converter import Converter, Imbalance, rounding_step
-from sionna_radar.signal.filters import Filters
+from sionna_radar.signal.build import rounding_step
+from sionna_radar.signal.converter import Converter, Imbalance
 from sionna_radar.signal.mixer import Mixer
 from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.tracing.effects.atmosphere import build_atmosphere, build_weather
+from sionna_radar.tracing.build import build_atmosphere, build_weather
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.path import two_way_attenuation

@@ -15,7 +15,8 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import TerrainParameters
-from sionna_radar.scene.landscape import TerrainInputs, build_landscape, map_frame
+from sionna_radar.scene.landscape import TerrainInputs
+from sionna_radar.scene.terrains.build import build_landscape, map_frame
 
 # Cells of the inspected terrain along its longer side.
 PLACES = 300

@@ -24,12 +24,12 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.scenario.terrain import FlatTerrain
-from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey.checks import MAX_CHIRPS
+from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import trace_boresights
 

@@ -1,7 +1,7 @@
 from .backscatter import Backscatter as Backscatter
 from .backscatter import ConstantGammaBackscatter as ConstantGammaBackscatter
 from .backscatter import LambertianBackscatter as LambertianBackscatter
-from .material import build_materials as build_materials
-from .material import register_material as register_material
+from .build import build_materials as build_materials
+from .build import register_material as register_material
 from .radar_material import Mirror as Mirror
 from .radar_material import RadarMaterial as RadarMaterial

@@ -14,8 +14,6 @@ from jaxtyping import Float
 from scipy.constants import epsilon_0, speed_of_light
 
 from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.scenario.materials import SionnaItu
-from sionna_radar.surfaces.material import register_material
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
 from sionna_radar.surfaces.rough_surface import Polarization, fresnel_reflection
 
@@ -98,15 +96,3 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
         f"{itu_type} is defined from {defined}, not at the carrier's {ghz:g} GHz; map it to a material of the scenario"
     )
     raise ValueError(message)
-
-
-@register_material("sionna_itu", SionnaItu)
-def sionna_itu(table: SionnaItu, carrier_hz: float, channel: Channel) -> RadarMaterial:
-    """Return the material of a slab given in a scenario."""
-    slab = SionnaSlab(
-        itu_type=table.itu_type,
-        thickness_m=table.thickness_m,
-        scattering_coefficient=table.scattering_coefficient,
-        xpd_coefficient=table.xpd_coefficient,
-    )
-    return slab_material(slab, carrier_hz, channel)

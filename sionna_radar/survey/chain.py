@@ -13,15 +13,16 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import HoldsMemory, peak_memory_mb, release_memory, stage, timed, timing
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe, place
 from sionna_radar.survey.observed_survey import map_observed
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.warnings import survey_warnings
 
-# A map of more takes as much memory as the flight: what that leaves free goes back first, in hundredths of a second.
+# Above this many echoes, free the memory of the flight before mapping (about 10 ms).
 MANY_ECHOES = 50_000
 
 
@@ -33,19 +34,19 @@ def run(
     sample_type: SampleType = "float64",
     execution: Execution | None = None,
 ) -> Survey:
-    """Fly a survey and return its points, its DEM and its error.
+    """Simulate a survey and return its points, its DEM and its error.
 
     Parameters
     ----------
     scenario:
-        The survey, or one that `prepare` has made ready; that one has its custom parts already.
+        A scenario, or a prepared survey, which includes its custom parts.
     parts:
-        What replaces parts of the scenario, such as its antenna or its terrain.
+        Custom objects in place of parts of the scenario, such as its antenna or terrain.
     recordings:
-        Files that the survey is recorded in while it flies, netCDF, by what they hold: "signals" (the beat signals, for
-        `process`), "paths" or "profiles". It is flown as a whole, by this process.
+        netCDF files to record into, by content: "signals" (beat signals, for `process`), "paths" or "profiles".
+        Recording requires a single process.
     sample_type:
-        How recorded samples of beat signals are kept; those of "float64" give the same result again, bit for bit.
+        Data type of recorded beat signals; "float64" reproduces the result bit for bit.
     execution:
         Block size, workers, checkpoints and progress, which never change the result.
 
@@ -60,9 +61,9 @@ def run(
     OutputError
         A recording exists already, or cannot be written.
     PluginError
-        A custom part lacks a method, or there are some for workers.
+        A custom part lacks a method, or workers were given custom parts.
     WorkerError
-        The workers are gone, or have another version of the program.
+        Workers were lost, or run another version of the package.
 
     Examples
     --------
@@ -87,7 +88,7 @@ def run(
 def _recorders(
     recordings: Mapping[str, str | Path] | None, sample_type: SampleType
 ) -> Callable[[Prepared], AbstractContextManager[Sequence[Recorder]]]:
-    """Check the files of recordings, and return a function that opens the recorders of a prepared survey."""
+    """Check the recording files, and return a function that opens the recorders of a prepared survey."""
     if not recordings:
         return lambda _: nullcontext(())
     from sionna_radar.survey.recordings.recorder import checked_files, recorders
@@ -140,7 +141,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
 
 
 def _make_room(sensor: Sensor, echoes: int) -> None:
-    """Give memory of the flight back before a large map, which takes as much."""
+    """Release memory of the flight before a large map."""
     if echoes > MANY_ECHOES:
         if isinstance(sensor, HoldsMemory):
             sensor.release_memory()

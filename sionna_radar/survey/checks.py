@@ -1,8 +1,8 @@
-"""Checks of a survey that need the terrain and the flight, and the bounds on its pulses, samples and paths.
+"""Checks of a survey that need the terrain and the flight, and limits on its pulses, samples and paths.
 
-What a survey takes is estimated before any of it is spent. The bounds keep every array of a block of pulses, and every
-table that grows with the survey, within a few gigabytes. What only the finished scene shows is bounded where it is
-built: cells of terrain and DEM, scatterers.
+Memory is estimated before any is allocated. The limits keep every array of a block of pulses, and every table that
+grows with the survey, within a few gigabytes. Cells of terrain and DEM and numbers of scatterers are limited where
+the scene is built.
 """
 
 import logging
@@ -29,17 +29,17 @@ logger = logging.getLogger("sionna_radar")
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
-# Of the phase of a point over a chirp, beyond what even motion gives.
+# Largest phase error of a point over a chirp beyond uniform motion, rad.
 MAX_BEND_RAD = 0.5
-# Backscatter that no receiver knows from none.
+# Smallest sigma0 that counts as a return.
 MIN_SIGMA0 = 1e-20
-# Of the pulses, in which an echo lies outside the searched ranges.
+# Share of pulses with echoes outside the searched ranges above which a warning is given.
 FOLDED_SHARE_WARNED = 0.01
 
 
 @dataclass(frozen=True)
 class BoresightHits:
-    """Boresights of pulses spread over the survey: where they start, how far they reach, what they hit."""
+    """Boresights of pulses sampled over the survey: origins, ranges and hits."""
 
     origin_m: Float[np.ndarray, "look 3"]
     direction: Float[np.ndarray, "look 3"]
@@ -48,13 +48,13 @@ class BoresightHits:
 
     @property
     def hit_m(self) -> Float[np.ndarray, "hit 3"]:
-        """Where those that hit something do."""
+        """Hit points of the boresights that meet a surface."""
         hit = np.isfinite(self.range_m)
         return self.origin_m[hit] + self.range_m[hit, None] * self.direction[hit]
 
     @property
     def extent_m(self) -> Extent:
-        """West, south, east and north of what they hit; ScenarioError where they hit nothing."""
+        """West, south, east and north of the hit points; ScenarioError if there are none."""
         if not len(self.hit_m):
             raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
         (west, south), (east, north) = self.hit_m[:, :2].min(axis=0), self.hit_m[:, :2].max(axis=0)
@@ -69,7 +69,7 @@ def boresight_hits(schedule: PulseSchedule, built: BuiltScene) -> BoresightHits:
 
 
 def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:
-    """Refuse a scan that looks farther over level ground than the radar reaches, before anything is built."""
+    """Raise ScenarioError if the scan looks farther over level ground than the radar's range."""
     pointing = scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
     down = pointing.R_mount_antenna[pointing.active, 2, 0]
     down = down[down > 0]
@@ -95,10 +95,10 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
 
 
 def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
-    """Refuse rotors that turn so far in a chirp that their points do not move evenly during it.
+    """Raise ScenarioError for rotors whose blades do not move uniformly during a chirp.
 
-    What is left of the phase at the ends of the chirp is 4 pi / wavelength times half the acceleration times the square
-    of half its duration.
+    The residual phase at the ends of the chirp is 4 pi / wavelength times half the acceleration times the square of
+    half the duration.
     """
     problems = []
     for number, target in enumerate(scenario.targets):
@@ -117,14 +117,14 @@ def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
 
 
 def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
-    """Refuse plants before an antenna whose echo of them is unknown."""
+    """Raise ScenarioError for vegetation with a polarization whose vegetation echo is not modelled."""
     if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
-        message = "the echo of [[vegetation]] is known for linear co-polar antennas alone; set 'V' or 'H', and 'co'"
+        message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
 
 
 def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
-    """Refuse second bounces in a scene without mirrors, and before plants, through which they are not followed."""
+    """Raise ScenarioError for second bounces without mirrors in the scene, or with vegetation."""
     if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
         return
     scene = built.scene
@@ -141,7 +141,7 @@ def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
 
 
 def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float) -> None:
-    """Refuse noise that counts from the echo of ground that returns none, such as calm water aside of its flash."""
+    """Raise ScenarioError if `snr_db` refers to ground without backscatter, such as calm water off nadir."""
     if scenario.radar.snr_db is None or scenario.sensor == "lidar":
         return
     name = built.scene.ground_material
@@ -155,7 +155,7 @@ def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float)
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:
-    """Refuse a flight through the terrain, beams that leave it, and ground beyond the sampled ranges."""
+    """Raise ScenarioError for a flight inside the terrain, beams that leave it, or ground out of range."""
     low, high = built.scene.bounds_m
     problems = []
     origin_m = hits.origin_m
@@ -196,7 +196,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
 
 
 def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> list[Problem]:
-    """Return the problem of a flight that leads through [[vegetation]], if it does."""
+    """Return the problem of a flight path inside [[vegetation]], if any."""
     if built.scene.vegetation is None:
         return []
     under_m = built.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
@@ -214,7 +214,7 @@ def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> l
 def _over_hole(
     hits: BoresightHits, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " look"]:
-    """Return a mask of beams through a hole: they would meet the lowest ground inside the terrain's outline."""
+    """Return the mask of beams through holes of the terrain, extended to its lowest height."""
     down = np.minimum(hits.direction[:, 2], -1e-6)
     reach = (low[2] - hits.origin_m[:, 2]) / down
     foot = hits.origin_m[:, :2] + reach[:, None] * hits.direction[:, :2]
@@ -224,17 +224,17 @@ def _over_hole(
 MAX_CHIRPS = 10_000_000
 # Samples times zero-padding: the length of the Fourier transform of a chirp.
 MAX_SPECTRUM = 2**18
-# Powers that an ordered-statistic CFAR sorts at once, for each row of a spectrum.
+# Most powers that an ordered-statistic CFAR sorts per spectrum.
 MAX_RANKED = 4_000_000
 MAX_FOLLOWING_STEPS = 1_000_000
-# Farther, float32 rays and the millimetres of a point cloud lose their meaning.
+# Beyond this, float32 rays and millimetre point clouds lose precision, m.
 FARTHEST_M = 100_000.0
 
 
 def check_limits(
     scenario: Scenario, chirp: Chirp, route: Route, beamwidths_rad: tuple[float, float], incidence_rad: float
 ) -> None:
-    """Refuse a survey that would not fit into memory, with every reason.
+    """Raise ScenarioError with every reason for which a survey would not fit into memory.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def _ranked(scenario: Scenario) -> Problem | None:
 def check_paths(
     scenario: Scenario, chirp: Chirp, height_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
 ) -> None:
-    """Refuse more persistent scatterers than fit into memory, for a flight whose height only the ground told."""
+    """Raise ScenarioError if a flight with terrain-relative heights needs too many persistent scatterers."""
     problem = _paths(scenario, footprint_m2(scenario, chirp, height_m, beamwidths_rad, incidence_rad))
     if problem is not None:
         raise ScenarioError([problem])
@@ -347,7 +347,7 @@ def _nearest(scenario: Scenario, chirp: Chirp) -> Problem | None:
 
 
 def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:
-    """Refuse sweeps so slow that motion moves echoes farther than the radar reaches."""
+    """Return the problem of sweeps so slow that Doppler shifts exceed the radar's range."""
     shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * chirp.rate_hz)
     if shift_m <= chirp.max_range_m:
         return None
@@ -360,7 +360,7 @@ def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:
 
 
 def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
-    """Refuse more persistent scatterers in the main lobe than a block of pulses can hold."""
+    """Return the problem of more persistent scatterers in the main lobe than fit into a block of pulses."""
     tracing = scenario.tracing
     if tracing.engine != "sionna" or tracing.speckle != "persistent" or tracing.scatterers_per_m2 is None:
         return None
@@ -395,7 +395,7 @@ def footprint_m2(
 def warn_of_posting(
     posting_m: float | None, range_m: Float[np.ndarray, " look"], beamwidths_rad: tuple[float, float]
 ) -> None:
-    """Log that a terrain's file has no detail as fine as a footprint, so that a DEM's error seems too small."""
+    """Warn if the spacing of a terrain file exceeds the footprint, so that DEM errors omit finer detail."""
     footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
     if posting_m is not None and posting_m > footprint_m:
         logger.warning(
@@ -412,10 +412,10 @@ def warn_of_folded(
     range_rate_mps: Float[np.ndarray, " look"],
     min_range_m: float,
 ) -> None:
-    """Log that Doppler shifts echoes of the ground out of the searched ranges, where they are lost or fold.
+    """Warn if Doppler shifts move ground echoes out of the searched ranges, where they are lost or fold.
 
-    A real beat signal does not tell a frequency from its negative: ground at the range r, shifted by -d below zero,
-    appears at d - r, and the correction for Doppler puts it at 2 d - r.
+    A real beat signal does not distinguish a frequency from its negative: ground at range r, shifted by -d below
+    zero, appears at d - r, and Doppler correction puts it at 2 d - r.
 
     range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
     """

@@ -1,4 +1,4 @@
-"""How far the errors that a navigation system states move the heights of a DEM.
+"""DEM height errors due to the stated errors of the navigation system.
 
 An echo is placed at o + r b: the measured position, the range, and the boresight. Errors of these move it by
 
@@ -39,7 +39,7 @@ def navigation_sigma(
 
     Returns
     -------
-    None for a system that knows the pose exactly or does not state its errors.
+    None for exact navigation, or a system that states no errors.
 
     """
     system = schedule.navigation

@@ -1,7 +1,7 @@
-"""Observing a prepared survey: the echoes that its sensor returns, segment by segment of the flight.
+"""Observation of a prepared survey: the echoes that its sensor returns, segment by segment.
 
-A segment is some consecutive blocks of pulses. What was observed over one is packed as bytes, which a worker returns
-and from which an interrupted survey goes on.
+A segment consists of consecutive blocks of pulses. Its observations are serialised: workers return them, and
+checkpoints hold them.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,19 +25,19 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLookahead
 
-# Blocks of a segment, so that a long survey has not too many, and the least number of segments of a short one.
+# Most blocks of a segment, and fewest segments of a short survey.
 SEGMENT_BLOCKS, MIN_SEGMENTS = 8, 16
-# Poses alone are small: placing takes many at once.
+# Echoes located at once.
 PLACED_AT_ONCE = 4096
-# How recorders keep the samples of beat signals.
+# Data types of recorded beat signals.
 SampleType = Literal["float64", "float32", "int16"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """What a sensor observed over some consecutive blocks of pulses.
+    """Observations of a sensor over consecutive blocks of pulses.
 
-    echoes: sorted by pulse, not corrected for Doppler; profiles: around them, where the map wants them.
+    echoes: sorted by pulse, not corrected for Doppler; profiles: range profiles around them, if the map needs them.
     lost: pulses without an echo because rain masks the ground.
     saturated_pulses, saturated_samples: those that the receiver's converter clipped.
     """
@@ -62,14 +62,14 @@ class Segment:
 
 
 def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
-    """Return a segment, and the true hits that were counted over it if any were, from their bytes."""
+    """Deserialise a segment and its tally of true hits, if any."""
     columns = columns_of(content)
     counted = table_of(Counted, "counted", columns) if f"counted{OF}paths" in columns else None
     return _segment_of("seen", columns), counted
 
 
 def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
-    """Return the segment that was packed under a name."""
+    """Return a segment from its columns."""
     profiles, of_profiles = None, f"{name}{OF}profiles"
     if f"{of_profiles}{OF}pulse" in columns:
         inner = f"{of_profiles}{OF}volume"
@@ -84,18 +84,18 @@ def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Keeps one kind of what a survey observes, such as its beat signals; see `sionna_radar.survey.recordings`."""
+    """Records one kind of data, such as beat signals; see `sionna_radar.survey.recordings`."""
 
     def write(self, pulses: Pulses, seen: Observation) -> None:
-        """Keep a block of pulses."""
+        """Record a block of pulses."""
         ...
 
     def finish(self, comparison: Comparison) -> None:
-        """Keep what is known after the flight, and close the file."""
+        """Write what is known after the flight, and close the file."""
         ...
 
     def close(self) -> None:
-        """Close the file as it is."""
+        """Close an unfinished file."""
         ...
 
 
@@ -108,10 +108,10 @@ class ObservedBlock:
 
 
 def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
-    """Yield blocks of pulses as the sensor observes them.
+    """Yield the blocks of pulses with their observations.
 
-    A `SensorWithLookahead` is told of each block before it observes the one in front of it, and may begin with it in
-    another thread, if there is more than one core to do so.
+    With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
+    another thread.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)
@@ -128,25 +128,25 @@ def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[Observe
 
 @dataclass(frozen=True, kw_only=True)
 class Observed(Segment):
-    """What a sensor observed in a survey, independent of the measured pose; the columns are those of a segment.
+    """Observations of a whole survey, independent of the measured pose; columns as in a segment.
 
-    hits: what the beam truly hit; None where that is not known.
+    hits: true hits of the beam; None if unknown.
     """
 
     hits: TrueHits | None = None
 
     @property
     def behind_volume(self) -> bool:
-        """Whether its profiles are of ground behind a volume of rain."""
+        """Whether the profiles show ground behind a rain volume."""
         return self.profiles is not None and self.profiles.volume is not None
 
     def packed(self) -> bytes:
-        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        """Serialise it exactly; `unpacked` is the inverse."""
         return packed(observed=self)
 
     @staticmethod
     def unpacked(content: bytes) -> "Observed":
-        """Return the observations of some bytes."""
+        """Deserialise observations."""
         columns = columns_of(content)
         of_hits = f"observed{OF}hits"
         hits = table_of(TrueHits, of_hits, columns) if f"{of_hits}{OF}lit" in columns else None
@@ -155,11 +155,11 @@ class Observed(Segment):
 
 @runtime_checkable
 class Source(Protocol):
-    """Pulses and the sensor that observes them: a survey to be flown, or a recording of one."""
+    """Pulses and the sensor that observes them: a simulated survey or a recording."""
 
     @property
     def activity(self) -> str:
-        """What observing it is called while it goes on."""
+        """Name of the progress stage."""
         ...
 
     @property
@@ -174,11 +174,11 @@ class Source(Protocol):
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the map uses range profiles around the echoes."""
+        """Whether the DEM method uses range profiles around the echoes."""
         ...
 
     def document(self) -> Task:
-        """Return the inputs, JSON, from which a worker opens it; PluginError for parts that workers do not have."""
+        """Return the inputs from which a worker opens it, as JSON; PluginError for custom parts, which workers lack."""
         ...
 
     def build_sensor(self) -> Sensor:
@@ -186,7 +186,7 @@ class Source(Protocol):
         ...
 
     def tally(self) -> Tally | None:
-        """Return a new count of true hits; None where the truth is not known."""
+        """Return an empty tally of true hits; None if the truth is unknown."""
         ...
 
 
@@ -194,27 +194,27 @@ class Source(Protocol):
 def observe(
     source: Source, execution: Execution, recorders: Sequence[Recorder] = (), work: Work | None = None
 ) -> tuple[Sensor, Observed]:
-    """Return the sensor of a survey and what it observed, the same bits in this process or on workers.
+    """Return the sensor of a survey and its observations; the same bits in this process and on workers.
 
-    While workers begin, this process builds the sensor, for what follows the flight.
+    While workers run, this process builds the sensor, which later stages need.
 
     Parameters
     ----------
     source:
         The survey or recording.
     execution:
-        Segments are kept among its checkpoints, and shared among its workers.
+        Provides checkpoints and workers for the segments.
     recorders:
-        What keeps more of each block: then this process flies the survey as a whole.
+        Recorders of further data; with any, this process simulates the whole survey.
     work:
-        Function of a module that observes a segment on a worker; without it that of prepared surveys.
+        Module-level function that observes a segment on a worker; default: of prepared surveys.
 
     Raises
     ------
     PluginError
-        Parts of the scenario were replaced from Python, which workers do not have.
+        The survey has custom parts, which workers lack.
     RadarError
-        A segment cannot be flown.
+        A segment cannot be simulated.
 
     """
     if recorders:
@@ -254,7 +254,7 @@ def _results(
 
 
 def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:
-    """Return the blocks of each segment of a survey, by their first pulses and their ends."""
+    """Return the blocks of each segment as (first pulse, end)."""
     chirps = 1 if source.bursts is None else source.bursts.chirps
     bounds = list(source.flight.line_bounds(max(1, block_size // chirps)))
     count = min(SEGMENT_BLOCKS, -(-len(bounds) // MIN_SEGMENTS))
@@ -268,20 +268,20 @@ def key_of(blocks: Sequence[tuple[int, int]]) -> str:
 
 @on_one_thread
 def segment_task(task: Task) -> bytes:
-    """Return the bytes of a segment that a worker flies."""
+    """Simulate a segment on a worker, and return it serialised."""
     prepared, sensor = on_this_worker(task["scenario"])
     return SegmentObserver(prepared, sensor, task["blocks"]).segment(task)
 
 
 @lru_cache(maxsize=1)
 def on_this_worker(scenario: str) -> tuple[Prepared, Sensor]:
-    """Return a prepared survey and its sensor: a worker flies many segments of one."""
+    """Return a prepared survey and its sensor, cached for the segments of one survey."""
     prepared = prepare(Scenario.model_validate_json(scenario))
     return prepared, prepared.build_sensor()
 
 
 class SegmentObserver:
-    """Observes blocks of pulses in their order, and counts the true hits; recorders keep more of each."""
+    """Observe blocks of pulses in order, tally true hits, and forward blocks to recorders."""
 
     def __init__(
         self,
@@ -295,7 +295,7 @@ class SegmentObserver:
         self._observed = observe_blocks((source.flight.pulses(np.arange(*block)) for block in blocks), sensor)
 
     def segment(self, task: Task) -> bytes:
-        """Return the bytes of the next segment."""
+        """Return the next segment, serialised."""
         seen = []
         for first, end in task["blocks"]:
             seen.append(self._counted(next(self._observed)))

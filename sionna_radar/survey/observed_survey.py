@@ -1,7 +1,7 @@
-"""A survey observed once and mapped as often as wanted, each time with another navigation system.
+"""A survey observed once and mapped repeatedly, with different navigation systems.
 
-Errors of navigation change nothing that is traced: the survey is observed once, and only the Doppler correction of its
-echoes, their location, the DEM and its comparison are computed again.
+Navigation errors do not affect tracing: the survey is observed once, and only Doppler correction, location, DEM and
+comparison are repeated.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,8 @@ from functools import lru_cache
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Failure, Task
-from sionna_radar.flight.pulses import Navigation, build_navigation
+from sionna_radar.flight.build import build_navigation
+from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
@@ -19,21 +20,22 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.tiles import EachPiece, MakePiece, Piece, Tiles, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import Observed, observe, on_this_worker, place
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedSurvey:
-    """A prepared survey, the sensor that flew it, and what it observed."""
+    """A prepared survey, its sensor, and its observations."""
 
     prepared: Prepared
     sensor: Sensor
     observed: Observed
 
     def points(self, navigation: Navigation | None) -> Points:
-        """Return the points as a navigation system places them; None knows the pose exactly."""
+        """Return the points located with a navigation system (None: exact poses)."""
         return place(self.observed.echoes, self.sensor, self.prepared.with_navigation(navigation).flight)
 
     def lit_error(self, navigation: Navigation | None) -> DemError:
@@ -42,7 +44,7 @@ class ObservedSurvey:
         Raises
         ------
         ScenarioError
-            The method models whole echoes, and the sensor returns none.
+            The DEM method needs range profiles, which the sensor does not provide.
 
         """
         prepared = self.prepared.with_navigation(navigation)
@@ -62,12 +64,12 @@ class ObservedSurvey:
 def observe_survey(
     scenario: Scenario, *, parts: CustomParts | None = None, execution: Execution | None = None
 ) -> ObservedSurvey:
-    """Fly a survey and keep what is needed to map it again.
+    """Simulate a survey, and return what is needed to map it repeatedly.
 
     Parameters
     ----------
     scenario:
-        The survey; its own errors of navigation play no part.
+        The survey; its own navigation errors are ignored.
     parts, execution:
         As for `sionna_radar.run`.
 
@@ -86,24 +88,24 @@ def observe_survey(
 
 @lru_cache(maxsize=1)
 def observed_elsewhere(scenario: str, observed: bytes) -> ObservedSurvey:
-    """Return a survey that another process has flown, from the JSON text of its scenario and what it observed."""
+    """Return a survey observed by another process, from its scenario (JSON) and observations."""
     prepared, sensor = on_this_worker(scenario)
     return ObservedSurvey(prepared=prepared, sensor=sensor, observed=Observed.unpacked(observed))
 
 
-# The bytes of a tile with too few echoes.
+# Serialised result of a tile with too few echoes.
 NOTHING = b""
 
 
 def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
-    """Return the DEM of a survey, bit for bit what its mapper makes alone.
+    """Return the DEM of a survey; the same bits as `Mapper.map`.
 
     Parameters
     ----------
     prepared, observed, points:
         The survey, what its sensor observed, and the located echoes.
     execution:
-        Tiles of the map are kept among its checkpoints, and shared among its workers.
+        Provides checkpoints and workers for the tiles of the map.
 
     """
     each = _over_tiles(prepared, observed, execution)
@@ -111,7 +113,7 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
 
 
 def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) -> EachPiece:
-    """Return a function that makes the pieces of tiles on workers, or here if there are parts that they do not have."""
+    """Return a function that computes tiles on workers, or here if there are custom parts."""
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
         distributed = execution.distributed and count > 1 and not prepared.custom.described()
@@ -136,13 +138,13 @@ def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) ->
 
 @on_one_thread
 def tile_task(task: Task) -> bytes:
-    """Return the bytes of the piece of a task's tile."""
+    """Compute a tile on a worker, and return it serialised."""
     return _content_of(_tiles_of(task["scenario"], task[SHARED]).piece(task["tile"]))
 
 
 @lru_cache(maxsize=1)
 def _tiles_of(scenario: str, observed: bytes) -> Tiles:
-    """Return the tiles of a survey that another process has flown: a worker makes several."""
+    """Return the tiles of a survey observed by another process, cached for the tasks of a worker."""
     survey = observed_elsewhere(scenario, observed)
     tiles = survey.prepared.mapper.tiles(survey.observed.profiles, survey.prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map

@@ -1,65 +1,52 @@
 """Preparation of a survey: everything it needs before its first pulse.
 
-A caller may give ground in place of a scenario's: heights as they are, a file, or what builds it.
+Radar, route, processing, world, flight, map and receiver are built one after another; each checks its own subject.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int, Shaped
+from jaxtyping import Float, Inexact, Int
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.angle.build import build_angle_estimator
-from sionna_radar.detection.detector import Detector, build_detector
+from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
+from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
-from sionna_radar.detection.ranging.estimator import RangeEstimator
-from sionna_radar.flight.pulses import (
-    Bursts,
-    Navigation,
-    Pose,
-    Pulses,
-    PulseSchedule,
-    build_navigation,
-    in_bursts,
-    schedule_pulses,
-)
-from sionna_radar.flight.route import plan_route
-from sionna_radar.flight.scan import Scan, build_scan
+from sionna_radar.detection.expected_ground import ExpectedGround
+from sionna_radar.flight.build import build_navigation, build_scan, plan_route
+from sionna_radar.flight.pulses import Bursts, Navigation, Pose, Pulses, PulseSchedule, in_bursts, schedule_pulses
+from sionna_radar.flight.route import Route
+from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Trajectory
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.speckle import speckle_memory
-from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
-from sionna_radar.radar.antenna import Antenna, build_antenna
+from sionna_radar.mapping.build import build_mapper, speckle_memory
+from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.radar import speckle_looks
 from sionna_radar.scenario.registry import require
-from sionna_radar.scenario.terrain import RasterTerrain
-from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
-from sionna_radar.scene.map_positions import in_local_frame
-from sionna_radar.signal.analog_filters import build_high_pass
-from sionna_radar.signal.interference import build_interference
-from sionna_radar.signal.receiver import Receiver, noise_power, transmit_power_w
-from sionna_radar.signal.stages import build_chain
-from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, box_of, build_scene
+from sionna_radar.scene.terrains.build import map_frame
+from sionna_radar.signal.analog_filters import HighPass
+from sionna_radar.signal.build import build_chain, build_high_pass, build_interference, noise_power, transmit_power_w
+from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.checks import (
     SAMPLED_PULSES,
+    BoresightHits,
     boresight_hits,
     check_bounces,
     check_geometry,
@@ -73,130 +60,12 @@ from sionna_radar.survey.checks import (
     warn_of_folded,
     warn_of_posting,
 )
+from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
+from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
-from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
-from sionna_radar.tracing.paths import Paths
-
-GivenTerrain = (
-    Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
-)
-
-
-def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster | str | Path | None:
-    """Return given ground, an array with its spacing as a raster; refuse what is none, with the remedy."""
-    if isinstance(given, tuple):
-        try:
-            height_m, spacing_m = given
-            return Raster.from_array(height_m, spacing_m)
-        except (TypeError, ValueError) as error:
-            message = f"{error}; a tuple is (heights, spacing_m): an array, rows from south to north, and metres"
-            raise ScenarioError([Problem("terrain", message)]) from None
-    if given is None or callable(given) or isinstance(given, Raster | str | Path):
-        return given
-    message = (
-        f"terrain is of the type {type(given).__name__}; give (heights, spacing_m) with heights as a NumPy array "
-        "(row, column), a Raster, the path of an elevation file, or a function that builds it"
-    )
-    raise PluginError(message)
-
-
-def over_file(scenario: Scenario, path: str | Path) -> Scenario:
-    """Return a scenario over an elevation file, with the material and the covers of its own terrain."""
-    own = scenario.terrain.model_dump(exclude_unset=True)
-    kept = RasterTerrain.model_fields if isinstance(scenario.terrain, RasterTerrain) else CoveredTerrain.model_fields
-    terrain = {name: value for name, value in own.items() if name in kept} | {"kind": "raster", "path": path}
-    return scenario.replace({"terrain": terrain})
-
-
-@dataclass(frozen=True, kw_only=True)
-class CustomParts:
-    """What a caller gives in place of parts of a scenario; None keeps the scenario's.
-
-    See `sionna_radar.run` for each. Raises PluginError for a part that lacks a method.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sionna_radar.radar import Antenna, taylor_cut
-    >>> cut = taylor_cut(float(np.deg2rad(3.0)), -25.0)
-    >>> custom = CustomParts(antenna=Antenna(cut, cut))
-    >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}), custom)
-    >>> run(prepared).replaced
-    {'radar.antenna': 'sionna_radar.radar.antenna.Antenna, half-power beam 3 x 3 deg'}
-
-    """
-
-    antenna: Antenna | None = None
-    scan: Scan | None = None
-    navigation: Navigation | None = None
-    terrain: GivenTerrain | None = None
-    materials: Mapping[str, Backscatter] = field(default_factory=dict)
-    engine: Callable[[EngineInputs], Engine] | None = None
-    sensor: Callable[[SensorInputs], Sensor] | None = None
-    range_estimator: RangeEstimator | None = None
-    dem_method: DemMethod | None = None
-
-    def __post_init__(self) -> None:
-        kinds = {
-            "antenna": Antenna,
-            "scan": Scan,
-            "navigation": Navigation,
-            "range_estimator": RangeEstimator,
-            "dem_method": DemMethod,
-        }
-        for name, kind in kinds.items():
-            if getattr(self, name) is not None:
-                require(getattr(self, name), kind, name)
-        object.__setattr__(self, "terrain", checked_terrain(self.terrain))
-        for name in ("engine", "sensor"):
-            if getattr(self, name) is not None and not callable(getattr(self, name)):
-                message = f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function"
-                raise PluginError(message)
-
-    def described(self) -> dict[str, str]:
-        """Return descriptions of the custom parts, by the keys of the scenario that they replace."""
-        return described(
-            antenna=self.antenna,
-            parts={
-                "radar.scan": self.scan,
-                "platform.navigation": self.navigation,
-                "terrain": self.terrain,
-                **{f"materials.{name}": model for name, model in self.materials.items()},
-                "tracing.engine": self.engine,
-                "sensor": self.sensor,
-                "processing.ranging": self.range_estimator,
-                "dem.method": self.dem_method,
-            },
-        )
-
-
-def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
-    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
-    words = {}
-    if antenna is not None:
-        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
-        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
-    for key, part in parts.items():
-        if part is not None:
-            words[key] = _name(part)
-    return words
-
-
-def _name(made: object) -> str:
-    """Return the module and name of a class or function; of anything else, those of its class."""
-    name = getattr(made, "__qualname__", None)
-    return f"{made.__module__}.{name}" if name else _name(type(made))
-
-
-def refuse_for_workers(replaced: Mapping[str, str]) -> None:
-    """Raise PluginError for parts that were given in Python, by the keys that they replace."""
-    if replaced:
-        message = (
-            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
-            "a package with the entry point sionna_radar.plugins that they have, too"
-        )
-        raise PluginError(message)
+from sionna_radar.tracing.build import EngineInputs
+from sionna_radar.tracing.paths import Paths, SampledBeams
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +104,7 @@ class Prepared:
     expected_ground: ExpectedGround | None
     mapper: Mapper
     ground_extent_m: Extent
-    custom: CustomParts = CustomParts()
+    custom: CustomParts = field(default_factory=CustomParts)
     beams: tuple[Antenna, ...] = ()
     angle: AngleEstimator | None = None
     bursts: Bursts | None = None
@@ -258,7 +127,7 @@ class Prepared:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the map uses range profiles around the echoes."""
+        """Whether the DEM method uses range profiles around the echoes."""
         return self.mapper.keeps_profiles
 
     def document(self) -> dict[str, str]:
@@ -321,7 +190,7 @@ class Prepared:
         """The surface that the survey flies over."""
         return GroundTruth(
             built=self.scene,
-            buildings=self.local.buildings,
+            buildings=tuple(box_of(table) for table in self.local.buildings),
             grid=self.mapper.grid,
             max_gap_m=self.mapper.max_gap_m,
             antenna=self.antenna,
@@ -430,81 +299,167 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
 
 
 def _prepare(scenario: Scenario, custom: CustomParts) -> Prepared:
-    # The flight before the scene, the scene, the flight over it, and what it looks at.
     local = in_local_frame(scenario)
-    chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
+    radar = _radar(local, custom)
+    route = _route(scenario, local, radar)
+    processing = _processing(local, radar, route, custom)
+    advance()
+    world = _world(local, route.window_m(radar.chirp.max_range_m), custom)
+    flight = _flight(local, radar, route, world, custom)
+    advance()
+    mapper = _map(local, radar, processing, world, flight, custom)
+    receiver = _receiver(local, radar, world, flight)
+    advance()
+    place, expected = world.scene.georeference, local.processing.expected_ground
+    return Prepared(
+        scenario=scenario,
+        local=local,
+        scene=world,
+        antenna=radar.antenna,
+        beams=radar.beams,
+        flown=flight.flown,
+        flight=flight.schedule,
+        receiver=receiver,
+        detector=processing.detector,
+        expected_ground=build_expected_ground(expected, flight.flown.altitude_m, radar.antenna, mapper.grid, place),
+        mapper=mapper,
+        custom=custom,
+        angle=processing.angle,
+        bursts=flight.bursts,
+        ground_extent_m=flight.hits.extent_m,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Radar:
+    """The radar before its receiver, whose noise counts from the echo of the ground."""
+
+    sweeps: tuple[Chirp, ...]
+    scan: Scan
+    antenna: Antenna
+    beams: tuple[Antenna, ...]
+    high_pass: HighPass | None
+
+    @property
+    def chirp(self) -> Chirp:
+        """The first sweep of a pulse."""
+        return self.sweeps[0]
+
+
+def _radar(local: Scenario, custom: CustomParts) -> _Radar:
+    """Return the radar; ScenarioError for vegetation and rotors that it cannot show."""
     scan = custom.scan or build_scan(local.radar.scan)
     antenna = custom.antenna or build_antenna(local.radar.antenna)
-    beams = beams_of(antenna, scan)
+    radar = _Radar(
+        sweeps=build_sweeps(local.radar),
+        scan=scan,
+        antenna=antenna,
+        beams=beams_of(antenna, scan),
+        high_pass=build_high_pass(local.radar.receiver),
+    )
     check_vegetation(local, antenna)
-    check_rotors(local, chirp)
-    check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
-    high_pass = build_high_pass(local.radar.receiver)
-    looks = speckle_looks(local.processing, local.tracing)
-    detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator, speckle_looks=looks)
+    check_rotors(local, radar.chirp)
+    return radar
+
+
+def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
+    """Return the flight before its ground is known; ScenarioError for one beyond the limits of the radar."""
+    route = plan_route(local.platform, lambda: map_frame(scenario.terrain))
+    check_limits(local, radar.chirp, route, radar.antenna.beamwidths_rad, radar.scan.incidence_rad)
+    return route
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Processing:
+    detector: Detector
+    angle: AngleEstimator | None
+
+
+def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
+    """Return the processing of echoes; ScenarioError where the nominal range is beyond its sampled beat."""
+    detector = build_detector(
+        local.processing,
+        radar.chirp,
+        radar.antenna,
+        radar.high_pass,
+        custom.range_estimator,
+        speckle_looks=speckle_looks(local.processing, local.tracing),
+    )
     if route.altitude_m is not None:
-        check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
-    angle = build_angle_estimator(local.radar, detector, antenna)
-    advance()
+        check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
+    angle = build_angle_estimator(local.radar, local.processing, detector, radar.antenna)
+    return _Processing(detector=detector, angle=angle)
+
+
+def _world(local: Scenario, window_m: Extent, custom: CustomParts) -> BuiltScene:
+    """Return what the radar can see."""
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
-    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
-    check_bounces(local, scene)
-    place = scene.scene.georeference
-    flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
+    world = build_scene(local, window_m, custom.terrain, custom.materials)
+    check_bounces(local, world)
+    return world
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FlightOver:
+    """A flight over its ground: its pulses, and where their beams meet the scene."""
+
+    flown: Flight
+    schedule: PulseSchedule
+    bursts: Bursts | None
+    hits: BoresightHits
+
+
+def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, custom: CustomParts) -> _FlightOver:
+    """Return the flight; ScenarioError where it has no pulses, or its swath leaves the terrain."""
+    place = world.scene.georeference
+    flown = route.fly(world.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:
-        check_paths(local, chirp, flown.altitude_m, antenna.beamwidths_rad, scan.incidence_rad)
-    flight = _schedule(local, flown.trajectory, scan, custom.navigation)
-    bursts = in_bursts(flight, local.processing.average.chirps, local.radar.chirp_rate_hz)
-    flight = flight if bursts is None else bursts.schedule
-    check_pulses(flight, local)
-    advance()
-    hits = boresight_hits(flight, scene)
-    check_geometry(hits, scene, chirp)
-    max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
-    grid = dem_grid(local.dem.spacing_m, hits.extent_m, max_gap_m, place)
+        check_paths(local, radar.chirp, flown.altitude_m, radar.antenna.beamwidths_rad, radar.scan.incidence_rad)
+    schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
+    bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
+    schedule = schedule if bursts is None else bursts.schedule
+    check_pulses(schedule, local)
+    hits = boresight_hits(schedule, world)
+    check_geometry(hits, world, radar.chirp)
+    return _FlightOver(flown=flown, schedule=schedule, bursts=bursts, hits=hits)
+
+
+def _map(
+    local: Scenario, radar: _Radar, processing: _Processing, world: BuiltScene, flight: _FlightOver, custom: CustomParts
+) -> Mapper:
+    """Return the mapper; ScenarioError for a grid that is too large, or a method without the profiles it requires."""
+    max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flight.flown, radar.scan)
     mapper = build_mapper(
         local.dem,
-        grid,
+        dem_grid(local.dem.spacing_m, flight.hits.extent_m, max_gap_m, world.scene.georeference),
         max_gap_m,
-        antenna if local.sensor != "lidar" else None,
-        detector.analyser,
+        radar.antenna if local.sensor != "lidar" else None,
+        processing.detector.analyser,
         local.processing.doppler_correction,
         custom.dem_method,
         speckle_memory(local),
         measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
     )
     _check_profiles(local, mapper, custom)
-    sweeps = build_sweeps(local.radar)
-    others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
-    check_reference(local, scene, scan.incidence_rad)
+    return mapper
+
+
+def _receiver(local: Scenario, radar: _Radar, world: BuiltScene, flight: _FlightOver) -> Receiver:
+    """Return the receiver; ScenarioError where nothing refers its noise to an echo."""
+    others = build_interference(local.interferers, world.ground_m, radar.beams or (radar.antenna,))
+    check_reference(local, world, radar.scan.incidence_rad)
     if local.sensor == "radar":
-        warn_of_folded(sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
-    warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
-    echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
-    advance()
-    return Prepared(
-        scenario=scenario,
-        local=local,
-        scene=scene,
-        antenna=antenna,
-        beams=beams,
-        flown=flown,
-        flight=flight,
-        receiver=Receiver(
-            sweeps=sweeps,
-            transmit_power_w=transmit_power_w(local.radar),
-            noise_power_w=noise_power(local.radar, chirp, echo),
-            seed=local.seed,
-            high_pass=high_pass,
-            chain=build_chain(local.radar, sweeps, high_pass, others),
-        ),
-        detector=detector,
-        expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),
-        mapper=mapper,
-        custom=custom,
-        angle=angle,
-        bursts=bursts,
-        ground_extent_m=hits.extent_m,
+        hits = flight.hits
+        warn_of_folded(radar.sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
+    warn_of_posting(world.posting_m, flight.hits.range_m, radar.antenna.beamwidths_rad)
+    echo = _reference_echo(flight.flown.altitude_m, radar.antenna, radar.chirp, world, radar.scan.incidence_rad)
+    return Receiver(
+        sweeps=radar.sweeps,
+        transmit_power_w=transmit_power_w(local.radar),
+        noise_power_w=noise_power(local.radar, radar.chirp, echo),
+        seed=local.seed,
+        high_pass=radar.high_pass,
+        chain=build_chain(local.radar, radar.sweeps, radar.high_pass, others),
     )
 
 
@@ -517,7 +472,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
     if method.profiles != "required" or custom.sensor is not None:
         return
     paired = scenario.sensor == "radar" and scenario.radar.sweep == "triangular"
-    if paired or not SENSORS.entry(scenario.sensor).provides_profiles:
+    if paired or not SENSORS.entry(scenario.sensor).facts.provides_profiles:
         message = f"{name!r} needs range profiles, which this sensor does not have; set dem.method = 'smooth'"
         raise ScenarioError([Problem("dem.method", message)])
 

@@ -1,4 +1,4 @@
-"""Recorded beat signals made into ranges, points and a DEM, without the scene that they come from.
+"""Reprocessing of recorded beat signals into ranges, points and a DEM, without the scene.
 
 A recording is a source of beat signals: it is observed, placed, mapped and compared as a survey is.
 """
@@ -18,9 +18,10 @@ from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
+from sionna_radar.detection.build import build_detector, build_expected_ground
+from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
+from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task
 from sionna_radar.flight.pulses import Pose, Pulses
@@ -28,19 +29,20 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.speckle import speckle_memory
-from sionna_radar.mapping.mapper import Mapper, build_dem_method, build_mapper, dem_grid
+from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
+from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
-from sionna_radar.radar.antenna import Antenna, build_antenna
-from sionna_radar.radar.chirp import Chirp, build_sweeps
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
-from sionna_radar.signal.analog_filters import build_high_pass
+from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
+from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.preparation import CustomParts, refuse_for_workers
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
@@ -49,7 +51,7 @@ from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
-# Pulses, spread over the recording, whose spectra are kept as their mean and median.
+# Pulses sampled over the recording for the mean and median spectrum.
 SPECTRUM_PULSES = 512
 # Share of the echoes' energy in the farther half of an I/Q band, and their strongest cell over the noise, above which
 # the samples may be conjugated.
@@ -65,10 +67,10 @@ def process(
     parts: CustomParts | None = None,
     execution: Execution | None = None,
 ) -> Processed:
-    """Process recorded beat signals again, or those of a real radar: ranges, points and a DEM.
+    """Process recorded or measured beat signals into ranges, points and a DEM.
 
-    Neither the scene nor the ray tracer is needed. The settings of the first run give its points and its DEM, bit for
-    bit, where the samples were kept in 64 bits.
+    Neither the scene nor the ray tracer is needed. With unchanged settings and samples of 64 bits, points and DEM
+    are those of the simulation, bit for bit.
 
     Parameters
     ----------
@@ -79,13 +81,13 @@ def process(
         Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
         `radar.receiver` and `radar.conjugate`.
     parts:
-        Custom antenna, range estimator and DEM method; those of the flight that a file cannot hold must be given again.
+        Custom antenna, range estimator and DEM method; custom parts of the simulated flight must be given again.
     execution:
         As for `run`.
 
     Returns
     -------
-    Echoes, and with poses points and a DEM; with the truth of a simulation their error.
+    Echoes; points and a DEM if poses are known; their error if the recording holds the simulated truth.
 
     Raises
     ------
@@ -110,7 +112,7 @@ def process(
 
 
 def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> dict[str, Any]:
-    """Return the inputs that determine the segments of a recording, as a JSON document.
+    """Return the inputs that the segments of a recording depend on, as a JSON document.
 
     Raises InputFileError for a file that is no recording.
     """
@@ -123,7 +125,7 @@ def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> di
 def open_recording(
     path: Path, overrides: Mapping[str, Any], parts: CustomParts | None = None
 ) -> Iterator["RecordingSource"]:
-    """Open a recording, and check the settings of its processing; see `process`."""
+    """Open a recording, and check its processing settings; see `process`."""
     with open_signals(path) as file:
         yield _source(path, file, dict(overrides), parts or CustomParts())
 
@@ -153,7 +155,7 @@ class RecordingSource:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the map uses range profiles around the echoes."""
+        """Whether the DEM method uses range profiles around the echoes."""
         return (self.parts.dem_method or build_dem_method(self.settings.dem)).profiles != "unused"
 
     def document(self) -> dict[str, Any]:
@@ -255,14 +257,14 @@ class RecordedSensor:
 
 @on_one_thread
 def recorded_segment_task(task: Task) -> bytes:
-    """Return the bytes of a segment of a recording that a worker processes."""
+    """Process a segment of a recording on a worker, and return it serialised."""
     source, sensor, _ = _on_this_worker(task["recording"], task["overrides"])
     return SegmentObserver(source, sensor, task["blocks"]).segment(task)
 
 
 @lru_cache(maxsize=1)
 def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, RecordedSensor, ExitStack]:
-    """Return a recording, its sensor, and what keeps the file open: a worker processes many segments of one."""
+    """Return a recording, its sensor and its open file, cached for the segments of one recording."""
     kept_open = ExitStack()
     source = kept_open.enter_context(open_recording(Path(path), json.loads(overrides)))
     return source, source.build_sensor(), kept_open
@@ -298,7 +300,7 @@ def _source(
         message = f"{processing.angle!r} needs all receivers, and a recording has the first one's signals; set 'off'"
         raise ScenarioError([Problem("processing.angle", message)], source)
     if not file.pulses.located:
-        # Rain is told from ground by how the beam meets it.
+        # Rain and ground are distinguished by the geometry of the beam.
         processing = processing.model_copy(update={"volume_clutter": "off"})
     if processing.expected_ground is not None and file.flight is None:
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
@@ -318,7 +320,7 @@ def _source(
 
 
 def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
-    """Refuse a recording whose scenario has another radar than its samples."""
+    """Raise ScenarioError if the radar of the settings differs from that of the samples."""
     if len(wanted) != len(recorded):
         raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
     for name in ("carrier_hz", "bandwidth_hz", "sampling_rate_hz", "samples", "sampling", "sweep", "propagation_mps"):
@@ -332,7 +334,7 @@ def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], so
 def _check_custom_parts(
     file: SignalFile, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
 ) -> None:
-    """Refuse a recording whose flight had a custom part that is not given again."""
+    """Raise ScenarioError if a custom part of the simulated flight is missing."""
     for key, what in file.replaced.items():
         if key in given and given[key] is None and key not in overrides:
             message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
@@ -392,7 +394,7 @@ def _middle_chirp(sensor: Sensor, flight: RecordedPulses) -> ChirpRecord:
 
 
 def _compared(dem: Raster, truth: RecordedTruth | None) -> DemComparison | None:
-    """Return the DEM against the recorded truth; None without one on its grid."""
+    """Compare the DEM with the recorded truth; None if there is none on its grid."""
     if truth is None or truth.surface.grid != dem.grid:
         return None
     error, lit = difference(dem, truth.surface), truth.lit & truth.surface.filled
@@ -422,7 +424,7 @@ def _spectrum(source: RecordingSource) -> RangeSpectrum:
 def _warnings(
     source: RecordingSource, echoes: Echoes, comparison: DemComparison | None, spectrum: RangeSpectrum
 ) -> tuple[str, ...]:
-    """Return, and log, what degrades a result."""
+    """Return and log warnings about a result."""
     warnings: tuple[str, ...] = ()
     if not source.file.pulses.located:
         warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
@@ -441,7 +443,7 @@ def _warnings(
 
 
 def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
-    """Return whether the nearer half of the ranges is empty, and the farther half is not: I/Q with negative beats.
+    """Return whether only the farther half of the ranges holds energy: I/Q samples with negative beat frequencies.
 
     Leakage stands at both ends of the band, and is left out with the window's response of it.
     """

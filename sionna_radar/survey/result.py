@@ -35,16 +35,16 @@ class Saturation:
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """A finished survey, with what it was prepared with.
+    """The result of a survey, with the prepared survey it was made from.
 
-    prepared: scene, flight, receiver and mapper, for whoever goes on from here.
-    paths: how many were traced.
+    prepared: scene, flight, receiver and mapper, for further analysis.
+    paths: number of traced paths.
     points: the located echoes.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
     dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
         both None for a method that tells nothing of its errors.
-    dem_sigma_navigation: standard deviation of each cell from the errors that the navigation system states, which
-        neighbouring cells share; None for one that states none.
+    dem_sigma_navigation: standard deviation of each cell due to stated navigation errors, which neighbouring cells
+    share; None if none are stated.
     lit: cells with a true height that the main beam reached.
     dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
     off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
@@ -52,8 +52,8 @@ class Survey:
     timing_s: seconds spent in each stage, and in all under `total`.
     warnings: what degrades the result.
     overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
-    sensor: the one that flew, for a second look at some pulses; None for a survey that was not flown here.
-    no_echo: lit cells that the DEM leaves empty and that pulses without any echo looked at, as over calm water.
+    sensor: kept so that single pulses can be simulated again; None if the survey ran on workers.
+    no_echo: empty lit cells illuminated by pulses without any echo, as over calm water.
     saturation: what the converter of the receiver clipped; None without a full scale.
 
     Examples
@@ -100,7 +100,7 @@ class Survey:
 
     @property
     def pulses(self) -> int:
-        """How many pulses were simulated."""
+        """Number of simulated pulses."""
         return len(self.prepared.flight)
 
     @property
@@ -110,12 +110,12 @@ class Survey:
 
     @property
     def replaced(self) -> dict[str, str]:
-        """What the caller gave in place of parts of the scenario, by their keys in it."""
+        """Custom parts by the scenario keys that they replace."""
         return self.prepared.custom.described()
 
     @cached_property
     def breakdown(self) -> Breakdown:
-        """Where the DEM errs: checkpoints, classes of terrain and view, variogram; computed when first asked for."""
+        """DEM errors by checkpoint, terrain class and view, and their variogram; computed on first use."""
         return break_down(
             error=self.error,
             truth=self.truth,
@@ -140,7 +140,7 @@ class Survey:
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:
-        """How high among plants the DEM lies; computed when first asked for; None where nothing grows."""
+        """Height of the DEM within vegetation; computed on first use; None without vegetation."""
         vegetation = self.prepared.scene.scene.vegetation
         if vegetation is None:
             return None
@@ -148,7 +148,7 @@ class Survey:
 
     @cached_property
     def dem_uncertainty(self) -> UncertaintyCheck | None:
-        """Whether the DEM errs as it says; computed when first asked for; None where it says nothing."""
+        """Comparison of DEM errors with their stated sigma; computed on first use; None if none is stated."""
         if self.dem_sigma is None:
             return None
         return check_uncertainty(self.error, self.dem_sigma, self.truth, self.lit, self.points, self.uncertainty)
@@ -212,7 +212,7 @@ class DemComparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Processed:
-    """What processing made of a recording.
+    """The result of processing a recording.
 
     source: the recording.
     scenario: that of a simulated one, as it was processed; None for a real one, whose `settings` are these.

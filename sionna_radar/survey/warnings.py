@@ -1,4 +1,4 @@
-"""Warnings about the result of a survey: what degrades it, and how to avoid that."""
+"""Warnings about the result of a survey: what degrades it, and the remedy."""
 
 import logging
 from collections.abc import Mapping
@@ -15,9 +15,9 @@ from sionna_radar.foundation.numerics import to_db
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
-from sionna_radar.scenario.angle_of_arrival import NEEDED
+from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
-from sionna_radar.signal.converter import rounding_over_noise
+from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
 
@@ -31,22 +31,22 @@ LOUDER = {
 # Spread over the survey, by which warnings know how the antenna looks at the ground.
 WARNED_PULSES = 200
 
-# A map of less than this share of the cells that the main beam reached, and more pulses without an echo, are told.
+# Warn below this share of filled lit cells, and above this share of pulses without an echo.
 MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
-# Echoes on a strip narrower than these cells of the DEM are those of a line.
+# Echoes on a strip narrower than this many cells count as a line.
 NARROWEST_CELLS = 3
-# Echoes of rain lie tens of metres above the ground, so that a few of them ruin a DEM.
+# Rain echoes lie tens of metres above the ground; a few ruin a DEM.
 RAIN_SHARE_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
 # beam of 8 deg at 71 m a speckled cell then moves points by some 0.2 m.
 STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
-# Echoes that a map without walls does not explain, where more are told.
+# Share of echoes unexplained by a map without walls above which a warning is given.
 UNEXPLAINED_SHARE_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
 
-# More clipped pulses than these are told.
+# Share of clipped pulses above which a warning is given.
 SATURATED_SHARE_WARNED = 0.001
 
 
@@ -102,7 +102,7 @@ def warnings_of(
 def map_warnings(
     points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
 ) -> tuple[str, ...]:
-    """Return the warnings about a map on a line, an empty one, or one with few of its cells filled.
+    """Return the warnings about a map along a line, an empty map, or one with few filled cells.
 
     pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
     spacing_m: of its cells. louder: keys that raise echoes.
@@ -140,10 +140,7 @@ def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
     """Return the warning about a DEM method that models every beam of an electronic scan as broadside."""
     if not beams or profiles == "unused":
         return ()
-    return (
-        f"dem.method = {method!r} takes every beam of the scan for that of broadside, narrower than the steered ones; "
-        "'linear' takes none for another",
-    )
+    return (f"dem.method = {method!r} models every beam of the scan as the narrower broadside beam; 'linear' does not",)
 
 
 def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int) -> tuple[str, ...]:
@@ -161,9 +158,9 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
         share = float(np.mean(off > STRIP_OFF_RAD))
         if share > STRIP_SHARE_WARNED:
             harm = (
-                "the row's axis, and it takes their spread for a second surface; set radar.scan.mode = 'conical'"
+                "the row's axis, and their spread is interpreted as a second surface; set radar.scan.mode = 'conical'"
                 if row
-                else "the second receiver's axis, and it takes their speckle for height; set "
+                else "the second receiver's axis, and their speckle is interpreted as height; set "
                 "radar.second_receiver.axis = 'both'"
             )
             warnings = (

@@ -1,4 +1,4 @@
-"""The table of propagation paths that every engine returns, and where it comes from without an engine.
+"""The table of propagation paths that every engine returns, the interface of engines, and paths without an engine.
 
 Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the
 spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter"). The shifts turn phases
@@ -16,6 +16,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scene.raycast import RayCaster
 
 # Values of `Paths.surface` where no surface is hit.
@@ -197,4 +198,41 @@ class DeviceTracing(Protocol):
 
     def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
         """Yield the paths of a block of pulses, a part of the block at a time."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledBeams(Columns):
+    """Beams of pulses spread over a survey.
+
+    range_m: along the axis to the surface; infinite for a beam that meets none.
+    beam: which of the antennas each looks through.
+    """
+
+    position_m: Float[np.ndarray, "look 3"]
+    R_world_antenna: Float[np.ndarray, "look 3 3"]
+    range_m: Float[np.ndarray, " look"]
+    beam: Int[np.ndarray, " look"]
+
+    @property
+    def hit_m(self) -> Float[np.ndarray, "look 3"]:
+        """Where the axes meet the surface."""
+        return self.position_m + self.range_m[:, None] * self.R_world_antenna[:, :, 0]
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """Traces the surfaces of a scene."""
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses."""
+        ...
+
+
+@runtime_checkable
+class SteerableEngine(Engine, Protocol):
+    """An engine for the beams of an electronic scan."""
+
+    def with_antenna(self, antenna: Antenna) -> Engine:
+        """Return the same engine with another antenna."""
         ...

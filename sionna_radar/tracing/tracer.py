@@ -3,30 +3,24 @@
 A steered tracer is that of an array whose beam is steered from pulse to pulse.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import Same
 from sionna_radar.foundation.progress import HoldsMemory
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.surfaces.motion import Windblown
-from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
+from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, plane_mirrors
-from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
+from sionna_radar.tracing.effects.moving_ground import MovingGround
 from sionna_radar.tracing.effects.targets import seen_past, trace_targets
-from sionna_radar.tracing.engine import Engine, EngineInputs, SteerableEngine
-from sionna_radar.tracing.paths import DeviceTracing, Paths
+from sionna_radar.tracing.paths import DeviceTracing, Engine, Paths
 
 
 class Tracer:
@@ -105,24 +99,6 @@ class Tracer:
         return paths if self._canopy is None else self._canopy.through(paths, pulses)
 
 
-def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
-    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
-    plants = given.scene.vegetation
-    wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), given.chirp.carrier_hz)
-    return Tracer(
-        engine,
-        given.scene,
-        given.antenna,
-        given.chirp,
-        given.caster,
-        moving=build_moving_ground(given.scene, np.array(weather.wind_mps), given.chirp, given.seed),
-        canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
-        atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
-        seed=given.seed,
-        bounces=given.tracing.bounces,
-    )
-
-
 class SteeredTracer:
     """A tracer for each beam of an electronic scan: each traces the pulses of its own."""
 
@@ -146,15 +122,3 @@ class SteeredTracer:
         """Let the engines give back memory until more pulses are traced."""
         for tracer in self._tracers:
             tracer.release_memory()
-
-
-def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
-    """Return the tracer of all beams, with engines that share what they know of the scene.
-
-    Raises ScenarioError for an engine that cannot change its antenna.
-    """
-    if not isinstance(engine, SteerableEngine):
-        message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
-        raise ScenarioError([Problem("tracing.engine", message)])
-    each = [(engine.with_antenna(beam), replace(given, antenna=beam, beams=())) for beam in given.beams]
-    return SteeredTracer([build_tracer(own, inputs, weather) for own, inputs in each])

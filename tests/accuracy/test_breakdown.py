@@ -12,7 +12,7 @@ from sionna_radar.accuracy.compare import MEANING, DemError, summarise
 from sionna_radar.accuracy.edges import Walls
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
-from sionna_radar.scenario.objects import Building
+from sionna_radar.scene.footprints import Box
 
 NO_WALLS = Walls(buildings=(), foot_m=np.zeros((0, 2)))
 
@@ -154,7 +154,7 @@ def test_slope_and_incidence_of_a_plane() -> None:
 
 def test_errors_by_distance_from_walls() -> None:
     grid = grid_of(60, 60)
-    box = Building(position_m=[30.0, 30.0], size_m=[10.0, 10.0, 8.0])
+    box = Box(position_m=(30.0, 30.0), size_m=(10.0, 10.0, 8.0))
     walls = Walls(buildings=(box,), foot_m=np.zeros((0, 2)))
     beyond = np.maximum(np.abs(grid.centres_m[:, 0] - 30), np.abs(grid.centres_m[:, 1] - 30)) - 5
     distance = walls.distance_m(grid.centres_m, 20.0)

@@ -6,8 +6,7 @@ import trimesh
 
 from sionna_radar.accuracy.edges import walls_on
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.scenario.objects import Building
-from sionna_radar.scene.footprints import build_box
+from sionna_radar.scene.footprints import Box, build_box
 from sionna_radar.scene.model import Surface
 from worlds import make_scene, make_surface
 
@@ -17,7 +16,7 @@ GRID = Grid(west_m=-40.0, south_m=-40.0, spacing_m=1.0, columns=81, rows=81)
 @pytest.mark.parametrize(("height_m", "walls"), [(6.0, True), (0.5, False)])
 def test_a_box_s_walls_are_those_of_its_outline(height_m, walls):
     """The same box once as a building of the scenario, once as any mesh of a city."""
-    box = Building(position_m=(3.0, -5.0), size_m=(20.0, 12.0, height_m), heading_deg=30.0)
+    box = Box(position_m=(3.0, -5.0), size_m=(20.0, 12.0, height_m), heading_rad=np.deg2rad(30.0))
     ground = make_surface(lambda x, y: 0 * x)
     mesh = build_box(box, 0, lambda point: np.zeros(len(point)))
     city = walls_on(GRID, make_scene(ground, mesh), ())
@@ -41,7 +40,7 @@ def test_ground_is_no_wall_unless_no_soil_lies_so_steep(slope_deg, walls):
 
 
 def test_walls_beyond_the_map_are_none():
-    far = Building(position_m=(200.0, 0.0), size_m=(20.0, 12.0, 6.0))
+    far = Box(position_m=(200.0, 0.0), size_m=(20.0, 12.0, 6.0))
     mesh = build_box(far, 0, lambda point: np.zeros(len(point)))
     assert not walls_on(GRID, make_scene(make_surface(lambda x, y: 0 * x), mesh), ())
 

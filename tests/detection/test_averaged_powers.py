@@ -5,8 +5,8 @@ import pytest
 from scipy.linalg import cholesky, toeplitz
 from scipy.special import betainc
 
+from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.cfar import Cfar
-from sionna_radar.detection.detector import build_detector
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beams import make_chirp
+from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.cfar import Cfar
-from sionna_radar.detection.detector import build_detector
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import CfarTable, ProcessingTable

@@ -7,7 +7,7 @@ import pytest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.build import build_detector
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise

@@ -12,8 +12,7 @@ from rasterio import Affine
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar import load_scenario, run
-from sionna_radar.detection.detector import build_detector
-from sionna_radar.detection.expected_ground import build_expected_ground
+from sionna_radar.detection.build import build_detector, build_expected_ground
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable

@@ -5,10 +5,11 @@ import pytest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.detection.detector import build_detector, pair_sweeps
+from sionna_radar.detection.build import build_detector
+from sionna_radar.detection.detector import pair_sweeps
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.chirp import build_chirp, build_sweeps
+from sionna_radar.radar.build import build_chirp, build_sweeps
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable

@@ -12,7 +12,7 @@ from sionna_radar.elevation.point_cloud import gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.terrain import PointsTerrain
-from sionna_radar.scene.landscape import map_frame
+from sionna_radar.scene.terrains.build import map_frame
 from worlds import load_ground
 
 WINDOW = (-1000.0, -1000.0, 1000.0, 1000.0)

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
+from sionna_radar.flight.build import build_scan, build_wind, flight_plan, plan_track
 from sionna_radar.flight.gusts import DAMPING, DRAG_S, Dryden, Gusts, dryden_axes, in_wind
 from sionna_radar.flight.pulses import schedule_pulses
-from sionna_radar.flight.scan import build_scan
-from sionna_radar.flight.trajectory import Trajectory, plan_track, plan_trajectory
+from sionna_radar.flight.trajectory import Trajectory, plan_trajectory
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.platform import Platform, WindTable
 from sionna_radar.scenario.radar import ScanTable
@@ -19,11 +19,11 @@ ACROSS = Dryden(sigma_mps=1.5, time_s=0.8, along=False)
 
 def still(**keys: object) -> Trajectory:
     platform = Platform(**({"altitude_m": 60.0, "speed_mps": 10.0, "length_m": 200.0} | keys))
-    return plan_trajectory(platform, plan_track(platform), lambda point_m: np.zeros(len(point_m)))
+    return plan_trajectory(flight_plan(platform), plan_track(platform), lambda point_m: np.zeros(len(point_m)))
 
 
 def windy(seed: int = 1, still_air: Trajectory | None = None, **wind: object) -> Trajectory:
-    return in_wind(still_air or still(), WindTable(**wind), 60.0, 10.0, seed)
+    return in_wind(still_air or still(), build_wind(WindTable(**wind)), 60.0, 10.0, seed)
 
 
 @pytest.fixture(scope="module")

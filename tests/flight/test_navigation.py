@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sionna_radar.flight.build import build_navigation, build_scan
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.flight.navigation import ErrorParts, GaussMarkov, InertialErrors
-from sionna_radar.flight.pulses import Navigation, PulseSchedule, build_navigation, schedule_pulses
-from sionna_radar.flight.scan import build_scan
+from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario

@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from flight_logs import HEIGHT, LAT, LON, csv_columns, csv_text, flown, here, regular, write_csv, write_gpx
 from sionna_radar.elevation.local_frame import MapFrame, frame_at
+from sionna_radar.flight.build import build_navigation, plan_route
 from sionna_radar.flight.frames import body_motion, world_from_body
 from sionna_radar.flight.logs.log import Attitudes, Positions
-from sionna_radar.flight.pulses import build_navigation
 from sionna_radar.flight.recorded import attitude_spline, position_spline
-from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.trajectory import Flight
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.scenario import load_scenario

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from sionna_radar.flight.build import build_scan
 from sionna_radar.flight.frames import conical_from_antenna
 from sionna_radar.flight.pulses import schedule_pulses
-from sionna_radar.flight.scan import Pointing, Scan, build_scan
+from sionna_radar.flight.scan import Pointing, Scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 

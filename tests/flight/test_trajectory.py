@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from sionna_radar.flight.build import flight_plan, plan_track
 from sionna_radar.flight.frames import (
     R_WORLD_NED,
     conical_from_antenna,
@@ -13,7 +14,7 @@ from sionna_radar.flight.frames import (
     world_from_body,
     world_from_level,
 )
-from sionna_radar.flight.trajectory import Phase, Trajectory, plan_track, plan_trajectory
+from sionna_radar.flight.trajectory import Phase, Trajectory, plan_trajectory
 from sionna_radar.scenario.platform import Platform
 
 
@@ -27,7 +28,7 @@ def flat(point_m: np.ndarray) -> np.ndarray:
 
 def plan(ground_m=flat, **values: object) -> Trajectory:
     platform = Platform(**({"altitude_m": 50.0, "speed_mps": 10.0} | values))
-    return plan_trajectory(platform, plan_track(platform), ground_m)
+    return plan_trajectory(flight_plan(platform), plan_track(platform), ground_m)
 
 
 FLIGHTS = {

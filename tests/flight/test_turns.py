@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.constants import g as gravity
 
+from sionna_radar.flight.build import build_scan, plan_route
 from sionna_radar.flight.pulses import schedule_pulses
-from sionna_radar.flight.route import plan_route
-from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.flight.turns import CurvedTrack, TurnSegment, rounded_track, shortest_way
 from sionna_radar.foundation.errors import ScenarioError

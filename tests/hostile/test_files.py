@@ -12,12 +12,11 @@ from rasterio import Affine
 
 from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
-from sionna_radar.flight.navigation import load_grades
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scenario.cover import CoverRaster
-from sionna_radar.scene.ground_cover import classes_at
+from sionna_radar.scene.ground_cover import ClassRaster, classes_at
+from sionna_radar.studies.budget import load_grades
 from sionna_radar.surfaces.backscatter import TableBackscatter
 
 CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), frame=StatedFrame(crs="EPSG:32631"))
@@ -60,7 +59,7 @@ def as_terrain(path: Path) -> object:
 
 
 def as_cover(path: Path) -> object:
-    return classes_at(CoverRaster.model_construct(path=path, classes={"7": "building"}), POINTS, None)
+    return classes_at(ClassRaster(path=path, materials={7: "building"}), POINTS, None)
 
 
 AS_RASTER = {"terrain.path": as_terrain, "terrain.cover_raster.path": as_cover}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from flight_logs import HEIGHT, WRITERS, flown, here, regular, ulog_bytes, ulog_topics
+from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.logs.reader import read_log
-from sionna_radar.flight.route import plan_route
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.scenario.platform import Platform
 

@@ -14,9 +14,8 @@ import shapely
 import trimesh
 
 from sionna_radar.foundation.errors import RadarError
-from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene.mesh_files.repair import repair
-from sionna_radar.scene.objects import upright
+from sionna_radar.scene.objects import MeshSource, upright
 from sionna_radar.scene.vector_file import read_polygons
 from vector_files import rectangle, write_by_gdal, write_geojson
 
@@ -27,7 +26,7 @@ WINDOW = (-1000.0, -1000.0, 1000.0, 1000.0)
 
 
 def as_mesh(path):
-    mesh = repair(upright(MeshObject(path=path, position_m=(0.0, 0.0)), "objects.0"), "objects.0.path")
+    mesh = repair(upright(MeshSource(path=path), "objects.0"), "objects.0.path")
     assert np.isfinite(mesh.vertices_m[mesh.faces]).all()
     return len(mesh.faces)
 

@@ -9,12 +9,13 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import advance, progress_to, stage
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.mapper import build_dem_method
+from sionna_radar.mapping.build import build_dem_method
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import observe, place
-from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.preparation import prepare
 
 QUICK = {
     "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_antenna, make_chirp, plane_power
-from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.radar.build import build_chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter

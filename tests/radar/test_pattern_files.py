@@ -6,8 +6,9 @@ import pytest
 from beams import make_antenna
 from pattern_files import WRITERS, csv_grid
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.radar.antenna import antenna_of, build_antenna
-from sionna_radar.radar.array_antenna import array_antenna, beams_of, read_elements
+from sionna_radar.radar.antenna import antenna_of
+from sionna_radar.radar.array_antenna import beams_of, read_elements
+from sionna_radar.radar.build import array_antenna, build_antenna
 from sionna_radar.radar.pattern import SphericalPattern, directions_of
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.scenario import load_scenario
@@ -120,7 +121,7 @@ def test_elements_of_a_file_make_the_same_array(tmp_path):
 
 
 def test_only_an_array_is_steered():
-    from sionna_radar.flight.scan import build_scan
+    from sionna_radar.flight.build import build_scan
 
     scan = build_scan(ElectronicScanTable(beams=5, half_swath_deg=30.0))
     with pytest.raises(ScenarioError, match=r"radar.scan.mode: 'electronic' steers an array"):

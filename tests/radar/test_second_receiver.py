@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
-from sionna_radar.detection.angle.build import two_way_spread
+from sionna_radar.detection.build import two_way_spread
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import Cut, antenna_of
+from sionna_radar.radar.build import build_side_receivers
 from sionna_radar.radar.pattern import SphericalPattern
-from sionna_radar.radar.second_receiver import build_side_receivers, difference_pattern
+from sionna_radar.radar.second_receiver import difference_pattern
 from sionna_radar.scenario.radar import RadarTable
 
 WIDE = make_antenna(8.0, 8.0)

@@ -13,7 +13,7 @@ import pytest
 from sionna_radar.report.drawing import readable
 from sionna_radar.report.survey.summary import print_survey
 from sionna_radar.report.terminal import console, lines, number
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
 
 MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"

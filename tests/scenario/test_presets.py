@@ -3,7 +3,7 @@
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.radar.build import build_chirp
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.radar import RadarTable
 

@@ -37,6 +37,14 @@ def test_our_own_parts_come_by_the_same_door(registry):
         entry = registry.entry(name)
         assert entry.name == name
         assert origin == entry.origin == "sionna_radar"
+        assert callable(entry.build.function)
+        assert entry.facts.frame is None or callable(entry.facts.frame.function)
+
+
+def test_facts_of_a_dem_method_are_those_of_the_method():
+    for name in DEM_METHODS.known():
+        entry = DEM_METHODS.entry(name)
+        assert entry.facts.profiles == entry(entry.check(None)).profiles
 
 
 def test_parameters_are_filled_in_and_written_back(gated):

@@ -1,5 +1,7 @@
 """Plants from point clouds: their classes, over the ground that the same cloud gives."""
 
+from pathlib import Path
+
 import laspy
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from pyproj import CRS
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.canopy_heights import plant_heights
+from sionna_radar.scene.vegetation import Stand
 from sionna_radar.survey.preparation import prepare
 
 EAST, NORTH = 690_000.0, 5_330_000.0
@@ -63,7 +66,8 @@ def test_what_gives_no_trees_is_refused(tmp_path):
 
 
 def test_cells_of_a_cloud_that_are_too_many_are_refused(tmp_path):
-    stand = forest(write(tmp_path / "wood.laz", 32632), cloud_spacing_m=0.05).vegetation[0]
+    path = Path(write(tmp_path / "wood.laz", 32632))
+    stand = Stand(path=path, of_cloud=True, cloud_spacing_m=0.05, extinction_db_per_m=1.0, backscatter_db_per_m=-20.0)
     corners = np.array([[-4e3, -4e3], [4e3, 4e3]])
     with pytest.raises(ScenarioError, match=r"cloud_spacing_m: 0\.05 makes .* cells of the stand, more than"):
         plant_heights(None, lambda place: np.zeros(len(place)), stand, "vegetation.0", corners)

@@ -1,5 +1,7 @@
 """Buildings from outlines: their shape, their heights, their place, and what is left out with a count."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -8,9 +10,8 @@ from pyproj import Transformer
 from sionna_radar.elevation.local_frame import frame_at
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.objects import Footprints
 from sionna_radar.scene.build import build_scene
-from sionna_radar.scene.footprints import build_footprints, height_of
+from sionna_radar.scene.footprints import OutlineFile, build_footprints, height_of
 from vector_files import rectangle, write_by_gdal, write_geojson
 
 WINDOW = (-200.0, -200.0, 200.0, 200.0)
@@ -28,7 +29,7 @@ def slope(place_m):
 
 def footprints(path, ground=level, frame=None, window=WINDOW, **keys):
     """The buildings of one material, as a surface; None if there are none."""
-    surfaces = build_footprints(Footprints(path=path, **({"height_m": 5.0} | keys)), 0, frame, window, ground)
+    surfaces = build_footprints(OutlineFile(path=path, **({"height_m": 5.0} | keys)), 0, frame, window, ground)
     assert len(surfaces) < 2
     return surfaces[0] if surfaces else None
 
@@ -208,7 +209,7 @@ def test_materials_come_from_an_attribute(tmp_path):
     """Values that no material is given for, and outlines without one, are of the material for all."""
     made_of = [{"building:material": name} for name in ("brick", "glass", "straw")] + [{}]
     boxes = [([rectangle(20 * k, 0, 20 * k + 10, 10)], made) for k, made in enumerate(made_of)]
-    table = Footprints(
+    table = OutlineFile(
         path=write_geojson(tmp_path / "a.geojson", boxes),
         height_m=4.0,
         material_attribute="building:material",
@@ -220,4 +221,4 @@ def test_materials_come_from_an_attribute(tmp_path):
     assert len({surface.name for surface in surfaces}) == 3
     assert len(next(s for s in surfaces if s.material == "building").faces) == 2 * len(surfaces[0].faces)
     with pytest.raises(ScenarioError, match="no outline has 'wood' as building:material; there are 'brick'"):
-        build_footprints(table.model_copy(update={"materials": {"wood": "wall"}}), 0, None, WINDOW, level)
+        build_footprints(replace(table, materials={"wood": "wall"}), 0, None, WINDOW, level)

@@ -10,9 +10,8 @@ from rasterio import Affine
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
-from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.build import build_scene
-from sionna_radar.scene.ground_cover import NO_CLASS, classes_at
+from sionna_radar.scene.ground_cover import NO_CLASS, ClassRaster, classes_at
 from sionna_radar.survey.preparation import prepare
 from worlds import load_ground
 
@@ -93,11 +92,11 @@ def test_a_class_raster_in_degrees_over_real_ground(tmp_path):
     corner = from_origin(longitude - 200 * step, latitude + 200 * step, step, step)
     path = write_classes(tmp_path / "classes.tif", values, corner, "EPSG:4326")
     point = np.random.default_rng(1).uniform(-400, 400, (500, 2))
-    found = classes_at(CoverRaster(path=path, classes={"3": "forest"}), point, georeference)
+    found = classes_at(ClassRaster(path=path, materials={3: "forest"}), point, georeference)
     there, _ = to_degrees.transform(east + point[:, 0], north + point[:, 1])
     np.testing.assert_array_equal(found, np.where(there < longitude, 3, 5))
     places = np.array([[0.0, 0.0], [9e4, 0.0]])
-    far = classes_at(CoverRaster(path=path, classes={"3": "forest"}), places, georeference)
+    far = classes_at(ClassRaster(path=path, materials={3: "forest"}), places, georeference)
     assert far[1] == NO_CLASS
 
 

@@ -13,9 +13,9 @@ from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene import objects
 from sionna_radar.scene.build import build_scene
 from sionna_radar.scene.ground_cover import overhang
-from sionna_radar.scene.landscape import map_frame
-from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.mesh_files.reader import read_mesh
+from sionna_radar.scene.terrains.build import map_frame
+from sionna_radar.survey.map_positions import in_local_frame
 
 WINDOW = (-500.0, -500.0, 500.0, 500.0)
 FLAT = {"kind": "flat", "size_m": [200.0, 200.0]}

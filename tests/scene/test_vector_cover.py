@@ -5,9 +5,8 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.cover import CoverVector
 from sionna_radar.scene.build import build_scene
-from sionna_radar.scene.ground_cover import vector_classes_at
+from sionna_radar.scene.ground_cover import ClassPolygons, vector_classes_at
 from vector_files import rectangle, write_geojson
 
 CLASSES = {"wood": "forest", "7": "water"}
@@ -41,7 +40,7 @@ def expected(x, y):
 
 def test_the_last_polygon_of_a_mapped_class_counts(plan):
     place = RNG.uniform(-99, 99, (20_000, 2))
-    found = vector_classes_at(CoverVector(path=plan, attribute="use", classes=CLASSES), place, None)
+    found = vector_classes_at(ClassPolygons(path=plan, attribute="use", materials=CLASSES), place, None)
     np.testing.assert_array_equal(found, expected(*place.T))
 
 
@@ -74,9 +73,9 @@ def test_a_scenario_lays_them_under_its_polygons(plan):
 
 
 def test_classes_that_are_nowhere_are_refused_with_those_that_are(plan):
-    table = CoverVector(path=plan, attribute="use", classes={"swamp": "water"})
+    table = ClassPolygons(path=plan, attribute="use", materials={"swamp": "water"})
     with pytest.raises(InputFileError, match=r"no polygon of the classes 'swamp' .* are '', '7', 'parish', 'wood'"):
         vector_classes_at(table, RNG.uniform(-99, 99, (100, 2)), None)
-    table = CoverVector(path=plan, attribute="landuse", classes={"swamp": "water"})
+    table = ClassPolygons(path=plan, attribute="landuse", materials={"swamp": "water"})
     with pytest.raises(InputFileError, match="no attribute 'landuse'; it has use"):
         vector_classes_at(table, RNG.uniform(-99, 99, (100, 2)), None)

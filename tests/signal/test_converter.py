@@ -12,7 +12,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.presets import filled_in
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.receiver import noise_power
+from sionna_radar.signal.build import noise_power
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.warnings import saturation_warnings

@@ -12,8 +12,9 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.analog_filters import HighPass, RangeGain, build_high_pass
+from sionna_radar.signal.analog_filters import HighPass, RangeGain
 from sionna_radar.signal.beat import SampleGrid, synthesise
+from sionna_radar.signal.build import build_high_pass
 from sionna_radar.signal.receiver import add_noise
 from sionna_radar.studies.link_spectra import floors_of
 from sionna_radar.survey.preparation import prepare

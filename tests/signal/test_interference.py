@@ -10,12 +10,11 @@ from receivers import radar_with
 from sionna_radar.detection.preprocessing import bursts, zeroed
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.receiver import Interferer
-from sionna_radar.signal.interference import build_interference
+from sionna_radar.signal.build import build_chain, build_interference
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import build_chain
 from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0

@@ -7,9 +7,10 @@ from scipy.optimize import brentq
 from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.lidar import LidarTable
+from sionna_radar.scenario.receiver import LidarTable
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
+from sionna_radar.signal.build import lidar_receiver
+from sionna_radar.signal.lidar import LidarReceiver
 from sionna_radar.survey.chain import run
 from sionna_radar.tracing.paths import VOLUME, Paths
 

@@ -8,13 +8,14 @@ from direct_receiver import direct_beat, points_at
 from flights import make_pulses
 from receivers import radar_with, receiver_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal import stages
 from sionna_radar.signal.beat import SampleGrid, synthesise
-from sionna_radar.signal.mixer import STEP_RAD, build_mixer, shares
-from sionna_radar.signal.stages import Received, StageInputs
+from sionna_radar.signal.build import StageInputs, build_mixer
+from sionna_radar.signal.mixer import STEP_RAD, shares
+from sionna_radar.signal.stages import Received
 
 NOISY = {"phase_noise_dbc_hz": [[1e3, -40.0], [1e5, -50.0], [1e6, -70.0]]}
 ERRORS = {

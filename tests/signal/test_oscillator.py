@@ -8,13 +8,13 @@ from scipy.stats import kurtosis, skew
 
 from direct_receiver import points_at
 from flights import make_pulses
-from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.radar.build import build_sweeps
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import PHASE_NOISE
 from sionna_radar.signal.beat import analytic_beats
+from sionna_radar.signal.build import build_chain
 from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import build_chain
 
 # Low enough for the square of the phase, which spreads over all offsets, to stay under what is tested.
 LEVELS = ((1e3, -85.0), (1e4, -90.0), (1e5, -100.0), (1e6, -110.0), (1e7, -130.0))

@@ -7,15 +7,20 @@ import pytest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.radar.chirp import build_chirp, build_sweeps
+from sionna_radar.radar.build import build_chirp, build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ReceiverTable
-from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.receiver import Receiver, add_noise, noise_power, transmit_power_w
-from sionna_radar.signal.stages import build_chain, register_receiver_stage
+from sionna_radar.signal.build import (
+    build_chain,
+    build_high_pass,
+    noise_power,
+    register_receiver_stage,
+    transmit_power_w,
+)
+from sionna_radar.signal.receiver import Receiver, add_noise
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import Paths
 

@@ -8,7 +8,7 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.radar.second_receiver import DifferencePattern, SideReceiver
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.navigation import GRADES, load_grades
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.budget import (
+    GRADES,
     NavigationError,
     find_limit,
+    load_grades,
     navigation_errors,
     rms_with,
     run_budget,

@@ -15,21 +15,20 @@ import processes
 from sionna_radar.execution.checkpoints import FOLDER, open_checkpoints
 from sionna_radar.execution.cluster import DaskWorkers, open_workers
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.navigation import GRADES
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
 from sionna_radar.mapping.linear.linear import Linear
-from sionna_radar.report.files.folder import strict_json
+from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.studies.sweep import summary
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies import sweep as sweep_module
-from sionna_radar.studies.budget import navigation_errors, run_budget
+from sionna_radar.studies.budget import GRADES, navigation_errors, run_budget
 from sionna_radar.studies.crosscheck import CrossCheck, run_crosscheck
 from sionna_radar.studies.design import parse_design
 from sionna_radar.studies.sweep import SweepPlan, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}

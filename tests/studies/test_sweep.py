@@ -13,7 +13,8 @@ from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpo
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
-from sionna_radar.report.files.folder import lasting_columns, strict_json
+from sionna_radar.report.files.contents import strict_json
+from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.notebook import html_of
 from sionna_radar.report.studies.sweep import print_sweep, summary
 from sionna_radar.report.studies.sweep_figures import abscissa, errors

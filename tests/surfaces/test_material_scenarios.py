@@ -9,7 +9,7 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
-from sionna_radar.surfaces.material import build_materials
+from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.permittivity import soil_permittivity
 from sionna_radar.surfaces.rough_surface import IntegralEquationModel, SmallPerturbationModel
 from sionna_radar.survey.preparation import prepare
@@ -198,8 +198,7 @@ def test_sionnas_own_material_that_scatters_is_kept(monkeypatch):
 
     original = city.SionnaSlab
     monkeypatch.setattr(city, "SionnaSlab", lambda **k: original(**{**k, "scattering_coefficient": 0.2}))
-    scenario = load_scenario("munich", {"terrain.materials": {"metal": "sionna"}})
-    surfaces, materials = city.load_city(scenario.terrain, 77e9, "VV")
+    surfaces, materials = city.load_city("munich", {"metal": None}, 77e9, "VV")
     assert {"sionna:metal"} == set(materials) == {s.material for s in surfaces if s.material.startswith("sionna")}
     assert materials["sionna:metal"].sigma0(np.zeros(1))[0] == pytest.approx(4 * 0.2**2, rel=0.01)
 

@@ -11,12 +11,12 @@ from sionna_radar import CustomParts, load_scenario, prepare, run
 from sionna_radar.detection.ranging.estimators import PeakRange
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.mapping.refined.refinement import Smooth
-from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario.tracing import TracingTable
-from sionna_radar.scene.landscape import build_landscape
+from sionna_radar.scene.terrains.build import build_landscape
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.sensors.lidar import Lidar
-from sionna_radar.tracing.engine import build_engine
+from sionna_radar.tracing.build import build_engine
 
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
 

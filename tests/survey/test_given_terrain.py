@@ -11,7 +11,7 @@ import rasterio
 from sionna_radar import Raster, load_scenario, prepare, run
 from sionna_radar.foundation.errors import InputFileError, PluginError, ScenarioError
 from sionna_radar.mapping.mapper import MICRORELIEF_M
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 
 SPACING_M = 4.0
 SCENARIO = load_scenario("hills", {"platform.length_m": 8.0})

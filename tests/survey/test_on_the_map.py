@@ -18,8 +18,8 @@ from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
-from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.map_positions import in_local_frame
 from worlds import load_ground
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.

@@ -6,12 +6,14 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from sionna_radar.flight.scan import Pointing, build_scan
+from sionna_radar.flight.build import build_scan
+from sionna_radar.flight.scan import Pointing
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 
 HILLS = parse_scenario(

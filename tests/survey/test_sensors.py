@@ -16,9 +16,10 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.platform import NavigationTable
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import observe, place
 from sionna_radar.survey.observed_survey import observe_survey
-from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor

@@ -13,7 +13,7 @@ from sionna_radar.mapping.terrain.tiles import Tiles
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import observed_survey
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 
 # Two tiles.
 WIDE = {

@@ -11,10 +11,12 @@ import pytest
 from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.loading import content_key
-from sionna_radar.scene import ground
-from sionna_radar.scene.landscape import TerrainInputs, build_landscape
+from sionna_radar.scene.build import build_ground
+from sionna_radar.scene.landscape import TerrainInputs
+from sionna_radar.scene.terrains.build import build_landscape
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0}
@@ -42,7 +44,7 @@ def test_products_are_the_same_bytes_over_a_shared_scene(speckle: str, monkeypat
     before = prepare(scenario).scene.caster
     shared = run(scenario)
     assert shared.prepared.scene.caster is before
-    monkeypatch.setattr("sionna_radar.scene.build.shared_ground", ground.build_ground)
+    monkeypatch.setattr("sionna_radar.scene.build.shared_ground", build_ground)
     alone = run(scenario)
     assert shared.prepared.scene.caster is not alone.prepared.scene.caster
     assert products(shared) == products(alone)

@@ -13,7 +13,8 @@ from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
-from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.preparation import prepare
 
 HILLS = {
     "seed": 4,

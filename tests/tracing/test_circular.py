@@ -13,7 +13,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
-from sionna_radar.surfaces.material import build_materials
+from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.volume_echo import volume_polarization

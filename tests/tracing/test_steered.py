@@ -10,7 +10,7 @@ from sionna_radar.radar.main_lobe import in_main_lobe
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import prepare
 from sionna_radar.survey.warnings import steered_warnings
-from sionna_radar.tracing.tracer import build_steered_tracer
+from sionna_radar.tracing.build import build_steered_tracer
 
 SCAN = {"mode": "electronic", "beams": 3, "half_swath_deg": 40.0, "scans_per_s": 40.0, "incidence_deg": 30.0}
 OVERRIDES = {
@@ -75,7 +75,9 @@ def test_most_power_comes_from_the_beam_itself(prepared):
 
 def test_maps_of_whole_echoes_say_what_they_take_a_beam_for():
     assert steered_warnings(0, "refined", "required") == steered_warnings(45, "linear", "unused") == ()
-    assert "takes every beam of the scan for that of broadside" in steered_warnings(45, "refined", "required")[0]
+    assert (
+        "models every beam of the scan as the narrower broadside beam" in steered_warnings(45, "refined", "required")[0]
+    )
 
 
 def test_an_engine_that_cannot_be_steered_is_refused(prepared):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.tracing.effects.atmosphere import build_weather
+from sionna_radar.tracing.build import build_weather
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import fall_speed_mps, marshall_palmer
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km

@@ -166,7 +166,7 @@ class AngleEstimator:
         """Mark the stretches within the dynamic range of their pulse's strongest; weaker ones may be its skirts."""
         strongest = np.zeros(int(stretches.row.max(initial=0)) + 1)
         np.maximum.at(strongest, stretches.row, stretches.peak_power)
-        limit = from_db(self.detector.processing.dynamic_range_db)
+        limit = from_db(self.detector.dynamic_range_db)
         return stretches.peak_power * limit >= strongest[stretches.row]
 
     def _directions(

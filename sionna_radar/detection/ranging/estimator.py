@@ -4,20 +4,13 @@ Speckle: the power of a cell is exponential about the echo's mean shape, and a w
 that a bin counts as `looks_per_bin` independent looks. Every estimator returns the standard deviation of the range.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
-from sionna_radar.scenario.parts import RANGE_ESTIMATORS
-from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.registry import registers, require
-from sionna_radar.scenario.table import Table
-
-Builder = TypeVar("Builder", bound=Callable[..., "RangeEstimator"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,30 +68,3 @@ class RangeEstimator(Protocol):
     def __call__(self, spans: EchoSpans) -> Ranges:
         """Return the ranges of the echoes, in their order."""
         ...
-
-
-@registers(RANGE_ESTIMATORS, "[processing.ranging_parameters]")
-def register_range_estimator(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
-    """Register a range estimator, for `processing.ranging` in a scenario.
-
-    Decorates a class or function that builds a `RangeEstimator`, called with the parameters, if any.
-
-    Examples
-    --------
-    >>> from sionna_radar.detection import Ranges
-    >>> @register_range_estimator("nearest_bin")
-    ... class NearestBin:
-    ...     def __call__(self, spans):
-    ...         return Ranges(range_m=spans.start * spans.bin_m, sigma_m=0.0 * spans.start + spans.bin_m)
-    >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
-    'nearest_bin'
-
-    """
-    return RANGE_ESTIMATORS.register(name, parameters)
-
-
-def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
-    """Return the range estimator of a scenario."""
-    estimator: RangeEstimator = RANGE_ESTIMATORS.entry(table.ranging)(table.ranging_parameters)
-    require(estimator, RangeEstimator, str(RANGE_ESTIMATORS.entry(table.ranging)))
-    return estimator

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges, register_range_estimator
+from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.ranging.plane_fit import fit_echo
 
 
@@ -35,7 +35,6 @@ def moments(spans: EchoSpans) -> Moments:
     return Moments(centre, np.maximum(width, min_width), np.maximum(speckle, min_width * 0.1))
 
 
-@register_range_estimator("centroid")
 class CentroidRange:
     """The mean range of the span, weighted by the power above the noise.
 
@@ -56,7 +55,6 @@ EDGE_SHARE = 0.5
 EDGE_TO_MIDDLE = float(np.sqrt(3 * np.log(2)) / (2 * np.sqrt(np.pi)))
 
 
-@register_range_estimator("leading_edge")
 class LeadingEdgeRange:
     """The range where the echo first reaches half of its level, moved to the middle by the echo's length.
 
@@ -90,7 +88,6 @@ class LeadingEdgeRange:
         )
 
 
-@register_range_estimator("peak")
 class PeakRange:
     """The range of the strongest bin, refined by a parabola through the logarithms of three bins.
 
@@ -110,7 +107,6 @@ class PeakRange:
         return Ranges(range_m=(inner + np.clip(step, -1.0, 1.0)) * spans.bin_m, sigma_m=shape.width * spans.bin_m)
 
 
-@register_range_estimator("model_fit")
 class ModelFitRange:
     """The boresight range of the sloping plane whose echo through this beam fits best.
 

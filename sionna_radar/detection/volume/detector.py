@@ -113,11 +113,11 @@ class ThroughVolume:
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
-        step_m = end.cell_m * self.detector.processing.volume.height_step_cells
+        step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
         tracked = track(evidence, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
-        accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
+        accepted = _accepted(tracked, self.detector.cfar.false_alarm_probability)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
@@ -171,7 +171,7 @@ class ThroughVolume:
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
         place = np.arange(spectra.power.shape[1]) / self.detector.analyser.zero_padding
-        clutter = self.volume.clutter_threshold(self.detector.processing.cfar.false_alarm_probability)
+        clutter = self.volume.clutter_threshold(self.detector.cfar.false_alarm_probability)
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
@@ -224,15 +224,14 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
         return None
     # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
     # so much that these cannot be taken for an echo.
-    processing = detector.processing
-    margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
+    margin = STRONGER if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
     return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:
     range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
-    return int(np.searchsorted(range_m, detector.processing.min_range_m))
+    return int(np.searchsorted(range_m, detector.min_range_m))
 
 
 def volume_in_front(
@@ -258,7 +257,7 @@ def volume_in_front(
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
     through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
-    for _ in range(detector.processing.volume.estimation_rounds):
+    for _ in range(detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     moving = _with_motion(through, cells, pulses, sweep)
     if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
@@ -289,8 +288,8 @@ def _through(
         response=analyser.response(RESPONSE_CELLS, 1),
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
-        floor_share=detector.processing.volume.floor_share,
-        width_spread_nepers=detector.processing.volume.width_spread_nepers,
+        floor_share=detector.volume.floor_share,
+        width_spread_nepers=detector.volume.width_spread_nepers,
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 
@@ -313,7 +312,7 @@ def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
     """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
-    end, volume, options = through.end, through.volume, through.detector.processing.volume
+    end, volume, options = through.end, through.volume, through.detector.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)

@@ -12,7 +12,6 @@ both nearly Gaussian in the distance between pulses, so one number describes a p
 correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of the echo.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,8 +23,6 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.materials import SurfaceTable
 from sionna_radar.surfaces.motion import Windblown
 
 # Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
@@ -63,21 +60,6 @@ class SpeckleMemory:
 
 
 STILL = SpeckleMemory()
-
-
-def speckle_memory(scenario: Scenario) -> SpeckleMemory:
-    """Return the speckle decorrelation of a scenario's ground; of several materials, that of `terrain.material`."""
-    table = scenario.tracing
-    if table.speckle == "per_pulse":
-        return SpeckleMemory(decorrelation_s=0.0)
-    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf, plants=_plants(scenario))
-
-
-def _plants(scenario: Scenario) -> Windblown | None:
-    table = scenario.all_materials.get(getattr(scenario.terrain, "material", "ground"))
-    if not isinstance(table, SurfaceTable) or table.motion != "plants":
-        return None
-    return Windblown.of(math.hypot(*scenario.weather.wind_mps[:2]), scenario.radar.carrier_hz)
 
 
 def speckle_reach(

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
-from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.terrain import covariance
 from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
@@ -118,7 +118,6 @@ def linear_uncertainty(
     return LinearUncertainty(interpolated, heights, fitted, local_relief(measured, fitted) or UNIFORM)
 
 
-@register_dem_method("linear", LinearParameters)
 class Linear:
     """Interpolates between the located echoes."""
 

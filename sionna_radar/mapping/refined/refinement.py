@@ -24,7 +24,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
-from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.scoring import MAX_SCORING_STEPS, most_probable
 from sionna_radar.mapping.seen import empty, seen_part
@@ -100,7 +100,6 @@ def refining(options: SmoothParameters) -> Tiling:
     return Tiling(_refined, options.rounds + MAX_SCORING_STEPS, options)
 
 
-@register_dem_method("refined", SmoothParameters)
 class Refined:
     """Fits the surface to the whole echoes."""
 
@@ -122,7 +121,6 @@ class Refined:
 EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
 
 
-@register_dem_method("smooth", SmoothParameters)
 class Smooth:
     """Fits the most probable surface to the mean ranges of the echoes, each weighted by its uncertainty.
 

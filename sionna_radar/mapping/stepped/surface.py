@@ -28,7 +28,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
-from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
@@ -261,7 +261,6 @@ def _refit(
     sigma_m[window][inside] = found.sigma_m(place)
 
 
-@register_dem_method("stepped", SteppedParameters)
 class Stepped:
     """Fits a surface with steps to the whole echoes."""
 

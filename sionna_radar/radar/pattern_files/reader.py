@@ -5,8 +5,6 @@ from pathlib import Path
 
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
-from sionna_radar.foundation.numerics import from_db
-from sionna_radar.radar.antenna import Antenna, antenna_of, register_antenna
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
 from sionna_radar.radar.pattern_files.contents import PatternCuts, PatternGrid, axis_gain_db
 from sionna_radar.radar.pattern_files.formats import (
@@ -21,7 +19,6 @@ from sionna_radar.radar.pattern_files.formats import (
     read_hfss_field,
     read_planet,
 )
-from sionna_radar.scenario.radar import PatternAntennaTable
 
 logger = logging.getLogger("sionna_radar")
 
@@ -96,23 +93,3 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
     first_line = text.split("\n", 1)[0].strip()
     message = f"{name} is no pattern of a known format: its first line is {first_line[:60]!r}; {REMEDY}"
     raise InputFileError(message)
-
-
-@register_antenna("pattern", PatternAntennaTable)
-def measured_antenna(table: PatternAntennaTable) -> Antenna:
-    """Return the antenna of a scenario's table.
-
-    Raises InputFileError for a file that cannot be read.
-    """
-    transmit = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
-    receive = None
-    if table.receive_pattern is not None:
-        receive = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
-    return antenna_of(
-        transmit,
-        receive,
-        polarization=table.polarization,
-        receives=table.receive_polarization,
-        axial_ratio_db=table.axial_ratio_db,
-        efficiency=from_db(table.efficiency_db),
-    )

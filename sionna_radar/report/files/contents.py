@@ -1,9 +1,16 @@
-"""Optional contents of a folder of results: kinds of files, and their selection."""
+"""Contents of a folder of results: kinds of files and their selection, JSON and text."""
 
+import json
+import math
+from collections.abc import Mapping
 from enum import Enum, StrEnum
+from pathlib import Path
+from typing import Any
 
 # The file that identifies such a folder.
 MARKER = "summary.json"
+# Run times and memory, which differ from run to run.
+COSTS = "costs.json"
 
 
 class Report(Enum):
@@ -43,3 +50,27 @@ class RunsFile(StrEnum):
 
 
 RUNS_FILES = (RunsFile.CSV,)
+
+
+def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
+    """Return the text of `COSTS`: run times, s, and peak memory, MB."""
+    return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text as UTF-8 with line feeds on every system."""
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def strict_json(document: Any) -> str:
+    """Return a document as strict JSON text; NaN and infinities become null."""
+    return json.dumps(without_nan(document), indent=2, allow_nan=False) + "\n"
+
+
+def without_nan(value: Any) -> Any:
+    """Return nested tables and lists with every NaN and infinity replaced by None."""
+    if isinstance(value, dict):
+        return {key: without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -16,7 +16,8 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
-from sionna_radar.report.files.folder import write_folder, write_text
+from sionna_radar.report.files.contents import write_text
+from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.world import colour_scales

@@ -23,7 +23,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.main_lobe import LIT
-from sionna_radar.report.files.folder import without_nan
+from sionna_radar.report.files.contents import without_nan
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import Prepared

@@ -12,7 +12,8 @@ from matplotlib.ticker import NullFormatter
 from rich.table import Table
 
 from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure, save_figures
-from sionna_radar.report.files.folder import without_nan, write_study
+from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.budget import Budget, Limit
 

@@ -18,7 +18,8 @@ from rich.table import Table
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, save_figures, show_raster
-from sionna_radar.report.files.folder import without_nan, write_study
+from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.crosscheck import INCIDENCE_STEP_DEG, CrossCheck
 

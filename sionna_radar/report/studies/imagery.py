@@ -23,7 +23,8 @@ from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.sar import SarImage
 from sionna_radar.imaging.slar import to_ground
 from sionna_radar.report.drawing import ReportFigure
-from sionna_radar.report.files.folder import strict_json, write_folder, write_text
+from sionna_radar.report.files.contents import strict_json, write_text
+from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.terminal import console
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response

@@ -5,7 +5,7 @@ import math
 from rich.table import Table
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.report.files.folder import SignedFile
+from sionna_radar.report.files.signed_file import SignedFile
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.planning import FlightPlan, PlanCheck
 

@@ -33,7 +33,8 @@ from sionna_radar.report.drawing import (
     save_figures,
     show_raster,
 )
-from sionna_radar.report.files.folder import COSTS, costs_json, strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.files.contents import COSTS, costs_json, strict_json, without_nan, write_text
+from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_csv, write_points_csv
 from sionna_radar.report.survey.products import provenance, write_rasters

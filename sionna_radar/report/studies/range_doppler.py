@@ -13,7 +13,8 @@ from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.report.drawing import ORANGE, RED, ReportFigure, save_figures
-from sionna_radar.report.files.folder import without_nan, write_study
+from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.range_doppler import Frames
 

@@ -20,8 +20,8 @@ from sionna_radar.accuracy.compare import LE90_MEANING, DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
-from sionna_radar.report.files.contents import RUNS_FILES, RunsFile
-from sionna_radar.report.files.folder import strict_json, write_folder, write_text
+from sionna_radar.report.files.contents import RUNS_FILES, RunsFile, strict_json, write_text
+from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
 from sionna_radar.report.studies.sweep_figures import draw_all
 from sionna_radar.report.terminal import NONE, console, number

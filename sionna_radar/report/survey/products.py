@@ -16,8 +16,8 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
 from sionna_radar.report.drawing import Coordinates
-from sionna_radar.report.files.contents import MARKER, POINTS_FILES, PointsFile, Report
-from sionna_radar.report.files.folder import COSTS, costs_json, write_folder, write_text
+from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, PointsFile, Report, costs_json, write_text
+from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv

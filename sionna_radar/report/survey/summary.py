@@ -13,7 +13,7 @@ from rich.table import Table
 from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.files.folder import strict_json, without_nan
+from sionna_radar.report.files.contents import strict_json, without_nan
 from sionna_radar.report.terminal import console
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey

@@ -7,14 +7,14 @@ the scenario maps a Sionna material to one of its own.
 
 import hashlib
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
-from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, register_terrain
+from sionna_radar.scene.landscape import Heights, Landscape
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
@@ -22,13 +22,17 @@ from sionna_radar.surfaces.sionna_slab import SionnaSlab, slab_material
 
 logger = logging.getLogger("sionna_radar")
 
+# Prefix of the names of materials that stay Sionna's own.
+KEPT = "sionna"
 GROUND_OBJECTS = ("ground", "terrain")
 
 
 def load_city(
-    terrain: CityTerrain, carrier_hz: float, channel: Channel
+    city: str, chosen: Mapping[str, str | None], carrier_hz: float, channel: Channel
 ) -> tuple[tuple[Surface, ...], dict[str, RadarMaterial]]:
     """Return the surfaces of a Sionna city and its kept materials; log the replacement of the others.
+
+    chosen: materials of the scenario by the names of Sionna's; None keeps Sionna's own.
 
     Raises
     ------
@@ -40,14 +44,14 @@ def load_city(
     load_mitsuba()
     import sionna.rt as rt
 
-    scene = rt.load_scene(getattr(rt.scene, terrain.city))
+    scene = rt.load_scene(getattr(rt.scene, city))
     surfaces, mapped, kept_materials = [], {}, {}
     for index, (name, item) in enumerate(sorted(scene.objects.items(), key=_place)):
         sionna_name = item.radio_material.name
         default = "ground" if _is_ground(name) else "building"
-        material = terrain.materials.get(sionna_name, default)
-        if material == KEEP_SIONNA:
-            material = f"{KEEP_SIONNA}:{sionna_name}"
+        material = chosen.get(sionna_name, default)
+        if material is None:
+            material = f"{KEPT}:{sionna_name}"
             kept_materials[material] = item.radio_material
         mapped[sionna_name] = material
         mesh = item.mi_mesh
@@ -55,19 +59,19 @@ def load_city(
         faces = mesh.faces_buffer().numpy().reshape(-1, 3)
         surfaces.append(
             Surface(
-                name=name if _is_ground(name) else f"{terrain.city}-{index}",
+                name=name if _is_ground(name) else f"{city}-{index}",
                 vertices_m=vertices.astype(np.float64),
                 faces=faces.astype(np.int64),
                 material=material,
             )
         )
-    missing = sorted(set(terrain.materials) - set(mapped))
+    missing = sorted(set(chosen) - set(mapped))
     if missing:
-        message = f"{terrain.kind} has no {', '.join(missing)}; map any of {', '.join(sorted(mapped))}"
+        message = f"sionna:{city} has no {', '.join(missing)}; map any of {', '.join(sorted(mapped))}"
         raise ScenarioError([Problem("terrain.materials", message)])
     logger.warning(
-        "%s: Sionna's materials are replaced by 77 GHz ones: %s",
-        terrain.kind,
+        "sionna:%s: Sionna's materials are replaced by 77 GHz ones: %s",
+        city,
         ", ".join(f"{sionna_name} -> {material}" for sionna_name, material in sorted(mapped.items())),
     )
     return tuple(surfaces), _kept(kept_materials, carrier_hz, channel)
@@ -96,19 +100,15 @@ def _kept(sionna_materials: dict[str, Any], carrier_hz: float, channel: Channel)
         try:
             materials[name] = slab_material(slab, carrier_hz, channel)
         except ValueError as error:
-            problems.append(Problem(f"terrain.materials.{name.removeprefix(f'{KEEP_SIONNA}:')}", str(error)))
+            problems.append(Problem(f"terrain.materials.{name.removeprefix(f'{KEPT}:')}", str(error)))
     if problems:
         raise ScenarioError(problems)
     return materials
 
 
-@register_terrain("sionna:san_francisco", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:munich", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:florence", CityTerrain, uses=("carrier_hz", "channel"))
-@register_terrain("sionna:etoile", CityTerrain, uses=("carrier_hz", "channel"))
-def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
+def city_landscape(city: str, chosen: Mapping[str, str | None], carrier_hz: float, channel: Channel) -> Landscape:
     """Return one of Sionna's cities."""
-    surfaces, materials = load_city(terrain, given.carrier_hz, given.channel)
+    surfaces, materials = load_city(city, chosen, carrier_hz, channel)
     ground_m = _under_city(surfaces)
     return Landscape(surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(materials))
 

@@ -3,8 +3,9 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.cbook import get_sample_data
@@ -14,8 +15,8 @@ from sionna_radar.elevation.elevation_file import Cutout, cut, opened_array, ope
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, place_file
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.scenario.terrain import RasterTerrain, Roughness, SampleTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+from sionna_radar.scene.ground_cover import GroundCover
+from sionna_radar.scene.landscape import Landscape, covered_landscape
 
 logger = logging.getLogger("sionna_radar")
 
@@ -23,38 +24,65 @@ logger = logging.getLogger("sionna_radar")
 FINER = 10
 
 
-def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
+# SRTM heights refer to the EGM96 geoid.
+SAMPLE_CRS, SAMPLE_VERTICAL_CRS = "EPSG:4326", "EPSG:5773"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Roughness:
+    """Seeded detail below a file's spacing: self-affine, of a Hurst exponent and a root mean square."""
+
+    hurst: float
+    rms_m: float
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElevationSource:
+    """An elevation raster.
+
+    path: a file or an address; None for the sample tile.
+    stated: what it does not say of its own frame.
+    spacing_m: of the posts; None for the file's.
+    holes: what cells without data become; None for a tile without any.
+    roughness: detail added below the file's spacing; None for none.
+    """
+
+    path: Path | str | None
+    stated: StatedFrame
+    spacing_m: float | None = None
+    holes: Literal["keep", "fill", "refuse"] | None = None
+    roughness: Roughness | None = None
+
+
+def file_frame(source: ElevationSource) -> MapFrame:
     """Return the local frame of a terrain's elevation file.
 
     Raises ScenarioError or InputFileError if it cannot be read or georeferenced.
     """
-    with _opened(terrain) as dataset:
-        placed = place_file(dataset, _stated(terrain))
+    with _opened(source.path) as dataset:
+        placed = place_file(dataset, source.stated)
     return MapFrame(crs=placed.local, origin_m=placed.origin)
 
 
-@register_terrain("jacksboro", SampleTerrain, frame=file_frame, uses=("window_m",))
-@register_terrain("raster", RasterTerrain, frame=file_frame, uses=("window_m",))
-def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
+def elevation(source: ElevationSource, cover: GroundCover, window_m: tuple[float, float, float, float]) -> Landscape:
     """Return the ground of an elevation raster, read only within the survey's window."""
-    with _opened(terrain) as dataset:
-        post_m = min(place_file(dataset, _stated(terrain)).steps_m)
-        spacing_m = terrain.spacing_m
-        if isinstance(terrain, RasterTerrain) and terrain.roughen and spacing_m is None:
+    with _opened(source.path) as dataset:
+        post_m = min(place_file(dataset, source.stated).steps_m)
+        spacing_m = source.spacing_m
+        if source.roughness is not None and spacing_m is None:
             spacing_m = post_m / FINER
-        cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=spacing_m)
+        cutout = Cutout(window_m=window_m, frame=source.stated, spacing_m=spacing_m)
         raster, georeference = cut(dataset, cutout)
-    if isinstance(terrain, RasterTerrain):
-        raster = _roughened(treat_holes(raster, terrain.holes), post_m, terrain.roughen)
-        if terrain.roughen:
-            return landscape_of_heights(raster, terrain, georeference)
-    land = landscape_of_heights(raster, terrain, georeference)
+    if source.holes is not None:
+        raster = treat_holes(raster, source.holes)
+    if source.roughness is not None:
+        return covered_landscape(_roughened(raster, post_m, source.roughness), cover, georeference)
+    land = covered_landscape(raster, cover, georeference)
     return replace(land, posting_m=max(post_m, raster.grid.spacing_m))
 
 
-def _roughened(raster: Raster, post_m: float, roughness: Roughness | None) -> Raster:
-    if roughness is None:
-        return raster
+def _roughened(raster: Raster, post_m: float, roughness: Roughness) -> Raster:
     detail_m = detail_on(raster.grid, post_m, roughness.hurst, roughness.rms_m, roughness.seed)
     logger.warning(
         "terrain: seeded detail of %g m RMS (Hurst exponent %g) is added below the file's spacing of %.3g m; the file "
@@ -66,22 +94,10 @@ def _roughened(raster: Raster, post_m: float, roughness: Roughness | None) -> Ra
     return Raster(grid=raster.grid, height_m=raster.height_m + detail_m)
 
 
-def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:
-    if isinstance(terrain, SampleTerrain):
-        # SRTM heights refer to the EGM96 geoid.
-        return StatedFrame(crs="EPSG:4326", vertical_crs="EPSG:5773", centre_lonlat_deg=terrain.centre_lonlat_deg)
-    return StatedFrame(
-        crs=terrain.crs,
-        vertical_crs=terrain.vertical_crs,
-        height_unit=terrain.height_unit,
-        centre_lonlat_deg=terrain.centre_lonlat_deg,
-    )
-
-
 @contextmanager
-def _opened(terrain: SampleTerrain | RasterTerrain) -> Iterator[Any]:
-    if isinstance(terrain, RasterTerrain):
-        with opened_file(terrain.path) as dataset:
+def _opened(path: Path | str | None) -> Iterator[Any]:
+    if path is not None:
+        with opened_file(path) as dataset:
             yield dataset
         return
     with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:

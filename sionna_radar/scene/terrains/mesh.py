@@ -1,7 +1,7 @@
 """Ground from a mesh file: a site model, a photogrammetric mesh, a scene of Sionna."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -11,46 +11,66 @@ from sionna_radar.elevation.local_frame import MapFrame, frame_about, frame_at, 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.scenario.terrain import MeshTerrain
-from sionna_radar.scene.ground_cover import bare_ground, cover_ground
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, register_terrain
+from sionna_radar.scene.ground_cover import GroundCover, bare_ground, cover_ground
+from sionna_radar.scene.landscape import Landscape
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.objects import about_box, check_reach, corners_of, material_of_parts, surfaces_of, upright
+from sionna_radar.scene.objects import (
+    MeshSource,
+    about_box,
+    check_reach,
+    corners_of,
+    material_of_parts,
+    surfaces_of,
+    upright,
+)
 from sionna_radar.scene.raycast import RayCaster
 
 KEY = "terrain"
 
 
-def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
+@dataclass(frozen=True, kw_only=True)
+class MeshGround:
+    """A mesh as ground: its file, and its place, local or on the map.
+
+    crs: of its coordinates; None for local ones, about `position_m`.
+    centre_lonlat_deg: local origin (WGS 84); None for the mesh's middle, or for no place on the map.
+    """
+
+    source: MeshSource
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    crs: str | None = None
+    centre_lonlat_deg: tuple[float, float] | None = None
+
+
+def mesh_frame(ground: MeshGround) -> MapFrame | None:
     """Return the local frame of a mesh with map coordinates, or about a stated position; None without either.
 
     Raises ScenarioError or InputFileError if it cannot be read or does not match its CRS.
     """
-    if terrain.crs is None:
-        return frame_at(*terrain.centre_lonlat_deg) if terrain.centre_lonlat_deg else None
-    return _frame_of(terrain, _crs_of(terrain.crs), upright(terrain, KEY))
+    if ground.crs is None:
+        return frame_at(*ground.centre_lonlat_deg) if ground.centre_lonlat_deg else None
+    return _frame_of(ground, _crs_of(ground.crs), upright(ground.source, KEY))
 
 
-@register_terrain("mesh", MeshTerrain, frame=mesh_frame, uses=())
-def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
+def mesh(ground: MeshGround, cover: GroundCover) -> Landscape:
     """Return the ground of a mesh file, with the objects in it."""
-    parts = upright(terrain, KEY)
+    parts = upright(ground.source, KEY)
     frame = None
-    if terrain.crs is not None:
-        crs = _crs_of(terrain.crs)
-        frame = _frame_of(terrain, crs, parts)
+    if ground.crs is not None:
+        crs = _crs_of(ground.crs)
+        frame = _frame_of(ground, crs, parts)
         parts = tuple(_local(part, crs, frame) for part in parts)
-    elif terrain.centre_lonlat_deg:
-        frame = frame_at(*terrain.centre_lonlat_deg)
-    parts = about_box(parts, terrain)
-    materials = material_of_parts(parts, terrain, KEY)
-    repaired = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
-    repaired = replace(repaired, vertices_m=repaired.vertices_m + np.array(terrain.position_m))
-    check_reach(repaired.vertices_m[np.unique(repaired.faces)], f"{KEY}.position_m", terrain.path)
+    elif ground.centre_lonlat_deg:
+        frame = frame_at(*ground.centre_lonlat_deg)
+    parts = about_box(parts, ground.source)
+    materials = material_of_parts(parts, ground.source, KEY)
+    repaired = repair(parts, f"{KEY}.path = {shown(ground.source.path)}")
+    repaired = replace(repaired, vertices_m=repaired.vertices_m + np.array(ground.position_m))
+    check_reach(repaired.vertices_m[np.unique(repaired.faces)], f"{KEY}.position_m", ground.source.path)
     georeference = frame.georeference() if frame else None
-    surfaces = _covered(repaired, materials, terrain, georeference)
+    surfaces = _covered(repaired, materials, cover, georeference)
     caster = RayCaster(surfaces)
     heights = np.concatenate([s.vertices_m[:, 2] for s in surfaces])
     bottom, top = float(heights.min()) - 10.0, float(heights.max()) + 10.0
@@ -62,30 +82,30 @@ def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
         surfaces=tuple(surfaces),
         ground_m=ground_m,
         standing_m=ground_m,
-        ground_material=terrain.material,
+        ground_material=cover.material,
         georeference=georeference,
         may_overhang=True,
     )
 
 
 def _covered(
-    mesh: RepairedMesh, materials: list[str], terrain: MeshTerrain, georeference: Georeference | None
+    mesh: RepairedMesh, materials: list[str], cover: GroundCover, georeference: Georeference | None
 ) -> tuple[Surface, ...]:
     """Return a mesh as surfaces, with land cover over the faces of the terrain's own material."""
-    if terrain.cover_raster is None and terrain.cover_vector is None and not terrain.cover:
+    if cover.bare:
         return surfaces_of(mesh, materials, "terrain-mesh")
-    bare = np.array([name == terrain.material for name in materials])[mesh.owner]
+    bare = np.array([name == cover.material for name in materials])[mesh.owner]
     if not bare.any():
-        message = f"no face is of terrain.material = {terrain.material!r}, which it covers; remove it"
+        message = f"no face is of terrain.material = {cover.material!r}, which it covers; remove it"
         raise ScenarioError([Problem(f"{KEY}.cover", message)])
     kept_vertices, index = np.unique(mesh.faces[bare], return_inverse=True)
-    ground = cover_ground(mesh.vertices_m[kept_vertices], index.reshape(-1, 3), terrain, georeference)
+    covered = cover_ground(mesh.vertices_m[kept_vertices], index.reshape(-1, 3), cover, georeference)
     two_sided = bool(mesh.two_sided[bare].any())
-    ground = tuple(replace(surface, two_sided=two_sided, divided=True) for surface in ground)
+    covered = tuple(replace(surface, two_sided=two_sided, divided=True) for surface in covered)
     if bare.all():
-        return ground
+        return covered
     uncovered = replace(mesh, faces=mesh.faces[~bare], owner=mesh.owner[~bare], two_sided=mesh.two_sided[~bare])
-    return ground + surfaces_of(uncovered, materials, "terrain-mesh")
+    return covered + surfaces_of(uncovered, materials, "terrain-mesh")
 
 
 def _crs_of(name: str) -> CRS:
@@ -96,11 +116,11 @@ def _crs_of(name: str) -> CRS:
     return crs
 
 
-def _frame_of(terrain: MeshTerrain, crs: CRS, parts: Sequence[MeshPart]) -> MapFrame:
+def _frame_of(ground: MeshGround, crs: CRS, parts: Sequence[MeshPart]) -> MapFrame:
     """Return the frame of a mesh with map coordinates: its own projection or UTM zone, with a rounded origin."""
     (west, south, _), (east, north, _) = corners_of(parts)
     x, y = np.round(np.array([west + east, south + north]) / 2 / _metres(crs))
-    return frame_about(crs, (float(x), float(y)), terrain.centre_lonlat_deg, "mesh's middle")
+    return frame_about(crs, (float(x), float(y)), ground.centre_lonlat_deg, "mesh's middle")
 
 
 def _local(part: MeshPart, crs: CRS, frame: MapFrame) -> MeshPart:

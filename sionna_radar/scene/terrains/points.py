@@ -4,6 +4,8 @@ import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -11,13 +13,13 @@ from pyproj import CRS
 
 from sionna_radar.elevation.elevation_file import MOVE
 from sionna_radar.elevation.file_heights import treat_holes
-from sionna_radar.elevation.local_frame import MapFrame, frame_about, map_part, stated_crs
+from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, stated_crs
 from sionna_radar.elevation.placed_raster import HeightSystem, height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
-from sionna_radar.scenario.terrain import PointsTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+from sionna_radar.scene.ground_cover import GroundCover
+from sionna_radar.scene.landscape import Landscape, covered_landscape
 
 logger = logging.getLogger("sionna_radar")
 
@@ -57,65 +59,83 @@ class Unstated:
     units: tuple[str, ...] = NO_UNIT
 
 
-def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
+def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
     """Return the placement of a cloud: CRS, local frame, middle and height system.
 
     Raises ScenarioError for an invalid CRS, or one that does not contain the cloud.
     """
     middle = float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2
-    file_crs = _crs_of(cloud, terrain)
+    file_crs = _crs_of(cloud, stated)
     if file_crs is None:
-        if terrain.centre_lonlat_deg is not None:
+        if stated.centre_lonlat_deg is not None:
             message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
             raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
-        unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(terrain.height_unit or "m", 1.0)
+        unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(stated.height_unit or "m", 1.0)
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
     crs = map_part(file_crs)
-    frame = frame_about(crs, middle, terrain.centre_lonlat_deg, "cloud's middle")
-    heights = height_system(Unstated(), file_crs, terrain.vertical_crs, terrain.height_unit)
+    frame = frame_about(crs, middle, stated.centre_lonlat_deg, "cloud's middle")
+    heights = height_system(Unstated(), file_crs, stated.vertical_crs, stated.height_unit)
     return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
 
 
-def _crs_of(cloud: CloudFile, terrain: PointsTerrain) -> CRS | None:
-    if terrain.crs is not None:
-        return stated_crs(terrain.crs)
+def _crs_of(cloud: CloudFile, stated: StatedFrame) -> CRS | None:
+    if stated.crs is not None:
+        return stated_crs(stated.crs)
     return CRS.from_wkt(cloud.crs_wkt) if cloud.crs_wkt else None
 
 
-def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
+@dataclass(frozen=True, kw_only=True)
+class CloudSource:
+    """A point cloud as ground.
+
+    stated: what the file does not say of its own frame.
+    points: which of its points count. statistic, percentile: of their heights in a cell.
+    spacing_m: of the cells; None for four points in one on average.
+    holes: what cells without points become.
+    """
+
+    path: Path
+    stated: StatedFrame
+    points: Literal["first", "ground", "all"] = "first"
+    statistic: Literal["mean", "max", "percentile"] = "mean"
+    percentile: float = 50.0
+    spacing_m: float | None = None
+    holes: Literal["keep", "fill", "refuse"] = "fill"
+
+
+def cloud_frame(source: CloudSource) -> MapFrame | None:
     """Return the local frame of a cloud on the map; None for one without a CRS."""
-    with open_cloud(terrain.path) as cloud:
-        return place_cloud(cloud, terrain).frame
+    with open_cloud(source.path) as cloud:
+        return place_cloud(cloud, source.stated).frame
 
 
-@register_terrain("points", PointsTerrain, frame=cloud_frame, uses=("window_m",))
-def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
+def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float, float, float]) -> Landscape:
     """Return the ground of a point cloud, gridded within the survey's window."""
-    with open_cloud(terrain.path) as cloud:
-        placed = place_cloud(cloud, terrain)
-        grid = _grid(cloud, placed, terrain, given.window_m)
+    with open_cloud(source.path) as cloud:
+        placed = place_cloud(cloud, source.stated)
+        grid = _grid(cloud, placed, source.spacing_m, window_m)
 
         def pieces() -> Iterator[Piece]:
-            return cloud.pieces(terrain.points, placed.local_of, placed.heights.unit_m)
+            return cloud.pieces(source.points, placed.local_of, placed.heights.unit_m)
 
-        raster = gridded(pieces, grid, terrain.statistic, terrain.percentile / 100)
+        raster = gridded(pieces, grid, source.statistic, source.percentile / 100)
     if not raster.filled.any():
-        message = f"no point chosen by points = {terrain.points!r} lies in the part that is flown; move the flight"
-        if terrain.points == "ground":
+        message = f"no point chosen by points = {source.points!r} lies in the part that is flown; move the flight"
+        if source.points == "ground":
             message += ", or set points = 'first' if the file is not classified"
         raise ScenarioError([Problem("terrain.points", message)])
-    raster = treat_holes(raster, terrain.holes)
+    raster = treat_holes(raster, source.holes)
     corners = raster.filled
     if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
         message = f"{grid.spacing_m:g} m leaves no 2 x 2 cells with points; raise it, or set terrain.holes = 'fill'"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     if placed.frame is None:
-        return landscape_of_heights(_lowered(raster, 0.0), terrain)
+        return covered_landscape(_lowered(raster, 0.0), cover)
     base_m = float(math.floor(np.nanmin(raster.height_m)))
     georeference = Georeference(
         crs_wkt=placed.heights.compound(placed.frame.crs).to_wkt(), origin_m=(*placed.frame.origin_m, base_m)
     )
-    return landscape_of_heights(_lowered(raster, base_m), terrain, georeference)
+    return covered_landscape(_lowered(raster, base_m), cover, georeference)
 
 
 def _lowered(raster: Raster, base_m: float) -> Raster:
@@ -123,7 +143,7 @@ def _lowered(raster: Raster, base_m: float) -> Raster:
 
 
 def _grid(
-    cloud: CloudFile, placed: PlacedCloud, terrain: PointsTerrain, window_m: tuple[float, float, float, float]
+    cloud: CloudFile, placed: PlacedCloud, spacing_m: float | None, window_m: tuple[float, float, float, float]
 ) -> Grid:
     """Return the cells of the part of the cloud visible to the survey."""
     corner_x, corner_y = (grid.ravel() for grid in np.meshgrid(*np.column_stack([cloud.low, cloud.high])[:2]))
@@ -138,7 +158,7 @@ def _grid(
         )
         raise ScenarioError([Problem("terrain", message)])
     area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
-    spacing = terrain.spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
+    spacing = spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
     min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     if spacing < min_spacing:
         requested, spacing = spacing, math.ceil(min_spacing * 100) / 100

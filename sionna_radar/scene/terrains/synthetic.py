@@ -8,29 +8,27 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 
 
-def synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Grid:
+def synthetic_grid(size_m: tuple[float, float], spacing_m: float) -> Grid:
     """Return the grid whose outermost centres bound the terrain, so that its mesh has the full size."""
     # The tolerance keeps 1.1 / 0.1 = 11.000000000000002 from adding a twelfth cell.
-    columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
-    if terrain.spacing_m > min(terrain.size_m):
-        message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m ({min(terrain.size_m):g} m)"
+    columns, rows = (math.ceil(size / spacing_m - 1e-9) + 1 for size in size_m)
+    if spacing_m > min(size_m):
+        message = f"{spacing_m:g} exceeds the shorter side of terrain.size_m ({min(size_m):g} m)"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     if columns * rows > MAX_SYNTHETIC_CELLS:
         message = (
-            f"{terrain.spacing_m:g} gives {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
+            f"{spacing_m:g} gives {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
             "raise it or lower terrain.size_m"
         )
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     return Grid(
-        west_m=-terrain.spacing_m * (columns - 1) / 2,
-        south_m=-terrain.spacing_m * (rows - 1) / 2,
-        spacing_m=terrain.spacing_m,
+        west_m=-spacing_m * (columns - 1) / 2,
+        south_m=-spacing_m * (rows - 1) / 2,
+        spacing_m=spacing_m,
         columns=columns,
         rows=rows,
     )
@@ -42,33 +40,31 @@ def scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: float
     return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
 
 
-@register_terrain("flat", FlatTerrain, uses=())
-def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
+def flat(size_m: tuple[float, float], spacing_m: float) -> Raster:
     """Return level ground at height zero."""
-    grid = synthetic_grid(terrain)
-    return landscape_of_heights(Raster(grid=grid, height_m=np.zeros(grid.shape)), terrain)
+    grid = synthetic_grid(size_m, spacing_m)
+    return Raster(grid=grid, height_m=np.zeros(grid.shape))
 
 
 # Cells times filter width up to which direct convolution is used; above, Fourier transforms are faster.
 MAX_DIRECT_FILTERING = 1e6
 
 
-@register_terrain("hills", HillsTerrain, uses=())
-def hills(terrain: HillsTerrain, given: TerrainInputs) -> Landscape:
+def hills(size_m: tuple[float, float], spacing_m: float, filter_sigma_m: float, height_m: float, seed: int) -> Raster:
     """Return white noise under a Gaussian filter, shifted and scaled to heights of 0 to `height_m`."""
-    grid = synthetic_grid(terrain)
-    if terrain.filter_sigma_m > 0.5 * min(terrain.size_m):
+    grid = synthetic_grid(size_m, spacing_m)
+    if filter_sigma_m > 0.5 * min(size_m):
         # A wider filter leaves only rounding errors.
         message = (
-            f"{terrain.filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
-            f"({min(terrain.size_m):g} m); lower it or enlarge the terrain"
+            f"{filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
+            f"({min(size_m):g} m); lower it or enlarge the terrain"
         )
         raise ScenarioError([Problem("terrain.filter_sigma_m", message)])
-    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    noise = np.random.default_rng(seed).standard_normal(grid.shape)
     # Periodic filtering averages the same number of independent cells everywhere; mirrored or repeated edges
     # would make the hills rougher along the border.
-    surface = _filtered(noise, terrain.filter_sigma_m / terrain.spacing_m)
-    return landscape_of_heights(scaled(surface, grid, terrain.height_m), terrain)
+    surface = _filtered(noise, filter_sigma_m / spacing_m)
+    return scaled(surface, grid, height_m)
 
 
 def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.ndarray, "row column"]:
@@ -85,16 +81,15 @@ def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.
     return np.fft.irfft2(spectrum, s=noise.shape)
 
 
-@register_terrain("fractal", FractalTerrain, uses=())
-def fractal(terrain: FractalTerrain, given: TerrainInputs) -> Landscape:
+def fractal(size_m: tuple[float, float], spacing_m: float, hurst: float, height_m: float, seed: int) -> Raster:
     """Return white noise filtered to a power spectrum of k^-(2 H + 2), scaled to heights of 0 to `height_m`.
 
     The variance of differences over d is then the integral of (1 - J0(k d)) k^-(2 H + 2) k dk, proportional to d^2H.
     The surface is periodic.
     """
-    grid = synthetic_grid(terrain)
-    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    grid = synthetic_grid(size_m, spacing_m)
+    noise = np.random.default_rng(seed).standard_normal(grid.shape)
     wavenumber = np.hypot(np.fft.fftfreq(grid.rows)[:, None], np.fft.rfftfreq(grid.columns)[None])
     wavenumber[0, 0] = np.inf  # no mean
-    surface = np.fft.irfft2(np.fft.rfft2(noise) * wavenumber ** -(terrain.hurst + 1), s=grid.shape)
-    return landscape_of_heights(scaled(surface, grid, terrain.height_m), terrain)
+    surface = np.fft.irfft2(np.fft.rfft2(noise) * wavenumber ** -(hurst + 1), s=grid.shape)
+    return scaled(surface, grid, height_m)

@@ -1,1 +1,1 @@
-"""The sensors that a survey can carry: from pulses to echoes."""
+"""Sensors: from pulses to echoes."""

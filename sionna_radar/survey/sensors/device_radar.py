@@ -1,8 +1,7 @@
-"""The radar whose signals stay in the memory of the ray tracer, from the fields to range profiles.
+"""A radar whose signals stay in the ray tracer's memory, from fields to range profiles.
 
-It serves where a GPU traces, for an engine that traces all that the radar sees, one sweep a pulse, and a receiver that
-is ideal but for its noise. What the processing looks at before the flight, and everything else, take the way of `Radar`
-by the host.
+It is used on a GPU, for engines that trace all that the radar sees, one sweep per pulse, and receivers that only add
+noise. Pulses examined before the flight and all other cases use `Radar` on the host.
 """
 
 from collections import deque
@@ -19,11 +18,10 @@ from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_librar
 from sionna_radar.foundation.progress import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs
 from sionna_radar.tracing.paths import DevicePaths, DeviceTracing, Paths
 
 
-@register_sensor("radar", provides_profiles=True)
 def build_radar(given: SensorInputs) -> Sensor:
     """Return the radar: on a GPU where that traces the rays. Without CuPy the host makes the spectra."""
     return DeviceRadar(given, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(given)
@@ -43,11 +41,11 @@ class DeviceRadar(Radar):
 
     @property
     def on_device(self) -> bool:
-        """Whether signals stay there; otherwise this is any radar."""
+        """Whether signals stay on the device; if not, it behaves as `Radar`."""
         return self._engine is not None
 
     def expect(self, pulses: Pulses) -> None:
-        """Begin with a block of pulses before it is to be observed."""
+        """Start on a block of pulses before it is observed."""
         if self._engine is None:
             super().expect(pulses)
         else:
@@ -72,13 +70,13 @@ class DeviceRadar(Radar):
         )
 
     def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
-        """Return the engine if nothing stands between its paths and the spectra but noise."""
-        receiver, processing = given.receiver, given.detector.processing
+        """Return the engine if only noise is added between its paths and the spectra."""
+        receiver, detector = given.receiver, given.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
         if given.angle is not None or given.bursts is not None:
             return None
-        if processing.leakage != "keep" or processing.interference != "keep":
+        if detector.leakage != "keep" or detector.interference != "keep":
             return None
         return self.tracer.device_engine
 
@@ -107,7 +105,7 @@ class DeviceRadar(Radar):
 
 @dataclass(frozen=True, kw_only=True)
 class _Look:
-    """What a block of pulses saw: its paths, the power spectra, the beat signals."""
+    """Paths, power spectra and beat signals of a block of pulses."""
 
     paths: Paths
     power: Float[np.ndarray, "pulse bin"]
@@ -115,7 +113,7 @@ class _Look:
 
 
 class _Kept(Sequence[Inexact[np.ndarray, "pulse sample"]]):
-    """The beat signals of the one sweep of a block, fetched by whoever records them."""
+    """The beat signals of a block, copied to the host on demand."""
 
     def __init__(self, parts: tuple[Any, ...], library: ArrayLibrary) -> None:
         self._parts, self._library = parts, library

@@ -1,4 +1,4 @@
-"""A range sensor of light on the radar's scan."""
+"""A laser range sensor on the radar's scan."""
 
 import numpy as np
 from jaxtyping import Int
@@ -10,14 +10,15 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
-from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
+from sionna_radar.signal.build import lidar_receiver
+from sionna_radar.signal.lidar import LidarReceiver
+from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
 
 
 class Lidar:
-    """An ideal range sensor: the range along the beam axis, exact but for white noise and for what fills the air."""
+    """An ideal range sensor: the range along the beam axis with white noise, subject to attenuation in the air."""
 
     def __init__(
         self,
@@ -30,7 +31,7 @@ class Lidar:
         self._receiver = receiver
 
     def observe(self, pulses: Pulses) -> Observation:
-        """Return the echoes of a block of pulses; their power is one, and they have no noise to stand against."""
+        """Return the echoes of a block of pulses, of unit power and no noise."""
         with timed("trace"):
             paths = read = trace_boresights(pulses, self._caster)
         if self._receiver is not None:
@@ -52,7 +53,7 @@ class Lidar:
         return Observation(paths=paths, echoes=echoes)
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the echoes as they are: light has no Doppler shift to speak of."""
+        """Return the echoes unchanged: the Doppler shift of a laser range is negligible."""
         return echoes
 
     def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
@@ -60,7 +61,6 @@ class Lidar:
         return None
 
 
-@register_sensor("lidar")
 def lidar(given: SensorInputs) -> Lidar:
     """Return the lidar of a scenario."""
     seed = given.engine.seed

@@ -13,7 +13,7 @@ from sionna_radar.detection.detector import PairedEchoes
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.progress import timed
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Reception
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
@@ -22,9 +22,9 @@ from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 
 class Radar:
-    """Traces the paths of pulses, receives them as beat signals, and finds the echoes in these.
+    """Trace the paths of pulses, synthesise beat signals, and detect echoes.
 
-    Paths are traced in one thread of its own, and received as beat signals in another, one block ahead of the others.
+    Tracing and synthesis run in threads of their own, one block ahead of detection.
 
     Of a single sweep a pulse the measured velocity takes the Doppler shift out; the two sweeps of a triangle do so
     themselves. The beam stands still during a pair, as it does during a single sweep. With receivers beside the first,
@@ -48,7 +48,7 @@ class Radar:
         )
 
     def expect(self, pulses: Pulses) -> None:
-        """Begin to trace a block of pulses before it is to be observed."""
+        """Start tracing a block of pulses before it is observed."""
         sent = self._sent(pulses)
         paths = self._thread.submit(self.tracer.trace, sent)
         received: Future[Reception] = self._receiving.submit(lambda: self._receiver.reception(paths.result(), sent))
@@ -90,7 +90,7 @@ class Radar:
             ]
         with timed("detect"):
             window_m = self.sweeps.window_m(pulses)
-            # What leaks is the same in all receivers.
+            # Leakage is the same in all receivers.
             beats = [self.sweeps.cleaned([beat], pulses)[0] for beat in (reception.beats[0], *sides)]
             echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
         return Observation(
@@ -101,11 +101,11 @@ class Radar:
         )
 
     def release_memory(self) -> None:
-        """Give back memory until more pulses are observed."""
+        """Release memory; it is allocated again when more pulses are observed."""
         self._thread.submit(self.tracer.release_memory).result()
 
     def beat(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
-        """Return the beat signals of the first sweep of pulses, without what the processing takes out of them."""
+        """Return the beat signals of the first sweep of pulses, after removal of leakage and interference."""
         received = self._receiver.beat(self._trace(pulses), self._sent(pulses))
         return self.sweeps.cleaned([received], pulses)[0]
 

@@ -1,4 +1,4 @@
-"""What every sensor offers, what it is built from, and how a scenario names one."""
+"""The interface of sensors, their inputs, and their registration under a name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.receiver import LidarTable
+from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
-from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
-from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_steered_tracer, build_tracer
+from sionna_radar.tracing.build import EngineInputs, build_engine, build_steered_tracer, build_tracer
+from sionna_radar.tracing.paths import Engine, Paths
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a sensor observes in a block of pulses; of the measured pose it uses only what rain requires.
+    """Observations of a sensor over a block of pulses; the measured pose is used only to separate rain from ground.
 
     paths: what was lit; none for a recording.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
@@ -49,7 +49,7 @@ class Observation:
 
 @runtime_checkable
 class Sensor(Protocol):
-    """A sensor: it observes from the true pose, and corrects what it saw by the measured one."""
+    """A sensor: it observes from the true pose, and corrects echoes with the measured one."""
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
@@ -156,7 +156,7 @@ def register_sensor(
     True
 
     """
-    return SENSORS.register(name, parameters, provides_profiles=provides_profiles)
+    return SENSORS.register(name, parameters, Facts(provides_profiles=provides_profiles))
 
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:

@@ -1,4 +1,4 @@
-"""From the beat signals of a pulse's sweeps to echoes, wherever the beat signals come from."""
+"""From the beat signals of a pulse's sweeps to echoes, simulated or recorded."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,15 +19,15 @@ from sionna_radar.radar.chirp import Chirp
 Beats = Sequence[Inexact[np.ndarray, "pulse sample"]]
 ChirpBeats = Sequence[Inexact[np.ndarray, "chirp sample"]]
 
-# A glance at so many pulses shows whether rain fills the beam; if it does, so many show its mean echo.
+# Pulses sampled to test whether rain fills the beam, and to estimate its mean echo.
 GLANCE_PULSES, VOLUME_PULSES = 48, 256
-# The mean of so many is what leaks, and a 256th of the power of all that changes: 24 dB under it.
+# Pulses averaged to estimate leakage: 256 suppress everything that changes by 24 dB.
 STILL_PULSES = 256
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What is found in the beat signals of a block of pulses; ranges are not corrected for Doppler.
+    """Detections in the beat signals of a block of pulses; ranges are not corrected for Doppler.
 
     profiles: around the echoes of single sweeps; None for pairs.
     through_volume: whether the echoes are those of ground behind a volume of rain.
@@ -40,7 +40,7 @@ class Found:
 
 @dataclass(frozen=True, kw_only=True)
 class ChirpRecord:
-    """One chirp on its way through the processing, kept for a figure.
+    """One chirp at the stages of its processing, for figures.
 
     beat: samples of the beat signal, sqrt(W); real or complex (I/Q).
     range_m: range axis of the spectrum, not corrected for Doppler.
@@ -60,7 +60,7 @@ class ChirpRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepDetector:
-    """Detects the echoes of one sweep a pulse, or pairs those of an up- and a down-sweep.
+    """Detect the echoes of one sweep per pulse, or pair those of an up- and a down-sweep.
 
     detector: the processing of a scenario.
     sweeps: of one pulse.
@@ -86,7 +86,7 @@ class SweepDetector:
     def through(self) -> list[ThroughVolume | None]:
         """The detector of each sweep through the volume that the survey shows; None in clear air."""
         detector = self.detector
-        if detector.processing.volume_clutter == "off":
+        if detector.volume_clutter == "off":
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
@@ -101,19 +101,19 @@ class SweepDetector:
 
     @cached_property
     def still(self) -> list[Inexact[np.ndarray, " sample"]]:
-        """What is the same in all chirps of each sweep: the mean over pulses spread over the survey."""
+        """The constant part of each sweep's chirps: the mean over pulses sampled over the survey."""
         return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
 
     def cleaned(self, beats: ChirpBeats, pulses: Pulses) -> Beats:
-        """Return beat signals without what the processing is to take out of them: leakage, bursts of other radars.
+        """Return beat signals without leakage and interference, as the processing asks.
 
         Those of a burst's chirps are averaged, unless their powers are to be.
         """
-        processing = self.detector.processing
-        if processing.leakage == "subtract":
+        detector = self.detector
+        if detector.leakage == "subtract":
             beats = [beat - still for beat, still in zip(beats, self.still, strict=True)]
-        beats = [zeroed(beat) for beat in beats] if processing.interference == "zeroing" else beats
-        if self.bursts is None or processing.average.mode == "incoherent":
+        beats = [zeroed(beat) for beat in beats] if detector.interference == "zeroing" else beats
+        if self.bursts is None or detector.analyser.averaged > 1:
             return beats
         rate_mps, offset_s = pulses.measured.boresight_range_rate_mps, self.bursts.offset_s
         return [burst_mean(beat, sweep, offset_s, rate_mps) for beat, sweep in zip(beats, self.sweeps, strict=True)]

@@ -9,15 +9,12 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho, volume_polarization
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.gases import Air
 from sionna_radar.weather.path import two_way_attenuation
 from sionna_radar.weather.rain import rain_power_laws
-from sionna_radar.weather.rain_map import RainCell, RainField, RainMap, RainTogether
-from sionna_radar.weather.validity import Precipitation
+from sionna_radar.weather.rain_map import RainMap
 from sionna_radar.weather.volume import volume_of
 
 
@@ -107,52 +104,3 @@ class Atmosphere:
         across = field[:, 1] * d[:, 0] - field[:, 0] * d[:, 1]
         mix: Float[np.ndarray, " pulse"] = 2 * across**2 - (1 - d[:, 2] ** 2)
         return mix * np.diff(np.abs(self._antenna.jones[0][::-1]) ** 2) if self._antenna.circular else mix
-
-
-def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:
-    """Return the weather of a scenario as seen by its radar."""
-    return Atmosphere(build_weather(table, chirp.carrier_hz), antenna, chirp, seed)
-
-
-def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
-    """Return the weather of a scenario at a carrier."""
-    air = Air(
-        dry_pressure_pa=100 * table.dry_pressure_hpa,
-        temperature_k=table.temperature_k,
-        vapour_density_g_per_m3=table.vapour_g_per_m3,
-    )
-    return Weather(
-        carrier_hz=carrier_hz,
-        rain_rate_mm_per_h=table.rain_rate_mm_per_h,
-        rain_map=rain_map_of(table),
-        snowfall_mm_per_h={
-            kind: rate for kind, rate in table.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN
-        },
-        liquid_water_g_per_m3=table.water_in_air_g_per_m3,
-        visibility_m=table.visibility_m,
-        air=air if table.gases else None,
-        temperature_k=table.temperature_k,
-        wet_radome_m=None if table.wet_radome is None else table.wet_radome.radius_m,
-        wind_mps=table.wind_mps,
-    )
-
-
-def rain_map_of(table: WeatherTable) -> RainMap | None:
-    """Return the rain map of a scenario; None if its rain is uniform."""
-    parts: list[RainMap] = []
-    field, cell = table.rain_field, table.rain_cell
-    uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0
-    if field is not None and uneven:
-        parts.append(
-            RainField(
-                mean_mm_per_h=table.rain_rate_mm_per_h,
-                correlation_m=field.correlation_m,
-                spread_db=field.spread_db,
-                seed=field.seed,
-            )
-        )
-    if cell is not None and cell.peak_mm_per_h > 0:
-        parts.append(RainCell(centre_m=cell.centre_m, radius_m=cell.radius_m, peak_mm_per_h=cell.peak_mm_per_h))
-    if not parts:
-        return None
-    return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)

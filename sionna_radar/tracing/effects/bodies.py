@@ -11,12 +11,9 @@ from jaxtyping import Bool, Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scene.motion import level_axes
-from sionna_radar.scene.targets import body_of
 from sionna_radar.tracing.effects.bouncing_rays import BouncedEchoes, bounced_echoes
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
@@ -181,55 +178,4 @@ def rcs_m2(scatterer: Scatterer, toward: Float[np.ndarray, "n 3"], range_m: floa
         phase = np.exp(-4j * np.pi / scatterer.wavelength_m * (away_m - range_m))
         # The radar equation with the range of each face.
         found[number] = np.abs(np.sum(amplitude * phase * (range_m / away_m) ** 2)) ** 2
-    return found
-
-
-def rcs_of_mesh(
-    mesh: TargetMesh,
-    carrier_hz: float,
-    azimuth_rad: Float[np.ndarray, " azimuth"],
-    elevation_rad: Float[np.ndarray, " elevation"],
-    range_m: float = 1000.0,
-) -> Float[np.ndarray, "elevation azimuth"]:
-    """Return the cross-section of a shape from all sides, in square metres, by physical optics.
-
-    Where it sees itself, up to three reflections between its faces add to it, of a wave polarized in the plane of its
-    upward axis.
-
-    Parameters
-    ----------
-    mesh:
-        Its file, as in `[[targets]]`.
-    carrier_hz:
-        Of the radar.
-    azimuth_rad, elevation_rad:
-        Direction from which it is seen: clockwise from its front, and above its horizon.
-    range_m:
-        From which it is seen.
-
-    Raises
-    ------
-    InputFileError, ScenarioError
-        The file cannot be used, or is too large for the wavelength; the carrier or the range is no positive number.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import trimesh
-    >>> from sionna_radar.scenario import TargetMesh
-    >>> _ = trimesh.creation.icosphere(subdivisions=6, radius=0.05).export("ball.ply")
-    >>> rcs_m2 = rcs_of_mesh(TargetMesh(path="ball.ply"), 77e9, np.zeros(1), np.zeros(1))
-    >>> bool(abs(10 * np.log10(rcs_m2[0, 0] / (np.pi * 0.05**2))) < 1)
-    True
-
-    """
-    for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
-        if not 0 < value < np.inf:
-            raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
-    wavelength_m = speed_of_light / carrier_hz
-    seen = Scatterer(body_of(mesh, "mesh", wavelength_m), wavelength_m)
-    elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
-    level = np.cos(elevation)
-    toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
-    found: Float[np.ndarray, "elevation azimuth"] = rcs_m2(seen, toward.reshape(-1, 3), range_m).reshape(azimuth.shape)
     return found

@@ -8,13 +8,12 @@ import pytest
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.detection.angle.arrival import coherence, phase_covariance, ratio_covariance
-from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.angle.segments import range_strips, stretches_of
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.build import build_angle_estimator, build_detector
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 
@@ -25,7 +24,7 @@ PULSES = make_pulses(24, incidence_deg=45.0, scan_deg=np.linspace(-45, 45, 24), 
 def estimator(angle: str, kind: str, **processing):
     radar = RadarTable(snr_db=30.0, second_receiver={"kind": kind})
     table = ProcessingTable(angle=angle, **processing)
-    return build_angle_estimator(radar, build_detector(table, CHIRP, ANTENNA), ANTENNA)
+    return build_angle_estimator(radar, table, build_detector(table, CHIRP, ANTENNA), ANTENNA)
 
 
 def plane_echo(slope: float, seed: int = 1, count: int = 700) -> Paths:

@@ -7,7 +7,6 @@ from scipy.signal import find_peaks
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar import load_scenario
-from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.angle.row import (
     cosine_variance,
     forward_backward,
@@ -17,13 +16,13 @@ from sionna_radar.detection.angle.row import (
     source_powers,
     steering,
 )
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.build import build_angle_estimator, build_detector
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.leakage import side_paths
+from sionna_radar.signal.mixer import side_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
@@ -37,7 +36,9 @@ UPPER, LOWER = 0.05, -0.045
 
 def estimator(angle, chirp, **receiver):
     radar = RadarTable(snr_db=30.0, second_receiver={"axis": "elevation", **receiver})
-    return build_angle_estimator(radar, build_detector(ProcessingTable(angle=angle), chirp, ANTENNA), ANTENNA)
+    return build_angle_estimator(
+        radar, ProcessingTable(angle=angle), build_detector(ProcessingTable(angle=angle), chirp, ANTENNA), ANTENNA
+    )
 
 
 def row_of(receivers, spacing, **chirp):
@@ -122,7 +123,12 @@ def test_a_receiver_beside_the_row_tells_where_across_each_surface_is():
     narrow = [(0.04, 0.041), (-0.041, -0.04)]
     paths = Paths.concatenate([echo_of(range_m[k], up[k], 1e-6, narrow[k]) for k in range(2)])
     radar = RadarTable(snr_db=30.0, second_receiver={"kind": "row", "receivers": 8, "baseline_wavelengths": 1.0})
-    found = build_angle_estimator(radar, build_detector(ProcessingTable(angle="row"), make_chirp(), ANTENNA), ANTENNA)
+    found = build_angle_estimator(
+        radar,
+        ProcessingTable(angle="row"),
+        build_detector(ProcessingTable(angle="row"), make_chirp(), ANTENNA),
+        ANTENNA,
+    )
     assert [receiver.axis for receiver in found.receivers] == [1] + 7 * [2]
     echoes = found_by(found, paths)
     own = np.abs(echoes.range_m - MIDDLE_M) < 1.0
@@ -152,7 +158,7 @@ def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
     assert direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1) == ()
     turned = prepare(load_scenario("hills", keys | {"radar.scan.mode": "whisk_broom"}))
     (warning,) = direction_warnings(turned.angle, turned.flight.sample(50).measured, 1)
-    assert warning.endswith("it takes their spread for a second surface; set radar.scan.mode = 'conical'")
+    assert warning.endswith("their spread is interpreted as a second surface; set radar.scan.mode = 'conical'")
 
 
 @pytest.mark.parametrize(
@@ -185,8 +191,9 @@ def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, withi
     """Wavefronts are spheres: the middle of a row of 0.08 m sees it 1e-3 off at 40 m, and 3e-3 to the side."""
     left, up, angle = 0.021, -0.033, "row" if "kind" in keys else "interferometric"
     radar = RadarTable(snr_db=30.0, second_receiver={"axis": "both", **keys})
-    detector = build_detector(ProcessingTable(angle=angle), make_chirp(sweep=sweep), ANTENNA)
-    found = build_angle_estimator(radar, detector, ANTENNA)
+    processing = ProcessingTable(angle=angle)
+    detector = build_detector(processing, make_chirp(sweep=sweep), ANTENNA)
+    found = build_angle_estimator(radar, processing, detector, ANTENNA)
     echoes = found_by(found, echo_of(np.array([range_m]), up, 1e-6, (left, left)), noise_w=1e-19)
     strongest = echoes.power > 0.5 * echoes.power.max()
     assert strongest.sum() >= len(PULSES)

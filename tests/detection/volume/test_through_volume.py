@@ -15,7 +15,7 @@ from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.tracing.effects.atmosphere import build_weather
+from sionna_radar.tracing.build import build_weather
 from sionna_radar.weather.path import rain_clutter_power
 
 SMALL = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 96}

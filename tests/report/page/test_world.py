@@ -27,8 +27,7 @@ from sionna_radar.report.page.scene_data import (
     surroundings,
     thinned,
 )
-from sionna_radar.scenario.objects import Building
-from sionna_radar.scene.footprints import build_box
+from sionna_radar.scene.footprints import Box, build_box
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -113,7 +112,7 @@ def test_surroundings_meet_the_edge_of_the_map_and_leave_it_out(plane):
 
 def test_buildings_stand_and_ground_lies():
     ground = make_surface(lambda x, y: 0.3 * x, size_m=200.0, spacing_m=10.0)
-    box = build_box(Building(position_m=(0.0, 0.0), size_m=(10.0, 20.0, 8.0)), 0, lambda at: np.zeros(len(at)))
+    box = build_box(Box(position_m=(0.0, 0.0), size_m=(10.0, 20.0, 8.0)), 0, lambda at: np.zeros(len(at)))
     scene = make_scene(ground)
     scene = replace(scene, surfaces=(*scene.surfaces, box))
     assert [standing(surface, "flat") for surface in scene.surfaces] == [False, True]

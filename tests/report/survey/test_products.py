@@ -21,7 +21,7 @@ from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey.preparation import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
 
 KEYS = [

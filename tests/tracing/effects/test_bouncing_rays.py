@@ -10,7 +10,8 @@ from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scene.model import Body
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.effects.bodies import rcs_m2, rcs_of_mesh
+from sionna_radar.tracing.build import rcs_of_mesh
+from sionna_radar.tracing.effects.bodies import rcs_m2
 from sionna_radar.tracing.effects.bouncing_rays import bounced_echoes
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.effects.targets import trace_targets

@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.objects import TargetMesh
-from sionna_radar.tracing.effects.bodies import rcs_of_mesh
+from sionna_radar.tracing.build import rcs_of_mesh
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from beams import make_antenna, make_chirp, plane_power
 from flights import make_pulses
 from sionna_radar.radar.antenna import Antenna, measured_cut
-from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.paths import Engine
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0

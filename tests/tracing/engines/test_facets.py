@@ -17,11 +17,11 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
-from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines.gamma import facets
 from sionna_radar.tracing.engines.gamma.facet_index import MIN_ROOM, FacetIndex, Fineness, Footprint
 from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+from sionna_radar.tracing.paths import Engine
 from worlds import make_scene, make_surface
 
 WAVELENGTH_M = speed_of_light / 77e9

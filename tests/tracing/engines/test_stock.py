@@ -10,11 +10,12 @@ from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engine import EngineInputs, SampledBeams, build_engine
+from sionna_radar.tracing.build import EngineInputs, build_engine
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
+from sionna_radar.tracing.paths import SampledBeams
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0

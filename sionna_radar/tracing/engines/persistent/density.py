@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.two_way_grid import TwoWayGrid
-from sionna_radar.tracing.engine import SampledBeams
+from sionna_radar.tracing.paths import SampledBeams
 
 # Share of the two-way power outside the ellipse. A beam with side lobes of -20 dB is 28 dB down there.
 OUTSIDE_SHARE = 2e-3

@@ -12,7 +12,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.scenario import NO_PLACE_ON_THE_MAP
 from sionna_radar.scenario.table import Point2
-from sionna_radar.scene.landscape import map_frame
+from sionna_radar.scene.terrains.build import map_frame
 
 
 def in_local_frame(scenario: Scenario) -> Scenario:

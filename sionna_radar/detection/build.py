@@ -1,0 +1,190 @@
+"""The processing of a scenario: its detector, range estimator, expected ground and estimator of angles of arrival."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.angle.row import RowEstimator
+from sionna_radar.detection.cfar import Cfar
+from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector
+from sionna_radar.detection.expected_ground import ExpectedGround, rough_surface
+from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.detection.ranging.plane_fit import beam_profile
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.build import build_side_receivers
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
+from sionna_radar.scenario.parts import RANGE_ESTIMATORS
+from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.table import Table
+from sionna_radar.signal.analog_filters import HighPass
+
+
+def build_angle_estimator(
+    radar: RadarTable, processing: ProcessingTable, detector: Detector, antenna: Antenna
+) -> AngleEstimator | None:
+    """Return the estimator of directions inside the beam; None where the scenario requests none.
+
+    Raises ScenarioError for receivers that cannot resolve them; see `build_side_receivers`.
+    """
+    if processing.angle == "off":
+        return None
+    spread = two_way_spread(antenna)
+    width_az, width_el = antenna.beamwidths_rad
+    estimator = RowEstimator if processing.angle == "row" else AngleEstimator
+    return estimator(
+        detector=detector,
+        receivers=build_side_receivers(radar, antenna, spread, detector.analyser.chirp.wavelength_m),
+        spread=spread,
+        half_power=(float(np.sin(width_az / 2)), float(np.sin(width_el / 2))),
+        length_m=processing.angle_length_m,
+    )
+
+
+def two_way_spread(antenna: Antenna) -> tuple[float, float]:
+    """Return the standard deviations of the two-way power over the direction cosines in azimuth and in elevation."""
+    return _spread(antenna.azimuth), _spread(antenna.elevation)
+
+
+def _spread(cut: Cut) -> float:
+    lobe = lobe_samples(cut, FOLLOWED)
+    power, cosine = cut.voltage[lobe] ** 4, cut.cosine[lobe]
+    mean = power @ cosine / power.sum()
+    return float(np.sqrt(power @ (cosine - mean) ** 2 / power.sum()))
+
+
+@registers(RANGE_ESTIMATORS, "[processing.ranging_parameters]")
+def register_range_estimator(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
+    """Register a range estimator, for `processing.ranging` in a scenario.
+
+    Decorates a class or function that builds a `RangeEstimator`, called with the parameters, if any.
+
+    Examples
+    --------
+    >>> from sionna_radar.detection import Ranges
+    >>> @register_range_estimator("nearest_bin")
+    ... class NearestBin:
+    ...     def __call__(self, spans):
+    ...         return Ranges(range_m=spans.start * spans.bin_m, sigma_m=0.0 * spans.start + spans.bin_m)
+    >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
+    'nearest_bin'
+
+    """
+    return RANGE_ESTIMATORS.register(name, parameters)
+
+
+def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
+    """Return the range estimator of a scenario."""
+    estimator: RangeEstimator = RANGE_ESTIMATORS.entry(table.ranging)(table.ranging_parameters)
+    require(estimator, RangeEstimator, str(RANGE_ESTIMATORS.entry(table.ranging)))
+    return estimator
+
+
+def build_detector(
+    processing: ProcessingTable,
+    chirp: Chirp,
+    antenna: Antenna | None = None,
+    high_pass: HighPass | None = None,
+    estimator: RangeEstimator | None = None,
+    *,
+    speckle_looks: int = 1,
+) -> Detector:
+    """Return the processing of a scenario.
+
+    Parameters
+    ----------
+    processing, chirp:
+        The processing and the sweep it is for.
+    antenna:
+        The antenna, for estimators that model the beam.
+    high_pass:
+        High-pass of the receiver, which the calibration removes from the spectra.
+    estimator:
+        A range estimator in place of that of `processing`.
+    speckle_looks:
+        Number of averaged powers in a pulse with independent speckle.
+
+    Raises
+    ------
+    ScenarioError
+        The window leaks the cell under test into the training cells.
+
+    """
+    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
+    table = processing.cfar
+    correlation = analyser.noise_correlation(table.guard + table.training + 1)
+    shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
+    if table.guard < shared[-1]:
+        message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
+        raise ScenarioError([Problem("processing.cfar.guard", message)])
+    cfar = Cfar(
+        kind=table.kind,
+        guard=table.guard,
+        training=table.training,
+        false_alarm_probability=table.false_alarm_probability,
+        rank=table.rank,
+        stride=processing.zero_padding,
+        correlation=correlation,
+        looks=processing.average.powers,
+    )
+    response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
+    beam = None if antenna is None else beam_profile(antenna, response)
+    return Detector(
+        analyser=analyser,
+        cfar=cfar,
+        min_range_m=processing.min_range_m,
+        merge_gap_m=processing.merge_gap_m,
+        dynamic_range_db=processing.dynamic_range_db,
+        kept=processing.echoes,
+        doppler_correction=processing.doppler_correction,
+        leakage=processing.leakage,
+        interference=processing.interference,
+        volume_clutter=processing.volume_clutter,
+        volume=processing.volume,
+        estimator=estimator or build_range_estimator(processing),
+        beam=beam,
+        speckle_looks=speckle_looks,
+    )
+
+
+def build_expected_ground(
+    table: ExpectedGroundTable | None, altitude_m: float, antenna: Antenna, grid: Grid, place: Georeference | None
+) -> ExpectedGround | None:
+    """Return the expected ground of a scenario; None if it has none.
+
+    Parameters
+    ----------
+    table:
+        `[processing.expected_ground]`.
+    altitude_m:
+        Nominal height of the flight above ground.
+    antenna:
+        The antenna, for its beam width.
+    grid:
+        Cells of the survey's DEM.
+    place:
+        Georeference of the local frame, if it has one.
+
+    Raises
+    ------
+    InputFileError
+        The rough DEM cannot be read, or does not overlap the survey.
+    ScenarioError
+        Only one of the rough DEM and the terrain is georeferenced.
+
+    """
+    if table is None:
+        return None
+    azimuth, elevation = antenna.beamwidths_rad
+    return ExpectedGround(
+        surface=None if table.path is None else rough_surface(table.path, grid, place),
+        altitude_m=altitude_m,
+        tolerance_m=table.tolerance_m,
+        half_beam_rad=(azimuth, elevation),
+    )

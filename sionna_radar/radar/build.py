@@ -1,0 +1,230 @@
+"""The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_values import KeptValues
+from sionna_radar.foundation.numerics import from_db
+from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
+from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
+from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
+from sionna_radar.radar.chirp import Chirp, used
+from sionna_radar.radar.main_lobe import reach_of_power
+from sionna_radar.radar.pattern_files.reader import read_pattern
+from sionna_radar.radar.second_receiver import UNAMBIGUOUS, SideReceiver, baseline_of, difference_pattern
+from sionna_radar.scenario.bases import AntennaParameters
+from sionna_radar.scenario.loading import content_key
+from sionna_radar.scenario.parts import ANTENNAS
+from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
+from sionna_radar.scenario.registry import PACKAGE, Builder, registers, require
+
+
+@registers(ANTENNAS, "[radar.antenna]")
+def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable[[Builder], Builder]:
+    """Register an antenna, for `radar.antenna.kind` in a scenario.
+
+    It decorates a function that builds an `Antenna`; it is called with the parameters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.radar import Antenna, Cut
+    >>> from sionna_radar.scenario import AntennaParameters
+    >>> class Horn(AntennaParameters):
+    ...     exponent: float = 200.0
+    >>> @register_antenna("horn", Horn)
+    ... def horn(parameters):
+    ...     cut = Cut(np.sqrt(1 - np.linspace(-1, 1, 4001) ** 2) ** (parameters.exponent / 2))
+    ...     return Antenna(cut, cut, parameters.polarization, parameters.receive_polarization)
+    >>> antenna = {"kind": "horn", "exponent": 500.0}
+    >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
+    >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
+    True
+
+    """
+    return ANTENNAS.register(name, parameters)
+
+
+def build_antenna(table: AntennaParameters) -> Antenna:
+    """Return the antenna of a scenario; the last one is cached, with its computed properties."""
+    entry = ANTENNAS.entry(table.kind)
+    key = content_key({"antenna": table}) if entry.origin == PACKAGE else None
+    if key is not None:
+        cached: Antenna = _LAST.once(key, lambda: entry(table))
+        return cached
+    antenna: Antenna = entry(table)
+    require(antenna, Antenna, str(entry))
+    return antenna
+
+
+_LAST = KeptValues(1)
+
+
+AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
+
+
+def build_side_receivers(
+    radar: RadarTable, antenna: Antenna, spread: Sequence[float], wavelength_m: float
+) -> tuple[SideReceiver, ...]:
+    """Return the receivers beside the first of a scenario's radar; none if it has none.
+
+    Parameters
+    ----------
+    radar, antenna:
+        The scenario's `[radar]`, and its antenna.
+    spread:
+        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
+    wavelength_m:
+        Of the carrier.
+
+    Raises
+    ------
+    ScenarioError
+        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna without two cuts.
+
+    """
+    table = radar.second_receiver
+    if table is None:
+        return ()
+    axes = AXES[table.axis]
+    if table.kind == "monopulse":
+        if not antenna.separable:
+            message = "'monopulse' splits an antenna of two cuts into halves; set 'interferometer', or another antenna"
+            raise ScenarioError([Problem("radar.second_receiver.kind", message)])
+        cuts = {1: antenna.azimuth, 2: antenna.elevation}
+        return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
+    receivers, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
+    for axis in axes:
+        # With both axes, the row of receivers is along the last one, elevation.
+        in_row = table.receivers is not None and axis == axes[-1]
+        baseline_wavelengths = None if table.receivers is not None and not in_row else table.baseline_wavelengths
+        max_wavelengths = 1 / (2 * reach[axis - 1])
+        default_m = max_wavelengths * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
+        baseline_m = default_m if baseline_wavelengths is None else baseline_wavelengths * wavelength_m
+        if baseline_m > max_wavelengths * wavelength_m:
+            message = (
+                f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
+                f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {max_wavelengths:.3g}"
+            )
+            raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
+        receivers += [
+            SideReceiver(
+                axis=axis,
+                baseline_m=multiple * baseline_m,
+                true_baseline_m=multiple * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
+                phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
+            )
+            for multiple in range(1, (table.receivers or 2) if in_row else 2)
+        ]
+    return tuple(receivers)
+
+
+def build_chirp(radar: RadarTable) -> Chirp:
+    """Return the chirp of a scenario; for a triangular sweep its rising half."""
+    return build_sweeps(radar)[0]
+
+
+def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
+    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
+    pair = radar.sweep == "triangular"
+    directions: tuple[Literal["up", "down"], ...]
+    directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
+    full_sweeps = tuple(
+        Chirp(
+            carrier_hz=radar.carrier_hz,
+            bandwidth_hz=radar.bandwidth_hz,
+            rate_hz=radar.chirp_rate_hz * len(directions),
+            samples=radar.samples_per_chirp,
+            sweep=direction,
+            sampling=radar.sampling,
+            centre_s=(half - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
+        )
+        for half, direction in enumerate(directions)
+    )
+    first, last = radar.used_samples
+    return (
+        full_sweeps
+        if last - first == radar.samples_per_chirp
+        else tuple(used(chirp, first, last) for chirp in full_sweeps)
+    )
+
+
+def array_antenna(table: ArrayAntennaTable) -> Antenna:
+    """Return the antenna of a scenario's table, with its beam steered.
+
+    Raises
+    ------
+    InputFileError
+        The table of elements, or the element's pattern, cannot be read.
+    ScenarioError
+        The array is too large, or its weights cancel.
+
+    """
+    positions, weights = read_elements(table.path) if table.path is not None else _rectangle(table)
+    size = np.ptp(positions, axis=0) + 0.5
+    if size.max() > LARGEST_WAVELENGTHS:
+        message = f"{size.max():.0f} wavelengths are more than {LARGEST_WAVELENGTHS:g}; give fewer or closer elements"
+        raise ScenarioError([Problem("radar.antenna", message)])
+    if abs(weights.sum()) < 0.1 * np.abs(weights).sum():
+        message = "its weights nearly cancel toward the normal of its face; remove the steering from its phases"
+        raise ScenarioError([Problem("radar.antenna", message)])
+    element: Pattern = ElementPattern(table.element_exponent)
+    if table.element_pattern is not None:
+        element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
+    broadside = antenna_of(
+        ArrayPattern(array_factor(positions, weights), element, (float(size[0]), float(size[1]))),
+        polarization=table.polarization,
+        receives=table.receive_polarization,
+        efficiency=from_db(table.efficiency_db),
+    )
+    if table.steer_deg == (0.0, 0.0):
+        return broadside
+    left_rad, up_rad = np.deg2rad(table.steer_deg)
+    return steered(broadside, float(left_rad), float(up_rad))
+
+
+def _rectangle(
+    table: ArrayAntennaTable,
+) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:
+    assert table.elements is not None  # the table's own check
+    spacing = table.spacing_wavelengths
+    steps = spacing if isinstance(spacing, tuple) else (spacing, spacing)
+    axes = [(np.arange(n) - (n - 1) / 2) * step for n, step in zip(table.elements, steps, strict=True)]
+    tapers = [line_taper(n, table.taper_db) for n in table.elements]
+    left, up = np.meshgrid(*axes, indexing="ij")
+    return np.column_stack([left.ravel(), up.ravel()]), np.outer(*tapers).ravel().astype(np.complex128)
+
+
+def taylor_array(table: AntennaTable) -> Antenna:
+    """Return the antenna of a scenario's table."""
+    azimuth, elevation = table.beamwidths_rad
+    return Antenna(
+        taylor_cut(azimuth, table.side_lobe_db),
+        taylor_cut(elevation, table.side_lobe_db),
+        table.polarization,
+        table.receive_polarization,
+        table.axial_ratio_db,
+    )
+
+
+def measured_antenna(table: PatternAntennaTable) -> Antenna:
+    """Return the antenna of a scenario's table.
+
+    Raises InputFileError for a file that cannot be read.
+    """
+    transmit = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
+    receive = None
+    if table.receive_pattern is not None:
+        receive = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
+    return antenna_of(
+        transmit,
+        receive,
+        polarization=table.polarization,
+        receives=table.receive_polarization,
+        axial_ratio_db=table.axial_ratio_db,
+        efficiency=from_db(table.efficiency_db),
+    )

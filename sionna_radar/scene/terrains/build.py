@@ -1,0 +1,275 @@
+"""The ground of a scenario from `[terrain]`: the registry of sources, and the built-in ones by their tables."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_at
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
+from sionna_radar.scenario.cover import MaterialField
+from sionna_radar.scenario.parts import TERRAINS
+from sionna_radar.scenario.registry import Builder, Facts, require
+from sionna_radar.scenario.terrain import (
+    KEEP_SIONNA,
+    CityTerrain,
+    FlatTerrain,
+    FractalTerrain,
+    HillsTerrain,
+    MeshFile,
+    MeshShape,
+    MeshTerrain,
+    PointsTerrain,
+    RasterTerrain,
+    SampleTerrain,
+)
+from sionna_radar.scene.ground_cover import ClassPolygons, ClassRaster, GroundCover, MaterialPolygon, MaterialRectangle
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, covered_landscape
+from sionna_radar.scene.objects import MeshSource
+from sionna_radar.scene.terrains import synthetic
+from sionna_radar.scene.terrains.city import city_landscape
+from sionna_radar.scene.terrains.elevation import SAMPLE_CRS, SAMPLE_VERTICAL_CRS, ElevationSource, Roughness, elevation
+from sionna_radar.scene.terrains.elevation import file_frame as elevation_frame
+from sionna_radar.scene.terrains.mesh import MeshGround, mesh
+from sionna_radar.scene.terrains.mesh import mesh_frame as ground_mesh_frame
+from sionna_radar.scene.terrains.points import CloudSource, points
+from sionna_radar.scene.terrains.points import cloud_frame as points_frame
+
+
+def cover_of(terrain: CoveredTerrain) -> GroundCover:
+    """Return the material of a terrain and its covers."""
+    raster, vector = terrain.cover_raster, terrain.cover_vector
+    fields: tuple[MaterialField, ...] = getattr(terrain, "fields", ())
+    return GroundCover(
+        material=terrain.material,
+        raster=None if raster is None else ClassRaster(path=raster.path, materials=raster.material_of_class),
+        vector=None
+        if vector is None
+        else ClassPolygons(path=vector.path, attribute=vector.attribute, materials=vector.classes, layer=vector.layer),
+        fields=tuple(MaterialRectangle(centre_m=f.centre_m, size_m=f.size_m, material=f.material) for f in fields),
+        polygons=tuple(MaterialPolygon(corners_m=p.polygon_m, material=p.material) for p in terrain.cover),
+    )
+
+
+def landscape_of_heights(
+    raster: Raster, terrain: CoveredTerrain, georeference: Georeference | None = None
+) -> Landscape:
+    """Return ground of given heights, with the covers of its table.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        A polygon covers no face; the raster of classes cannot be read or georeferenced.
+
+    """
+    return covered_landscape(raster, cover_of(terrain), georeference or _stated_place(terrain))
+
+
+def flat(terrain: FlatTerrain, _: TerrainInputs) -> Landscape:
+    """Return level ground at height zero."""
+    return landscape_of_heights(synthetic.flat(terrain.size_m, terrain.spacing_m), terrain)
+
+
+def hills(terrain: HillsTerrain, _: TerrainInputs) -> Landscape:
+    """Return a seeded Gaussian random surface."""
+    heights = synthetic.hills(terrain.size_m, terrain.spacing_m, terrain.filter_sigma_m, terrain.height_m, terrain.seed)
+    return landscape_of_heights(heights, terrain)
+
+
+def fractal(terrain: FractalTerrain, _: TerrainInputs) -> Landscape:
+    """Return a seeded self-affine random surface."""
+    heights = synthetic.fractal(terrain.size_m, terrain.spacing_m, terrain.hurst, terrain.height_m, terrain.seed)
+    return landscape_of_heights(heights, terrain)
+
+
+def sample_or_raster(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
+    """Return the ground of an elevation raster, read only within the survey's window."""
+    return elevation(_elevation_source(terrain), cover_of(terrain), given.window_m)
+
+
+def raster_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
+    """Return the local frame of an elevation raster; see `elevation.file_frame`."""
+    return elevation_frame(_elevation_source(terrain))
+
+
+def _elevation_source(terrain: SampleTerrain | RasterTerrain) -> ElevationSource:
+    if isinstance(terrain, SampleTerrain):
+        stated = StatedFrame(
+            crs=SAMPLE_CRS, vertical_crs=SAMPLE_VERTICAL_CRS, centre_lonlat_deg=terrain.centre_lonlat_deg
+        )
+        return ElevationSource(path=None, stated=stated, spacing_m=terrain.spacing_m)
+    rough = terrain.roughen
+    return ElevationSource(
+        path=terrain.path,
+        stated=_stated_frame(terrain),
+        spacing_m=terrain.spacing_m,
+        holes=terrain.holes,
+        roughness=None if rough is None else Roughness(hurst=rough.hurst, rms_m=rough.rms_m, seed=rough.seed),
+    )
+
+
+def _stated_frame(terrain: RasterTerrain | PointsTerrain) -> StatedFrame:
+    return StatedFrame(
+        crs=terrain.crs,
+        vertical_crs=terrain.vertical_crs,
+        height_unit=terrain.height_unit,
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+    )
+
+
+def cloud(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
+    """Return the ground of a point cloud, gridded within the survey's window."""
+    return points(_cloud_source(terrain), cover_of(terrain), given.window_m)
+
+
+def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
+    """Return the local frame of a cloud on the map; None for one without a CRS."""
+    return points_frame(_cloud_source(terrain))
+
+
+def _cloud_source(terrain: PointsTerrain) -> CloudSource:
+    return CloudSource(
+        path=terrain.path,
+        stated=_stated_frame(terrain),
+        points=terrain.points,
+        statistic=terrain.statistic,
+        percentile=terrain.percentile,
+        spacing_m=terrain.spacing_m,
+        holes=terrain.holes,
+    )
+
+
+def mesh_source(table: MeshShape) -> MeshSource:
+    """Return a file of triangles with its axes, size and materials."""
+    source = MeshSource(
+        path=table.path,
+        units=table.units,
+        metres_per_unit=table.metres_per_unit,
+        up=table.up,
+        heading_rad=float(np.deg2rad(table.heading_deg)),
+    )
+    if not isinstance(table, MeshFile):
+        return source
+    return replace(source, centre=table.centre, material=table.material, materials=table.materials)
+
+
+def mesh_ground(terrain: MeshTerrain, _: TerrainInputs) -> Landscape:
+    """Return the ground of a mesh file, with the objects in it."""
+    return mesh(_mesh_ground(terrain), cover_of(terrain))
+
+
+def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
+    """Return the local frame of a mesh on the map; None for one without a place on it."""
+    return ground_mesh_frame(_mesh_ground(terrain))
+
+
+def _mesh_ground(terrain: MeshTerrain) -> MeshGround:
+    return MeshGround(
+        source=mesh_source(terrain),
+        position_m=terrain.position_m,
+        crs=terrain.crs,
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+    )
+
+
+def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
+    """Return one of Sionna's cities."""
+    chosen = {name: None if own == KEEP_SIONNA else own for name, own in terrain.materials.items()}
+    return city_landscape(terrain.city, chosen, given.carrier_hz, given.channel)
+
+
+INPUTS = tuple(field.name for field in fields(TerrainInputs))
+
+
+def landscape_of_raster(raster: Raster, terrain: TerrainParameters, given: TerrainInputs) -> Landscape:
+    """Return ground from a raster in local metres, with the material and the covers of a table.
+
+    Raises ScenarioError if it lies outside the survey's window.
+    """
+    (west, east, south, north), window_m = raster.grid.extent_m, given.window_m
+    if west > window_m[2] or east < window_m[0] or south > window_m[3] or north < window_m[1]:
+        message = (
+            f"it spans {west:.0f} to {east:.0f} m east and {south:.0f} to {north:.0f} m north, of which the survey "
+            "sees nothing; give the path of its file, or Raster.from_array(raster.height_m, spacing_m)"
+        )
+        raise ScenarioError([Problem("terrain", message)])
+    if not isinstance(terrain, CoveredTerrain):
+        terrain = CoveredTerrain(kind="raster", centre_lonlat_deg=terrain.centre_lonlat_deg)
+    return replace(landscape_of_heights(raster, terrain), posting_m=raster.grid.spacing_m)
+
+
+def register_terrain(
+    name: str,
+    parameters: type[TerrainParameters],
+    *,
+    frame: Callable[..., MapFrame | None] | None = None,
+    uses: Sequence[str] = INPUTS,
+) -> Callable[[Builder], Builder]:
+    """Register a terrain, for `terrain.kind` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        Its name in scenarios.
+    parameters:
+        Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` also has the keys of land cover.
+    frame:
+        Returns, from the parameters, the local frame of a terrain with a map position of its own, or None.
+    uses:
+        The `TerrainInputs` on which the landscape depends; surveys that differ in others share it.
+
+    Returns
+    -------
+    A decorator for a function that builds a `Landscape`; it is called with the parameters and `TerrainInputs`.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not `TerrainParameters`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.foundation import Grid
+    >>> from sionna_radar.scenario import CoveredTerrain
+    >>> from sionna_radar.scene import landscape_of_heights
+    >>> class Dunes(CoveredTerrain):
+    ...     height_m: float = 3.0
+    >>> @register_terrain("dunes", Dunes)
+    ... def dunes(parameters, given):
+    ...     grid = Grid(west_m=-200.0, south_m=-200.0, spacing_m=2.0, columns=201, rows=201)
+    ...     height_m = parameters.height_m * np.cos(grid.centres_m[:, 0] / 10).reshape(grid.shape)
+    ...     return landscape_of_heights(Raster(grid=grid, height_m=height_m), parameters)
+    >>> prepared = prepare(load_scenario("hills", {"terrain": {"kind": "dunes"}, "platform.length_m": 10.0}))
+    >>> float(prepared.scene.scene.bounds_m[1, 2])
+    3.0
+
+    """
+    return TERRAINS.register(name, parameters, Facts(uses=tuple(uses), frame=frame))
+
+
+def map_frame(table: TerrainParameters) -> MapFrame | None:
+    """Return the local frame of a scenario's terrain on the map; None without a map position.
+
+    Raises ScenarioError or InputFileError if its file cannot be read or georeferenced.
+    """
+    frame = TERRAINS.entry(table.kind).facts.frame
+    if frame is not None:
+        own: MapFrame | None = frame(table)
+        return own
+    return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None
+
+
+def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
+    """Return the ground of a scenario."""
+    landscape: Landscape = TERRAINS.entry(table.kind)(table, given)
+    require(landscape, Landscape, str(TERRAINS.entry(table.kind)))
+    if landscape.georeference is None:
+        return replace(landscape, georeference=_stated_place(table))
+    return landscape
+
+
+def _stated_place(table: TerrainParameters) -> Georeference | None:
+    return frame_at(*table.centre_lonlat_deg).georeference() if table.centre_lonlat_deg else None

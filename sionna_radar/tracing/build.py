@@ -1,0 +1,285 @@
+"""The tracer of a scenario: its engine by name, and plants, mirrors, targets and the air around it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.objects import TargetMesh
+from sionna_radar.scenario.parts import ENGINES
+from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.table import Table
+from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.scene.build import build_body
+from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.motion import Windblown
+from sionna_radar.tracing.effects.atmosphere import Atmosphere
+from sionna_radar.tracing.effects.bodies import rcs_m2
+from sionna_radar.tracing.effects.canopy import Canopy
+from sionna_radar.tracing.effects.moving_ground import build_moving_ground
+from sionna_radar.tracing.effects.physical_optics import Scatterer
+from sionna_radar.tracing.engines.persistent.density import DensityMap, filled_beam, footprint_density
+from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer
+from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.gases import Air
+from sionna_radar.weather.rain_map import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.validity import Precipitation
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineInputs:
+    """Inputs of an engine.
+
+    tracing: the scenario's `[tracing]`.
+    caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
+    region_m: lowest and highest corner of the box that the survey can see.
+    looks: beams of pulses spread over the survey, for what depends on how the scene is looked at.
+    beams: the antenna steered to each beam of an electronic scan, by number; for a `SteerableEngine`.
+    """
+
+    tracing: TracingTable
+    scene: Scene
+    antenna: Antenna
+    chirp: Chirp
+    seed: int
+    caster: RayCaster
+    region_m: Float[np.ndarray, "2 3"]
+    looks: SampledBeams
+    beams: tuple[Antenna, ...] = ()
+
+
+def sionna_engine(given: EngineInputs) -> Engine:
+    """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or persists on the surface."""
+    table = given.tracing
+    if table.speckle == "persistent":
+        from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+
+        rays = max(1, round(table.paths_per_pulse * table.side_lobe_share))
+        return PersistentEngine(
+            given.scene,
+            given.antenna,
+            given.chirp,
+            given.seed,
+            table.scatterers_per_m2 or _density(given, table.paths_per_pulse - rays),
+            given.region_m,
+            outer_rays=rays,
+            decorrelation_time_s=table.decorrelation_time_s,
+            caster=given.caster,
+            bounces=table.bounces,
+        )
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
+
+    return BeamEngine(
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.seed,
+        table.paths_per_pulse,
+        table.side_lobe_share,
+        given.caster,
+        table.bounces,
+    )
+
+
+def _density(given: EngineInputs, scatterers: int) -> DensityMap:
+    beams = [filled_beam(antenna) for antenna in given.beams or (given.antenna,)]
+    looks = given.looks if given.beams else replace(given.looks, beam=np.zeros(len(given.looks), dtype=np.int64))
+    return footprint_density(looks, beams, given.chirp.range_resolution_m, scatterers)
+
+
+def gamma_engine(given: EngineInputs) -> Engine:
+    """Return the paper's facet model, which is independent of Sionna."""
+    from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+
+    return GammaEngine(
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.seed,
+        given.caster,
+        speckle=given.tracing.speckle,
+        decorrelation_time_s=given.tracing.decorrelation_time_s,
+    )
+
+
+def stock_engine(given: EngineInputs) -> Engine:
+    """Return Sionna's stock path solver, for checks."""
+    from sionna_radar.tracing.engines.stock import PathSolverEngine
+
+    return PathSolverEngine(given.scene, given.antenna, given.chirp, given.seed, samples=given.tracing.paths_per_pulse)
+
+
+@registers(ENGINES, "[tracing.engine_parameters]")
+def register_engine(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
+    """Register a tracing engine, for `tracing.engine` in a scenario.
+
+    It decorates a class or function that builds an `Engine`; it is called with the parameters, if any, and with
+    `EngineInputs`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.tracing import Paths
+    >>> @register_engine("one_ray")
+    ... class OneRay:
+    ...     def __init__(self, given):
+    ...         self.caster = given.caster
+    ...     def trace(self, pulses):
+    ...         hits = self.caster.cast(pulses.true.position_m, pulses.true.boresight)
+    ...         row = np.flatnonzero(hits.hit)
+    ...         return Paths.along_boresight(
+    ...             pulses, row, hits.distance_m[row], gain=np.full(len(row), 1e-6 + 0j),
+    ...             incidence_rad=np.arccos(hits.cosine[row]), surface=hits.surface[row],
+    ...         )
+    >>> overrides = {"tracing.engine": "one_ray", "platform.length_m": 10.0}
+    >>> run(load_scenario("hills", overrides)).paths
+    100
+
+    """
+    return ENGINES.register(name, parameters)
+
+
+def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
+    """Return the engine named in a scenario."""
+    engine: Engine = ENGINES.entry(table.engine)(table.engine_parameters, given)
+    require(engine, Engine, str(ENGINES.entry(table.engine)))
+    return engine
+
+
+def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
+    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
+    plants = given.scene.vegetation
+    wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), given.chirp.carrier_hz)
+    return Tracer(
+        engine,
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.caster,
+        moving=build_moving_ground(given.scene, np.array(weather.wind_mps), given.chirp, given.seed),
+        canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
+        atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
+        seed=given.seed,
+        bounces=given.tracing.bounces,
+    )
+
+
+def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
+    """Return the tracer of all beams, with engines that share what they know of the scene.
+
+    Raises ScenarioError for an engine that cannot change its antenna.
+    """
+    if not isinstance(engine, SteerableEngine):
+        message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
+        raise ScenarioError([Problem("tracing.engine", message)])
+    each = [(engine.with_antenna(beam), replace(given, antenna=beam, beams=())) for beam in given.beams]
+    return SteeredTracer([build_tracer(own, inputs, weather) for own, inputs in each])
+
+
+def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:
+    """Return the weather of a scenario as seen by its radar."""
+    return Atmosphere(build_weather(table, chirp.carrier_hz), antenna, chirp, seed)
+
+
+def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
+    """Return the weather of a scenario at a carrier."""
+    air = Air(
+        dry_pressure_pa=100 * table.dry_pressure_hpa,
+        temperature_k=table.temperature_k,
+        vapour_density_g_per_m3=table.vapour_g_per_m3,
+    )
+    return Weather(
+        carrier_hz=carrier_hz,
+        rain_rate_mm_per_h=table.rain_rate_mm_per_h,
+        rain_map=rain_map_of(table),
+        snowfall_mm_per_h={
+            kind: rate for kind, rate in table.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN
+        },
+        liquid_water_g_per_m3=table.water_in_air_g_per_m3,
+        visibility_m=table.visibility_m,
+        air=air if table.gases else None,
+        temperature_k=table.temperature_k,
+        wet_radome_m=None if table.wet_radome is None else table.wet_radome.radius_m,
+        wind_mps=table.wind_mps,
+    )
+
+
+def rain_map_of(table: WeatherTable) -> RainMap | None:
+    """Return the rain map of a scenario; None if its rain is uniform."""
+    parts: list[RainMap] = []
+    field, cell = table.rain_field, table.rain_cell
+    uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0
+    if field is not None and uneven:
+        parts.append(
+            RainField(
+                mean_mm_per_h=table.rain_rate_mm_per_h,
+                correlation_m=field.correlation_m,
+                spread_db=field.spread_db,
+                seed=field.seed,
+            )
+        )
+    if cell is not None and cell.peak_mm_per_h > 0:
+        parts.append(RainCell(centre_m=cell.centre_m, radius_m=cell.radius_m, peak_mm_per_h=cell.peak_mm_per_h))
+    if not parts:
+        return None
+    return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)
+
+
+def rcs_of_mesh(
+    mesh: TargetMesh,
+    carrier_hz: float,
+    azimuth_rad: Float[np.ndarray, " azimuth"],
+    elevation_rad: Float[np.ndarray, " elevation"],
+    range_m: float = 1000.0,
+) -> Float[np.ndarray, "elevation azimuth"]:
+    """Return the cross-section of a shape from all sides, in square metres, by physical optics.
+
+    Where it sees itself, up to three reflections between its faces add to it, of a wave polarized in the plane of its
+    upward axis.
+
+    Parameters
+    ----------
+    mesh:
+        Its file, as in `[[targets]]`.
+    carrier_hz:
+        Of the radar.
+    azimuth_rad, elevation_rad:
+        Direction from which it is seen: clockwise from its front, and above its horizon.
+    range_m:
+        From which it is seen.
+
+    Raises
+    ------
+    InputFileError, ScenarioError
+        The file cannot be used, or is too large for the wavelength; the carrier or the range is no positive number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import trimesh
+    >>> from sionna_radar.scenario import TargetMesh
+    >>> _ = trimesh.creation.icosphere(subdivisions=6, radius=0.05).export("ball.ply")
+    >>> rcs_m2 = rcs_of_mesh(TargetMesh(path="ball.ply"), 77e9, np.zeros(1), np.zeros(1))
+    >>> bool(abs(10 * np.log10(rcs_m2[0, 0] / (np.pi * 0.05**2))) < 1)
+    True
+
+    """
+    for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
+        if not 0 < value < np.inf:
+            raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
+    wavelength_m = speed_of_light / carrier_hz
+    seen = Scatterer(build_body(mesh, "mesh", wavelength_m), wavelength_m)
+    elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
+    level = np.cos(elevation)
+    toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
+    found: Float[np.ndarray, "elevation azimuth"] = rcs_m2(seen, toward.reshape(-1, 3), range_m).reshape(azimuth.shape)
+    return found
