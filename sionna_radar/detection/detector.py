@@ -6,7 +6,7 @@ range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
@@ -47,6 +47,7 @@ class Detections:
     profiles: Profiles
 
 
+@runtime_checkable
 class VolumeOptions(Protocol):
     """Options of detection behind a volume; `scenario.processing.VolumeTable` says what each is."""
 
