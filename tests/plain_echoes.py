@@ -6,10 +6,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.mapping.echo_model.kernels import (
     BEYOND,
     FADING_LEVEL,
-    HIGHEST_RATIO,
     LEVEL_ITERATIONS,
     LEVEL_TOLERANCE,
     MIN_CELLS,
@@ -79,7 +79,7 @@ class PlainEchoes:
         if len(used) < MIN_CELLS:
             return np.zeros(nodes), np.zeros((0, nodes))
         jacobian -= np.outer(of_level, (weight * of_level) @ jacobian / (weight @ of_level**2))
-        residual = np.minimum(power / mean, HIGHEST_RATIO) - 1
+        residual = np.minimum(power / mean, MAX_SPECKLE) - 1
         root = np.sqrt(looks * weight)[:, None] * jacobian
         return looks * (weight * residual) @ jacobian, root
 
@@ -182,7 +182,7 @@ def _fit_level(
     for _ in range(LEVEL_ITERATIONS):
         mean, weight = _at_level(level, shape, volume, noise, top)
         share = weight * level * shape / mean
-        excess = np.minimum(power / mean, HIGHEST_RATIO) - 1
+        excess = np.minimum(power / mean, MAX_SPECKLE) - 1
         step = float(share @ excess / max(share.sum(), np.finfo(float).tiny))
         level *= float(np.exp(np.clip(step, -1.0, 1.0)))
         if abs(step) < LEVEL_TOLERANCE:

@@ -112,9 +112,9 @@ def test_without_it_the_names_are_unknown(cli):
 
 
 def test_parameters_of_a_part_that_has_none_are_refused(cli):
-    said = cli("validate", "hills", "--set", "dem.method_parameters.radius_m=1")
+    said = cli("validate", "hills", "--set", "processing.ranging_parameters.gate_db=1")
     assert said.returncode == 2
-    assert "dem.method_parameters: DEM method 'linear' has no parameters; remove them" in said.stderr
+    assert "processing.ranging_parameters: range estimator 'centroid' has no parameters; remove them" in said.stderr
 
 
 @pytest.mark.study

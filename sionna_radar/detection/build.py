@@ -146,6 +146,7 @@ def build_detector(
         leakage=processing.leakage,
         interference=processing.interference,
         volume_clutter=processing.volume_clutter,
+        volume=processing.volume,
         estimator=estimator or build_range_estimator(processing),
         beam=beam,
         speckle_looks=speckle_looks,

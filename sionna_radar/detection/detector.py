@@ -6,7 +6,7 @@ range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
@@ -47,6 +47,26 @@ class Detections:
     profiles: Profiles
 
 
+@runtime_checkable
+class VolumeOptions(Protocol):
+    """Options of detection behind a volume; `scenario.processing.VolumeTable` says what each is."""
+
+    @property
+    def estimation_rounds(self) -> int: ...  # noqa: D102
+    @property
+    def smoothed_cells(self) -> int: ...  # noqa: D102
+    @property
+    def cells_before(self) -> int: ...  # noqa: D102
+    @property
+    def widths_before(self) -> float: ...  # noqa: D102
+    @property
+    def floor_share(self) -> float: ...  # noqa: D102
+    @property
+    def width_spread_nepers(self) -> float: ...  # noqa: D102
+    @property
+    def height_step_cells(self) -> float: ...  # noqa: D102
+
+
 @dataclass(frozen=True, kw_only=True)
 class Detector:
     """The processing of one chirp.
@@ -57,7 +77,7 @@ class Detector:
     kept: which echoes of a pulse are kept.
     doppler_correction: whether the Doppler shift of stationary ground is removed from ranges.
     leakage, interference: whether the mean of the chirps is subtracted, and whether bursts are set to zero.
-    volume_clutter: whether a volume in front of the ground is looked for.
+    volume_clutter: whether a volume in front of the ground is looked for; volume: options of detection behind it.
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
@@ -71,6 +91,7 @@ class Detector:
     dynamic_range_db: float
     kept: Literal["first", "strongest", "all"]
     doppler_correction: bool
+    volume: VolumeOptions
     leakage: Literal["keep", "subtract"] = "keep"
     interference: Literal["keep", "zeroing"] = "keep"
     volume_clutter: Literal["auto", "off"] = "auto"

@@ -35,6 +35,10 @@ def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return 10.0 * np.log10(np.where(ratio > 0, ratio, np.nan))
 
 
+# Ratio to its mean that one exponential power in 3000 exceeds, log 3000: what is stronger is no speckle of one surface.
+# Machine code on disk keeps the value that it was compiled with.
+MAX_SPECKLE = 8.0
+
 # Rows that a triangular system is solved by at once.
 ROWS = 96
 

@@ -51,8 +51,11 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
 
 def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
-    method: DemMethod = DEM_METHODS.entry(table.map_method)(table.method_parameters)
-    require(method, DemMethod, str(DEM_METHODS.entry(table.map_method)))
+    entry, parameters = DEM_METHODS.entry(table.map_method), table.method_parameters
+    # Those of another method, where a copy of the table names a new one, give way to the defaults.
+    own = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
+    method: DemMethod = entry(own)
+    require(method, DemMethod, str(entry))
     return method
 
 

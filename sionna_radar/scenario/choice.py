@@ -115,8 +115,12 @@ class ParametersOf:
             raise refuse("", f"{self.registry.kind} {name!r} has no parameters; remove them")
         return entry.check(value)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"type": "object"}
+    def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schemas = [handler(table.__pydantic_core_schema__) for table in self.tables()]
+        for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, schemas), strict=True):
+            names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
+            schema["$comment"] = f"`{self.name}` = " + ", ".join(f'`"{name}"`' for name in names)
+        return {"anyOf": schemas} if schemas else {"type": "object"}
 
     def tables(self) -> list[type[Table]]:
         """Return the tables that may stand here."""

@@ -11,7 +11,17 @@ from typing import Any, get_args
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, shown
 from sionna_radar.scenario.materials import Medium
-from sionna_radar.scenario.parts import ANTENNAS, MATERIALS, NAVIGATIONS, SCANS, TERRAINS
+from sionna_radar.scenario.parts import (
+    ANTENNAS,
+    DEM_METHODS,
+    ENGINES,
+    MATERIALS,
+    NAVIGATIONS,
+    RANGE_ESTIMATORS,
+    SCANS,
+    SENSORS,
+    TERRAINS,
+)
 from sionna_radar.scenario.registry import Registry
 
 UNSET_WORD = "none"
@@ -45,6 +55,13 @@ MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
 # Keys that imply the kind of antenna.
 IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
 
+# Keys that name a part with a table of parameters beside it.
+NAMED = {
+    "dem.method": ("dem.method_parameters", DEM_METHODS),
+    "processing.ranging": ("processing.ranging_parameters", RANGE_ESTIMATORS),
+    "tracing.engine": ("tracing.engine_parameters", ENGINES),
+    "sensor": ("sensor_parameters", SENSORS),
+}
 # Keys that select the kind of their table.
 TAGS = {
     "terrain.kind": TERRAINS,
@@ -127,10 +144,19 @@ def _flatten(table: Mapping[str, Any], prefix: str, flat: dict[str, Any], path: 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     """Set values at dotted keys of nested tables; None removes the key.
 
+    Parameters of a part beside its name give way to another name.
+
     Raises ScenarioError for a key that does not lead to a value.
     """
     for key, value in overrides.items():
         _set_dotted(data, key, value)
+    for key, (place, registry) in NAMED.items():
+        beside = _at(data, place)
+        if key in overrides and isinstance(beside, dict):
+            allowed = _fields_of_part(registry, overrides[key])
+            _drop(data, overrides, [f"{place}.{name}" for name in beside if name not in allowed])
+            if not beside:
+                _drop(data, overrides, [place])
 
 
 def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:

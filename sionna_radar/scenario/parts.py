@@ -28,10 +28,16 @@ RANGE_ESTIMATORS = Registry(
 DEM_METHODS = Registry(
     "DEM method",
     {
-        "linear": BuiltIn("mapping.linear.linear.Linear"),
-        "smooth": BuiltIn("mapping.refined.refinement.Smooth", facts=Facts(profiles="optional")),
-        "refined": BuiltIn("mapping.refined.refinement.Refined", facts=Facts(profiles="required")),
-        "stepped": BuiltIn("mapping.stepped.surface.Stepped", facts=Facts(profiles="required")),
+        "linear": BuiltIn("mapping.linear.linear.Linear", "mapping.options.LinearParameters"),
+        "smooth": BuiltIn(
+            "mapping.refined.refinement.Smooth", "mapping.options.SmoothParameters", facts=Facts(profiles="optional")
+        ),
+        "refined": BuiltIn(
+            "mapping.refined.refinement.Refined", "mapping.options.SmoothParameters", facts=Facts(profiles="required")
+        ),
+        "stepped": BuiltIn(
+            "mapping.stepped.surface.Stepped", "mapping.options.SteppedParameters", facts=Facts(profiles="required")
+        ),
     },
 )
 SCANS = Registry(

@@ -63,6 +63,26 @@ class ExpectedGroundTable(Table):
     """by how much the ground may lie above or below."""
 
 
+class VolumeTable(Table):
+    """How the ground behind an echo that fills the beam (rain, snowfall, dust) is told from it."""
+
+    estimation_rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 2
+    """so often the volume's mean echo and the ground are learned from each other."""
+    smoothed_cells: Annotated[int, Field(strict=True, ge=1, le=1000)] = 8
+    """range cells, each way, over which the volume's mean echo is smoothed."""
+    cells_before: Annotated[int, Field(strict=True, ge=0, le=1000)] = 16
+    """range cells between those that hold the volume alone and the ground, besides `widths_before`."""
+    widths_before: NonNegative = 5.0
+    """widths of the echo of level ground between them, besides `cells_before`."""
+    floor_share: Annotated[Real, Field(gt=0, lt=1)] = 0.01
+    """lowest mean behind the ground, over the volume's there: side lobes and double bounces."""
+    width_spread_nepers: Positive = 0.25
+    """uncertainty of the width of an echo on ground of a known slope: the beam is as wide across, and ground is
+    curved."""
+    height_step_cells: Positive = 1.0
+    """between the heights that neighbouring pulses are compared by."""
+
+
 class ProcessingTable(Table):
     """From beat signals to ranges."""
 
@@ -90,6 +110,8 @@ class ProcessingTable(Table):
     volume_clutter: Literal["auto", "off"] = "auto"
     """"auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there is one, for
     the ground that ends it; "off" takes rain for ground where it is the stronger."""
+    volume: VolumeTable = VolumeTable()
+    """detection behind it."""
     expected_ground: ExpectedGroundTable | None = None
     """ranges in which the ground of a pulse may lie; without it all."""
     angle: Literal["off", "interferometric", "monopulse", "row"] = "off"

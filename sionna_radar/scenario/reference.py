@@ -178,11 +178,14 @@ def _inside(
     for table in tables:
         title = table.get("title", "")
         if "properties" in table and title not in ancestors:
-            yield from _walk(table, heading, _chosen(table) if len(tables) > 1 else "", defs, (*ancestors, title))
+            chosen = _chosen(table) if len(tables) > 1 or "$comment" in table else ""
+            yield from _walk(table, heading, chosen, defs, (*ancestors, title))
 
 
 def _chosen(table: Mapping[str, Any]) -> str:
     """Return the key and values that select a table among those of its place."""
+    if "$comment" in table:
+        return str(table["$comment"])
     for tag in ("kind", "mode", "model"):
         entry = table["properties"].get(tag, {})
         names = entry.get("enum") or ([entry["const"]] if "const" in entry else [])

@@ -70,7 +70,7 @@ def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
     height = np.zeros((30, 40))
     height[8:20, 10:28] = ROOF_M
     height[14, 7:10] = [2.0, 4.0, 6.0]  # as steep as a step of 2.5 m a cell
-    part = parts_of(height, 2.5)
+    part = parts_of(height, 2.5, 6)
     assert len(np.unique(part)) == 2
     assert part[10, 15] != part[2, 2]
     np.testing.assert_array_equal(part[8:20, 10:28], part[10, 15])
@@ -78,7 +78,7 @@ def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
 
 def test_gentle_ground_is_one_part():
     x, y = np.meshgrid(np.arange(50.0), np.arange(40.0))
-    assert np.all(parts_of(0.3 * x + 2 * np.sin(y / 6), 1.0) == 0)
+    assert np.all(parts_of(0.3 * x + 2 * np.sin(y / 6), 1.0, 6) == 0)
 
 
 def test_distances_to_borders_are_euclidean():

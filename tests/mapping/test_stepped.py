@@ -12,10 +12,10 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.coarse_map import AS_GOOD, CHANGE, JUMP, choose_levels, lowest_in_view_m
+from sionna_radar.mapping.stepped.coarse_map import choose_levels, lowest_in_view_m
 from sionna_radar.mapping.stepped.evidence import (
-    MIN_SHARE,
     _reflectivities,
     evidence_against,
     levels_between,
@@ -60,7 +60,11 @@ def located(sightings) -> Points:
 
 def cost_of_row(cost, levels) -> float:
     step = np.abs(np.diff(levels))
-    return cost[np.arange(len(levels)), levels].sum() + CHANGE * (step == 1).sum() + JUMP * (step > 1).sum()
+    return (
+        cost[np.arange(len(levels)), levels].sum()
+        + STEPPED.change_nepers * (step == 1).sum()
+        + STEPPED.jump_nepers * (step > 1).sum()
+    )
 
 
 def test_levels_of_a_row_are_those_of_a_plain_search():
@@ -74,7 +78,7 @@ def test_levels_of_a_row_are_those_of_a_plain_search():
             for level in range(4)
         ]
         total = np.array(ends) + 7 * cost[2]
-        assert chosen[2] == np.flatnonzero(total <= total.min() + 8 * AS_GOOD).max()
+        assert chosen[2] == np.flatnonzero(total <= total.min() + 8 * STEPPED.tie_nepers).max()
 
 
 def test_a_step_stays_and_noise_goes():
@@ -119,7 +123,7 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
     for pulse in range(len(sightings)):
         above = np.maximum(profiles.values(pulse) - 30 * profiles.noise[pulse], 0.0)
         whole.append(above @ above / above.sum() / 2)
-    weakest = MIN_SHARE * np.percentile(whole, 5)
+    weakest = STEPPED.min_patch_share * np.percentile(whole, 5)
     expected = 0.0
     away = np.array([50.0, 0.0, 12.0]) - sightings.pose.position_m
     range_m = np.linalg.norm(away, axis=1)

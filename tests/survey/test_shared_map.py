@@ -9,7 +9,6 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Failure, attempt, name_of, named
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.mapping.refined.refinement import Smooth
-from sionna_radar.mapping.terrain import tiles
 from sionna_radar.mapping.terrain.tiles import Tiles
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import observed_survey
@@ -115,10 +114,9 @@ def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
         run(scenario, execution=Execution(workers=Failing()))
 
 
-def test_a_single_tile_is_made_here(monkeypatch):
-    monkeypatch.setattr(tiles, "TILE_M", 1000.0)
-    workers = Next()
-    run(load_scenario("hills", WIDE | {"dem.method": "smooth"}), execution=Execution(workers=workers))
+def test_a_single_tile_is_made_here():
+    workers, single = Next(), {"dem.method": "smooth", "dem.method_parameters.tile_m": 1000.0}
+    run(load_scenario("hills", WIDE | single), execution=Execution(workers=workers))
     assert workers.tasks
     assert workers.made == []
 

@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.rain import echo_speeds
 
@@ -33,15 +34,12 @@ MIN_OVER_NOISE = 2.0
 MAX_UNEVEN = 3.0
 # Share of cells assumed to hold noise only.
 QUIET_SHARE = 0.05
-# Cells over which the estimate is smoothed, each way, and the weight of the law in looks.
-SMOOTHED_CELLS = 8
+# Weight of the law, in looks.
 LOOKS_OF_LAW = 200.0
 # Limits of the law: deviation from the first guess in nepers, and two-way loss in nepers per metre (110 dB/km).
 MAX_NEPERS, MAX_LOSS = 6.0, 0.05
 # Estimates far below the noise are random: lower limit of the mean, as a share of the law.
 MIN_OF_LAW = 0.05
-# One in 3000 exponential powers exceeds 8 means: anything stronger is not the volume.
-MAX_OVER_MEAN = 8.0
 # Strength of the volume around a pulse: pulses on each side that enter the estimate, and its limits.
 NEIGHBOURS = 12
 STRENGTH_LIMITS = (0.01, 100.0)
@@ -90,10 +88,10 @@ class VolumeClutter:
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
         return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
 
-    def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float) -> float:
+    def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float, smoothed_cells: int) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
         cells = self.near[1] - self.near[0]
-        if cells < 2 * SMOOTHED_CELLS:
+        if cells < 2 * smoothed_cells:
             return 0.0
         mean = self._near_mean(power)
         chance = float(np.mean(mean**2)) / (looks * cells + 1)
@@ -103,7 +101,7 @@ class VolumeClutter:
     def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
         cells = slice(*self.near)
         ratio = power[:, cells] / self.background[cells]
-        return np.minimum(ratio, MAX_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
+        return np.minimum(ratio, MAX_SPECKLE * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
 def first_guess(
@@ -155,13 +153,14 @@ def measured_mean(
     power: Float[np.ndarray, "pulse cell"],
     volume_only: Bool[np.ndarray, "pulse cell"],
     range_m: Float[np.ndarray, " cell"],
+    smoothed_cells: int,
 ) -> Float[np.ndarray, " cell"]:
     """Return the volume's mean from the volume-only cells; where these are few, the law fitted to them."""
-    clipped = np.minimum(power, MAX_OVER_MEAN * guess.background) - guess.noise
+    clipped = np.minimum(power, MAX_SPECKLE * guess.background) - guess.noise
     count = volume_only.sum(axis=0).astype(float)
     total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)
-    kernel = np.ones(2 * SMOOTHED_CELLS + 1)
+    kernel = np.ones(2 * smoothed_cells + 1)
     smoothed = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
     return law * np.maximum(smoothed / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), MIN_OF_LAW)
 

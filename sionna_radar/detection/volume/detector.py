@@ -16,7 +16,6 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
-    MAX_OVER_MEAN,
     NEIGHBOURS,
     VolumeClutter,
     VolumeMotion,
@@ -28,7 +27,7 @@ from sionna_radar.detection.volume.clutter import (
 from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.numerics import from_db
+from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
 
 # Minimum probability that the echo lies on the chosen surface, and that there is any ground.
@@ -36,9 +35,6 @@ MIN_PROBABILITY = 0.99
 WIDTHS_OF_SPAN = 3.0
 # Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
-ESTIMATION_ROUNDS = 2
-# Margin between volume-only cells and the ground's range: widths of the echo of level ground, and cells.
-WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of pulses whose ground may lie within the cells assumed volume-only in all pulses.
 RARELY_GROUND = 0.02
 # Peak of the ground over the volume (20 dB) above which the scenario's estimator has the greater weight: side lobes of
@@ -115,9 +111,11 @@ class ThroughVolume:
         ratio = end.over_volume(cells, views.strength)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
-        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_OVER_MEAN))
+        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
-        tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
+        step_m = end.cell_m * self.detector.volume.height_step_cells
+        heights = _heights(pulses, sweep)
+        tracked = track(evidence, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         accepted = _accepted(tracked, self.detector.cfar.false_alarm_probability)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
@@ -228,7 +226,7 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     # so much that these cannot be taken for an echo.
     margin = STRONGER if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
-    return None if strongest > margin * MAX_OVER_MEAN * guess.mean[first] else guess
+    return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:
@@ -259,7 +257,7 @@ def volume_in_front(
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
     through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
-    for _ in range(ESTIMATION_ROUNDS):
+    for _ in range(detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     moving = _with_motion(through, cells, pulses, sweep)
     if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
@@ -290,6 +288,8 @@ def _through(
         response=analyser.response(RESPONSE_CELLS, 1),
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
+        floor_share=detector.volume.floor_share,
+        width_spread_nepers=detector.volume.width_spread_nepers,
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 
@@ -312,20 +312,20 @@ def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
     """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
-    end, volume = through.end, through.volume
+    end, volume, options = through.end, through.volume, through.detector.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
     learned = learned_ground(end.ground.level, likelihood)
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
-    volume_end = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
+    volume_end = ground - options.widths_before * width - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
-    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m)
+    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
     near = (end.first, max(int(np.quantile(volume_end, RARELY_GROUND)), end.first))
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
-    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks))
+    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
     return _through(through.detector, updated, learned, through.motion, pulses, sweep)
 
 

@@ -111,8 +111,6 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
 # Half-length of the window in which shapes are compared, in cells.
 HALF = 40
 WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
-# Lowest level behind the ground relative to the volume: side lobes, double-bounce echoes.
-SILENCE = 0.01
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
@@ -120,9 +118,7 @@ MIN_BEHIND = 8
 LARGEST_STEP = 40
 ROWS_AT_ONCE = 32
 FINE = 4
-# Uncertainty of an echo's width for a known slope, in nepers, and the minimum effective slope: the beam is as
-# wide across the plane of incidence, and ground is curved.
-WIDTH_SPREAD = 0.25
+# Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
 DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
@@ -158,6 +154,8 @@ class VolumeEnd:
     beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks per cell.
     response: power response of the spectrum to a point target, on cells.
     first: first cell that may hold ground; cells: number of cells.
+    floor_share: lowest mean behind the ground, over the volume's.
+    width_spread_nepers: uncertainty of the echo's width on ground of a known slope.
     """
 
     volume: VolumeClutter
@@ -169,13 +167,15 @@ class VolumeEnd:
     response: Float[np.ndarray, " tap"]
     first: int
     cells: int
+    floor_share: float
+    width_spread_nepers: float
 
     def over_volume(
         self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
     ) -> Float[np.ndarray, "pulse cell"]:
         """Return powers over the mean of volume and noise; 1 where ground is ruled out."""
         background = strength[:, None] * self.volume.mean + self.volume.noise
-        ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
+        ratio = power / background + np.maximum(self.floor_share - self.volume.noise / background, 0.0)
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
@@ -297,8 +297,9 @@ class VolumeEnd:
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
         """Return the mean behind the ground over the volume's, in steps of 3 dB."""
         share = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
-        steps = np.round(np.log2(np.clip(share, SILENCE, 1.0) / SILENCE))
-        return np.minimum(SILENCE * 2.0**steps, 1.0)
+        floor = self.floor_share
+        steps = np.round(np.log2(np.clip(share, floor, 1.0) / floor))
+        return np.minimum(floor * 2.0**steps, 1.0)
 
     def _behind(
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
@@ -319,7 +320,7 @@ class VolumeEnd:
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
-        log = logsumexp(-0.5 * (nepers / WIDTH_SPREAD) ** 2, axis=-1)
+        log = logsumexp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
         log -= logsumexp(log, axis=-1, keepdims=True)
         place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)

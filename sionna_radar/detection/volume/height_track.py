@@ -16,7 +16,6 @@ from scipy.special import logsumexp
 JUMP_PROBABILITY = 0.03
 # Minimum downward cosine of a beam whose range determines a height.
 MIN_DOWN = 0.1
-HEIGHT_STEPS_PER_CELL = 1.0
 # Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
 
@@ -65,6 +64,7 @@ def track(
     cell_m: float,
     line: Int[np.ndarray, " pulse"],
     slope: float,
+    step_m: float,
 ) -> Tracked:
     """Return the most probable ranges of the pulses of whole scan lines.
 
@@ -80,12 +80,14 @@ def track(
         Scan line of each pulse; lines are independent.
     slope:
         Mean absolute slope of the ground.
+    step_m:
+        Between the heights that are tried.
 
     """
     posterior = np.empty(evidence.shape)
     for rows in np.split(np.arange(len(line)), np.flatnonzero(np.diff(line)) + 1):
         if len(rows):
-            posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows, slope)
+            posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows, slope, step_m)
     total = logsumexp(posterior, axis=1)
     share = np.exp(posterior - total[:, None])
     cell = np.arange(evidence.shape[1])
@@ -128,6 +130,7 @@ def _neighbours(
     cell_m: float,
     rows: Int[np.ndarray, " pulse"],
     slope: float,
+    step_m: float,
 ) -> Float[np.ndarray, "pulse cell"]:
     """Return the log-probability of each cell given the other pulses of the line; uniform without such evidence."""
     count, cells = evidence.shape
@@ -137,7 +140,6 @@ def _neighbours(
         return np.full(evidence.shape, -np.log(cells))
     range_m = np.arange(cells) * cell_m
     low = float(np.min(top - np.maximum(down, MIN_DOWN) * range_m[-1]))
-    step_m = cell_m * HEIGHT_STEPS_PER_CELL
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
     for row in np.flatnonzero(looks_down):

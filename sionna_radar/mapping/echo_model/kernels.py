@@ -13,6 +13,7 @@ from typing import no_type_check
 import numpy as np
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.mapping.echo_model.power_kernels import (
     beam_samples,
     echo_level,
@@ -21,8 +22,6 @@ from sionna_radar.mapping.echo_model.power_kernels import (
     spread_power,
 )
 
-# One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
-HIGHEST_RATIO = 8.0
 # Level, relative to the echo's, at which the weight of a cell is a quarter.
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
@@ -64,7 +63,7 @@ def fit_level(power, shape, volume, noise, top, mean, weight):
             signal = own + volume[c]
             inverse, share = 1 / (signal + noise), signal / (signal + FADING_LEVEL * top)
             part = share * share * own * inverse
-            pull += part * (min(power[c] * inverse, HIGHEST_RATIO) - 1)
+            pull += part * (min(power[c] * inverse, MAX_SPECKLE) - 1)
             total += part
         step = pull / max(total, 2.2e-308)
         level *= np.exp(min(max(step, -1.0), 1.0))
@@ -245,7 +244,7 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
         # The part of the change that a change of the echo's level explains is projected out.
         part = level * shape[c] / mean[c] / of_level
         root = np.sqrt(looks * weight[c])
-        rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+        rest = root * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
         residual[row] = rest
         weight_of[row] = weight[c]
         for node in range(len(own)):
@@ -373,7 +372,7 @@ def _gain_of_cells(power, echo, looks, gain):
         if weight[c] > MIN_WEIGHT:
             rows += 1
             share = level * shape[c] / mean[c]
-            rest = looks * weight[c] * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+            rest = looks * weight[c] * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
             of_level += weight[c] * share * share
             pulled += rest * share
             gain[c] = rest * level / mean[c]

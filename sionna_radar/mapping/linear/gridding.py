@@ -23,6 +23,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.threads import in_threads
 from sionna_radar.mapping.linear.triangulation import circles_hold_none, delaunay_triangles
 from sionna_radar.mapping.linear.walls import wall_triangles
+from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.points import Points
 
 
@@ -85,7 +86,6 @@ def _halves(window: Window, cell: np.ndarray, most: int, least: int) -> Iterator
         yield from _halves(Window(window.grid, rows, columns), cell[inside], most, least)
 
 
-LONGEST_SIDE_GAPS = 3.0
 # Points that are triangulated at once, and the least width of their windows, relative to the longest side.
 MAX_POINTS, MIN_SIDES = 25_000, 4.0
 # Triangles whose shadows are looked for at once: it bounds the memory.
@@ -109,7 +109,13 @@ class Interpolated:
     share: Float[np.ndarray, "filled 3"]
 
 
-def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Interpolated:
+def grid_points(
+    points: Points,
+    grid: Grid,
+    max_gap_m: float,
+    shadow_incidence_rad: float,
+    options: LinearParameters = LINEAR,
+) -> Interpolated:
     """Interpolate points to a grid.
 
     Parameters
@@ -122,17 +128,19 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
         Largest distance of a filled cell from a point.
     shadow_incidence_rad:
         A triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
+    options:
+        Of the method.
 
     """
     highest = _highest(points)
     known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
-    longest_m = LONGEST_SIDE_GAPS * max_gap_m
+    longest_m = options.longest_side_gaps * max_gap_m
     windows = windows_of(grid, known.place, MAX_POINTS, MIN_SIDES * longest_m)
 
     def part(number: int, _: int) -> Filled:
         near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)
         return _interpolated(
-            known, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad
+            known, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad, options
         )
 
     found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
@@ -170,6 +178,7 @@ def _interpolated(
     window: Window,
     gap_m: float,
     incidence_rad: float,
+    options: LinearParameters,
 ) -> Filled:
     """Return the filled cells of a window, by their numbers in the grid, the three points around each, their weights.
 
@@ -181,8 +190,11 @@ def _interpolated(
     if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
     some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
-    kept = np.concatenate([_lit(own.point_m[each], origin_m[own.row[each]], gap_m, incidence_rad) for each in some])
-    kept &= ~wall_triangles(own.point_m, own.sigma_m, simplices, gap_m, window.grid.spacing_m)
+    longest_m = options.longest_side_gaps * gap_m
+    kept = np.concatenate(
+        [_lit(own.point_m[each], origin_m[own.row[each]], gap_m, incidence_rad, longest_m) for each in some]
+    )
+    kept &= ~wall_triangles(own.point_m, own.sigma_m, simplices, gap_m, window.grid.spacing_m, options)
     if len(near) < len(known):
         kept[kept] = circles_hold_none(own.place[simplices[kept]], known.tree)
     inside = _triangle_of_cells(own.place, simplices, kept, window)
@@ -226,6 +238,7 @@ def _lit(
     origin: Float[np.ndarray, "triangle 3 3"],
     gap_m: float,
     incidence_rad: float,
+    longest_m: float,
 ) -> Bool[np.ndarray, " triangle"]:
     """Return the triangles that are neither too wide nor in shadow, by their corners and where these were seen from."""
     side = np.roll(corner, -1, axis=1) - corner
@@ -237,7 +250,7 @@ def _lit(
     longest = np.linalg.norm(side, axis=2).max(axis=1)
     on_plan = np.linalg.norm(side[:, :, :2], axis=2).max(axis=1)
     shadow = (cos < np.cos(incidence_rad)) & (longest > gap_m)
-    return ~shadow & (on_plan <= LONGEST_SIDE_GAPS * gap_m)
+    return ~shadow & (on_plan <= longest_m)
 
 
 def _barycentric(

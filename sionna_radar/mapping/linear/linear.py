@@ -22,6 +22,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
+from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.terrain import covariance
 from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
@@ -122,9 +123,12 @@ class Linear:
 
     profiles: Literal["unused"] = "unused"
 
+    def __init__(self, parameters: LinearParameters = LINEAR) -> None:
+        self.options = parameters
+
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad)
+        found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options)
         # The errors of measured directions are known by their theory, those of ranges to a factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
         uncertainty = linear_uncertainty(found, given.heights(), spread)

@@ -15,16 +15,10 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.threads import parts
+from sionna_radar.mapping.options import LINEAR, LinearParameters
 
-# Slope of a wall, and how much steeper it is than the ground at both of its ends.
-STEEP, STEEPER = 1.0, 2.0
-SURE_SIGMAS = 4.0
-# Of a square of beams, relative to their gap.
-DIAGONAL = 1.5
 # The slopes of triangles this narrow, relative to their longest side, are those of noise.
 NARROW = 0.1
-# Slopes of the ground are found from triangles without walls, which are found from slopes: so often.
-ROUNDS = 3
 # Triangles with less area, in plan view, have no slope.
 NO_AREA_M2 = 1e-9
 # Triangles that are looked at at once: it bounds the memory.
@@ -37,6 +31,7 @@ def wall_triangles(
     corner: Int[np.ndarray, "triangle 3"],
     gap_m: float,
     least_m: float,
+    options: LinearParameters = LINEAR,
 ) -> Bool[np.ndarray, " triangle"]:
     """Return the triangles between the foot and the top of a wall.
 
@@ -52,6 +47,8 @@ def wall_triangles(
         Widest gap between neighbouring beams on the ground.
     least_m:
         Least height of a wall.
+    options:
+        Of the method.
 
     """
     if not len(corner):
@@ -61,16 +58,16 @@ def wall_triangles(
     for low, high in bounds:
         gradient, broad[low:high] = _slopes(point_m, corner[low:high])
         slope[low:high] = np.hypot(*gradient.T)
-    steep = _steep(point_m, sigma_m, corner, slope, least_m)
+    steep = _steep(point_m, sigma_m, corner, slope, least_m, options)
     side = _Sides.concatenate(
-        [_high_sides(point_m, sigma_m, corner, slice(low, high), gap_m, least_m) for low, high in bounds]
+        [_high_sides(point_m, sigma_m, corner, slice(low, high), gap_m, least_m, options) for low, high in bounds]
     )
     if not len(side):
         return steep
-    jump = slope > STEEP
+    jump = slope > options.wall_slope
     beside = _touching(corner, np.concatenate([side.start, side.end]), len(point_m))
     beside_corner, gradient = corner[beside], _slopes(point_m, corner[beside])[0]
-    for _ in range(ROUNDS):
+    for _ in range(options.wall_rounds):
         ground = (broad & ~jump)[beside]
         beyond = _slopes_beyond(point_m, beside_corner[ground], gradient[ground], side.start, side.end)
         # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
@@ -99,12 +96,14 @@ def _high_sides(
     part: slice,
     gap_m: float,
     least_m: float,
+    options: LinearParameters,
 ) -> _Sides:
     """Return the sides of some triangles that rise by more than a bank, noise or the least wall."""
     start, end = corner[part].ravel(), np.roll(corner[part], -1, axis=1).ravel()
     side = point_m[end] - point_m[start]
-    way_m, least = np.linalg.norm(side[:, :2], axis=1), SURE_SIGMAS * np.hypot(sigma_m[start], sigma_m[end])
-    bank_m = np.where(way_m > DIAGONAL * gap_m, 0.0, STEEP / 2 * way_m)
+    way_m = np.linalg.norm(side[:, :2], axis=1)
+    least = options.wall_sigmas * np.hypot(sigma_m[start], sigma_m[end])
+    bank_m = np.where(way_m > options.wall_diagonal * gap_m, 0.0, options.wall_slope / 2 * way_m)
     most_m = np.maximum(bank_m, np.maximum(least, least_m))
     high = np.flatnonzero((np.abs(side[:, 2]) > most_m) & (way_m > 0))
     return _Sides(
@@ -123,14 +122,15 @@ def _steep(
     corner: Int[np.ndarray, "triangle 3"],
     slope: Float[np.ndarray, " triangle"],
     least_m: float,
+    options: LinearParameters,
 ) -> Bool[np.ndarray, " triangle"]:
     """Return the triangles steeper than 45 deg, and twice as steep as the ground at two of their corners.
 
     The ground's slope is the median over the other triangles there; and the height is none of the ranges' uncertainty.
     """
-    steep = np.flatnonzero(slope > STEEP)
+    steep = np.flatnonzero(slope > options.wall_slope)
     height = np.ptp(point_m[corner[steep], 2], axis=1)
-    steep = steep[(height > least_m) & (height > SURE_SIGMAS * sigma_m[corner[steep]].max(axis=1))]
+    steep = steep[(height > least_m) & (height > options.wall_sigmas * sigma_m[corner[steep]].max(axis=1))]
     found = np.zeros(len(corner), dtype=bool)
     if len(steep) in {0, len(corner)}:
         return found
@@ -143,7 +143,7 @@ def _steep(
     beside = np.full(len(point_m), np.inf)
     np.minimum.at(beside, corner[around].ravel(), np.repeat(ground[corner[around]].min(axis=1), 3))
     ground = np.where(np.isinf(ground), beside, ground)
-    found[steep] = slope[steep] > STEEPER * np.median(ground[corner[steep]], axis=1)
+    found[steep] = slope[steep] > options.wall_contrast * np.median(ground[corner[steep]], axis=1)
     return found
 
 

@@ -25,10 +25,11 @@ from sionna_radar.mapping.echo_model.model import EchoModel, Linearised, MeanRan
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
 from sionna_radar.mapping.mapper import Estimate, MapInputs
+from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.scoring import MAX_SCORING_STEPS, most_probable
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.terrain.covariance import fit_covariance
-from sionna_radar.mapping.terrain.echo_heights import ROUGH, SURFACES, echo_surface
+from sionna_radar.mapping.terrain.echo_heights import ROUGH, echo_surface
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import calm
 from sionna_radar.mapping.terrain.smoothing import smooth
@@ -40,22 +41,13 @@ from sionna_radar.mapping.terrain.tiles import (
     TileSurface,
     Tiling,
     pieces_here,
-    tile_count,
 )
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, TileUncertainty, information_of
 
 
-def refinement_steps(grid: Grid) -> int:
-    """Return the number of steps `refine` takes over a grid."""
-    return REFINING.steps * tile_count(grid)
-
-
-def smoothing_steps(grid: Grid) -> int:
-    """Return the number of steps `smooth_echoes` takes over a grid."""
-    return SMOOTHING.steps * tile_count(grid)
-
-
-def refine(sightings: Sightings, grid: Grid, each: EachPiece = pieces_here) -> Mapped:
+def refine(
+    sightings: Sightings, grid: Grid, options: SmoothParameters = SMOOTH, each: EachPiece = pieces_here
+) -> Mapped:
     """Return the most probable surface over a grid given whole echoes.
 
     Parameters
@@ -64,27 +56,24 @@ def refine(sightings: Sightings, grid: Grid, each: EachPiece = pieces_here) -> M
         Profiles and measured poses.
     grid:
         Cells of the DEM.
+    options:
+        Of the method.
     each:
         Has the pieces of all tiles made.
 
     """
-    return Tiles(sightings, grid, REFINING).mapped(each)
+    return Tiles(sightings, grid, refining(options)).mapped(each)
 
 
-def smooth_echoes(sightings: Sightings, grid: Grid, each: EachPiece = pieces_here) -> Mapped:
-    """Return the most probable surface over a grid given the mean ranges of whole echoes; see `refine`."""
-    return Tiles(sightings, grid, SMOOTHING).mapped(each)
-
-
-def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> TileSurface:
+def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SmoothParameters) -> TileSurface:
     """Return the surface through the mean ranges of echoes."""
-    first = echo_surface(sightings, echoes, grid)
+    first = echo_surface(sightings, echoes, grid, options)
     return first.smoothed, first, None
 
 
-def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> TileSurface:
+def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SmoothParameters) -> TileSurface:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
-    first = echo_surface(sightings, echoes, grid, ROUGH)
+    first = echo_surface(sightings, echoes, grid, options, ROUGH)
     looks = sightings.looks_per_cell / repeats(sightings.repeated(echoes.range_m))
     fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m)
     linearised = partial(_some_linearised, sightings, fitted.surface, looks)
@@ -101,23 +90,31 @@ def _some_linearised(
     return EchoModel(sightings.rows(keep), surface).linearise(looks[keep])
 
 
-SMOOTHING = Tiling(_smoothed, SURFACES)
-REFINING = Tiling(_refined, SURFACES + MAX_SCORING_STEPS)
+def smoothing(options: SmoothParameters) -> Tiling:
+    """Return the tiling of a map through mean ranges."""
+    return Tiling(_smoothed, options.rounds, options)
+
+
+def refining(options: SmoothParameters) -> Tiling:
+    """Return the tiling of a map of whole echoes."""
+    return Tiling(_refined, options.rounds + MAX_SCORING_STEPS, options)
 
 
 class Refined:
     """Fits the surface to the whole echoes."""
 
     profiles: Literal["required"] = "required"
-    tiling: Tiling = REFINING
+
+    def __init__(self, parameters: SmoothParameters = SMOOTH) -> None:
+        self.tiling = refining(parameters)
 
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        expect_steps(refinement_steps(given.grid))
-        mapped = refine(given.sightings, given.grid, given.each_piece)
+        expect_steps(self.tiling.steps_over(given.grid))
+        mapped = Tiles(given.sightings, given.grid, self.tiling).mapped(given.each_piece)
         return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
 
 
@@ -132,7 +129,9 @@ class Smooth:
     """
 
     profiles: Literal["optional"] = "optional"
-    tiling: Tiling = SMOOTHING
+
+    def __init__(self, parameters: SmoothParameters = SMOOTH) -> None:
+        self.tiling = smoothing(parameters)
 
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
@@ -140,8 +139,8 @@ class Smooth:
         if pulses < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         if given.sightings is not None:
-            expect_steps(smoothing_steps(given.grid))
-            mapped = smooth_echoes(given.sightings, given.grid, given.each_piece)
+            expect_steps(self.tiling.steps_over(given.grid))
+            mapped = Tiles(given.sightings, given.grid, self.tiling).mapped(given.each_piece)
             return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
         return self._through_points(given)
 
@@ -149,10 +148,10 @@ class Smooth:
         # The system is solved by iterations, whose number shows at the end.
         heights = given.heights()
         # Estimators of ranges know their errors to a factor, which the fit below takes for known.
-        measured = heights.above(heights.trend())
-        factor = fit_covariance(measured.rows(calm(measured)), 1, NOISE_FACTOR_SPREAD).noise_factor
+        measured, window = heights.above(heights.trend()), self.tiling.options.window_heights
+        factor = fit_covariance(measured.rows(calm(measured, window)), 1, NOISE_FACTOR_SPREAD).noise_factor
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
-        fitted = smooth(heights, given.grid)
+        fitted = smooth(heights, given.grid, window_heights=window)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
-        uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging),))
+        uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging, window_heights=window),))
         return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 
 NOTHING = -1
 # Rays approach the map in strides of so many cells.
@@ -108,8 +109,6 @@ def candidate(columns, row, column, part):
     return (height / count, a / count, b / count, count) if count else (0.0, 0.0, 0.0, 0)
 
 
-# Excess of a power over its mean beyond which it counts by its logarithm only, so that one glint decides nothing.
-HIGHEST_RATIO = 8.0
 # By which share of a cell rays may pass beside it that are looked at more closely.
 ROUNDING = 1e-6
 
@@ -255,9 +254,12 @@ def predict_cells(echoes, pulse, hits, low, high, mean):
 @compiled
 @no_type_check
 def unlikely(power, mean):
-    """Return the negative log-likelihood of a power, but for the logarithm of its mean."""
+    """Return the negative log-likelihood of a power, but for the logarithm of its mean.
+
+    What is no speckle counts by its logarithm only, so that one glint decides nothing.
+    """
     ratio = power / mean
-    return ratio if ratio <= HIGHEST_RATIO else HIGHEST_RATIO + np.log(ratio / HIGHEST_RATIO)
+    return ratio if ratio <= MAX_SPECKLE else MAX_SPECKLE + np.log(ratio / MAX_SPECKLE)
 
 
 @compiled
@@ -471,7 +473,7 @@ def shares(views, echoes, landings, level, found, expected, cell_found, cell_exp
         usual_there, more_there = np.empty(end - begin), np.empty(end - begin)
         for cell in range(end - begin):
             usual_there[cell] = 1 / echoes.mean[begin + cell]
-            more_there[cell] = min(echoes.power[begin + cell] * usual_there[cell], HIGHEST_RATIO) * usual_there[cell]
+            more_there[cell] = min(echoes.power[begin + cell] * usual_there[cell], MAX_SPECKLE) * usual_there[cell]
         for tap in range(len(echoes.response)):
             weight, first = echoes.response[tap], 3 * half + 1 - tap
             for cell in range(end - begin):

@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter, minimum_filter
 from scipy.spatial import KDTree
 
+from sionna_radar.detection.ranging.plane_fit import PEDESTAL
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
 from sionna_radar.mapping.echo_model.beam import beam_samples
@@ -31,8 +32,6 @@ from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, Ce
 Result = TypeVar("Result")
 # Samples of the beam: so many for each map cell within the main lobe, but not fewer and not more than these.
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
-# Power in a pulse's cells that the map does not explain, relative to its strongest.
-PEDESTAL = 2e-2
 # Reflectivity is relative to this range.
 UNIT_M = 50.0
 # Gain in nepers for each of a cell's eight neighbours in the same part.

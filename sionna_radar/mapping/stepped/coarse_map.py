@@ -23,39 +23,37 @@ from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.evidence import ROWS_AT_ONCE, evidence_against
 from sionna_radar.mapping.terrain.heights import plane_through
 
-# Penalties in nepers: one in three neighbours differs by a level, one in twenty by a jump.
-CHANGE, JUMP = 1.0, 3.0
-# Levels whose cost exceeds the best by no more than this, along each direction, are as good.
-AS_GOOD = 0.5
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-def choose_levels(cost: Float32[np.ndarray, "row column level"]) -> Int[np.ndarray, "row column"]:
+def choose_levels(
+    cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
+) -> Int[np.ndarray, "row column"]:
     """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
 
     Parameters
     ----------
     cost:
         Evidence against each level of each cell, in nepers.
+    options:
+        Penalties of the method.
 
     """
     total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
     for down, right in DIRECTIONS:
-        add_paths(cost, down, right, CHANGE, JUMP, total)
-    good = total <= total.min(axis=-1, keepdims=True) + AS_GOOD * len(DIRECTIONS)
+        add_paths(cost, down, right, options.change_nepers, options.jump_nepers, total)
+    good = total <= total.min(axis=-1, keepdims=True) + options.tie_nepers * len(DIRECTIONS)
     highest: Int[np.ndarray, "row column"] = cost.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
     return highest
 
 
-# The map is computed in blocks of cells, each with the cells around it that its pulses reach.
-BLOCK_CELLS, MARGIN_CELLS = 120, 24
 # Over the pulses of a block: from the echoes, and then also from visibility.
 PASSES = 2
-MARGIN_M = 3.0
 MAX_LEVELS = 128
 MIN_POINTS = 6
 
@@ -86,7 +84,13 @@ class _Block:
     level_m: Float[np.ndarray, " level"]
 
 
-def coarse_map(sightings: Sightings, points: Points, grid: Grid, axis_m: Float[np.ndarray, "pulse 3"]) -> CoarseMap:
+def coarse_map(
+    sightings: Sightings,
+    points: Points,
+    grid: Grid,
+    axis_m: Float[np.ndarray, "pulse 3"],
+    options: SteppedParameters = STEPPED,
+) -> CoarseMap:
     """Return the coarse map, block by block; the level is the widest of all blocks.
 
     Parameters
@@ -99,50 +103,64 @@ def coarse_map(sightings: Sightings, points: Points, grid: Grid, axis_m: Float[n
         Cells of the map.
     axis_m:
         Where on their axes the echoes of the pulses are.
+    options:
+        Of the method.
 
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     widest = sightings.profiles.cell_m
-    blocks = list(_blocks(sightings, points, grid))
+    blocks, size = list(_blocks(sightings, points, grid, options)), _cells(options.block_m, grid)
     with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
         for block in blocks:
             cells = grid.cut(block.rows, block.columns)
-            found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block)
-            core = slice(block.row, block.row + BLOCK_CELLS), slice(block.column, block.column + BLOCK_CELLS)
+            found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
+            core = slice(block.row, block.row + size), slice(block.column, block.column + size)
             inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-            supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            height[core] = found[inner][:size, :size]
+            supported[core] = for_it[inner][:size, :size]
             widest = max(widest, float(block.level_m[1] - block.level_m[0]))
     return CoarseMap(height, supported, widest)
 
 
-def _blocks(sightings: Sightings, points: Points, grid: Grid) -> Iterator[_Block]:
+def _cells(length_m: float, grid: Grid) -> int:
+    """Return a length in cells, at least one."""
+    return max(1, round(length_m / grid.spacing_m))
+
+
+def _blocks(sightings: Sightings, points: Points, grid: Grid, options: SteppedParameters) -> Iterator[_Block]:
     """Yield the blocks of cells with enough points, and pulses that look at them."""
-    for row in range(0, grid.rows, BLOCK_CELLS):
-        for column in range(0, grid.columns, BLOCK_CELLS):
-            rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
-            columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
+    size, margin = _cells(options.block_m, grid), _cells(options.block_margin_m, grid)
+    for row in range(0, grid.rows, size):
+        for column in range(0, grid.columns, size):
+            rows = slice(max(row - margin, 0), min(row + size + margin, grid.rows))
+            columns = slice(max(column - margin, 0), min(column + size + margin, grid.columns))
             block = grid.cut(rows, columns)
             here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
             if len(here) < MIN_POINTS:
                 continue
-            base, level = _levels(here, block, sightings.profiles.cell_m)
-            near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
+            base, level = _levels(here, block, sightings.profiles.cell_m, options.level_margin_m)
+            span_m = float(base.min() + level[0]), float(base.max() + level[-1])
+            near = _looking_at(sightings, block, span_m, margin * grid.spacing_m)
             if near.any():
                 yield _Block(row=row, column=column, rows=rows, columns=columns, near=near, base_m=base, level_m=level)
 
 
 def _block(
-    sightings: Sightings, axis_m: Float[np.ndarray, "pulse 3"], grid: Grid, block: _Block
+    sightings: Sightings,
+    axis_m: Float[np.ndarray, "pulse 3"],
+    grid: Grid,
+    block: _Block,
+    options: SteppedParameters,
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
     """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
     base_m, level_m = block.base_m, block.level_m
-    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m))]
+    against = evidence_against(sightings, grid, base_m, level_m, options=options)
+    height = base_m + level_m[choose_levels(against, options)]
     nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
     origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
-    against = evidence_against(sightings, grid, base_m, level_m, in_view)
-    chosen = choose_levels(against)
+    against = evidence_against(sightings, grid, base_m, level_m, in_view, options)
+    chosen = choose_levels(against, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     return base_m + level_m[chosen], supported
 
@@ -168,23 +186,25 @@ def lowest_in_view_m(
 
 
 def _levels(
-    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float
+    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
     """Return a plane through some echoes, and levels around it that span them, a range cell apart."""
     plane = plane_through(point_m[:, :2], point_m[:, 2])
     above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
-    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
+    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-margin_m, margin_m])
     spacing = max(cell_m, (high - low) / MAX_LEVELS)
     return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
 
 
-def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
+def _looking_at(
+    sightings: Sightings, grid: Grid, span_m: tuple[float, float], margin_m: float
+) -> Bool[np.ndarray, " pulse"]:
     """Return whether the beam axis of each pulse passes near a grid at either of two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
-    for height_m in (low_m, high_m):
+    for height_m in span_m:
         reach = np.clip((height_m - position[:, 2]) / np.minimum(axis[:, 2], -0.05), 0.0, sightings.reach_m)
-        near |= _within((position + reach[:, None] * axis)[:, :2], grid, MARGIN_CELLS * grid.spacing_m)
+        near |= _within((position + reach[:, None] * axis)[:, :2], grid, margin_m)
     return near
 
 

@@ -29,17 +29,8 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
-# A step of reflectivity: 6 dB, in nepers of power.
-STEP = float(np.log(4.0))
-# Least power of a patch of one map cell, relative to the level of a whole echo.
-MIN_SHARE = 0.3
-# Least two-way gain, relative to the axis, at which echoes count as evidence for a patch.
-WIDEST_FOR = 0.02
-# Cells over which the window leaks a strong power.
-SPREAD_CELLS = 4
-# A cell with less than this share of the power leaked from its neighbours holds no echo.
-SPILT = 0.25
 # Rows of the map handled by one core at a time.
 ROWS_AT_ONCE = 8
 
@@ -50,6 +41,7 @@ def evidence_against(
     base_m: Float[np.ndarray, "row column"],
     level_m: Float[np.ndarray, " level"],
     in_view_m: Float[np.ndarray, "row column"] | None = None,
+    options: SteppedParameters = STEPPED,
 ) -> Float32[np.ndarray, "row column level"]:
     """Return the evidence against a surface at some heights over the cells of a grid.
 
@@ -63,19 +55,21 @@ def evidence_against(
         Base heights of the cells, and the levels above them, increasing.
     in_view_m:
         Heights above which the cells are known to be in view; None if unknown.
+    options:
+        Of the method.
 
     Returns
     -------
     Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
 
     """
-    bright = _reflectivities(sightings)
+    bright = _reflectivities(sightings, options)
     if len(bright.step) == 0:
         return np.zeros((*grid.shape, len(level_m)), dtype=np.float32)
     against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
     windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
     beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-    spill = SPILT * sightings.response / sightings.response.max()
+    spill = options.spill_share * sightings.response / sightings.response.max()
     spill[len(spill) // 2] = 0.0
     gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
     given = (
@@ -85,7 +79,7 @@ def evidence_against(
         *(gain, _axes(beam)),
         *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
         np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
-        *(bright.step, bright.typical, bright.alternatives, WIDEST_FOR, SPREAD_CELLS),
+        *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
     )
     for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
         pass
@@ -109,7 +103,7 @@ class _Reflectivities:
     alternatives: float
 
 
-def _reflectivities(sightings: Sightings) -> _Reflectivities:
+def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) -> _Reflectivities:
     profiles = sightings.profiles
     from sionna_radar.mapping.echo_model.power_kernels import echo_levels
 
@@ -121,9 +115,10 @@ def _reflectivities(sightings: Sightings) -> _Reflectivities:
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
     low, typical, high = np.percentile(level, [5, 25, 99])
-    lowest, highest = np.log(MIN_SHARE * low), np.log(high / MIN_SHARE)
+    share, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
+    lowest, highest = np.log(share * low), np.log(high / share)
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
-    return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), MIN_SHARE * float(typical), span)
+    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), share * float(typical), span)
 
 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:

@@ -18,9 +18,9 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.segments import MIN_CELLS
-from sionna_radar.mapping.terrain.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
+from sionna_radar.mapping.terrain.echo_heights import heights_over, on_axis, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
@@ -29,12 +29,14 @@ from sionna_radar.mapping.terrain.smoothing import TerrainModel
 # know to 8 mm, was off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
 LEVEL_SIGMA_M = 0.01
 ROUNDS = 4
+# Heights farther from a plane, in standard deviations as they scatter, are not fitted.
+OUTLIER_SIGMAS = 4.0
 # A slope across a line of heights, which they do not tell: by choice, as roofs are pitched.
 UNTOLD_SLOPE_SIGMA = 0.3
 # Heights that scatter about a plane this many times as far as their noise are no plane's.
 ROUGH = 2.0
-# Heights next to a step are biased toward the other side.
-BESIDE_CELLS = 2
+# Echoes that decide about a plane, of three unknowns: twice as many, at least.
+MIN_ECHOES = 6
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ class Plane:
         return np.column_stack([np.ones(len(place_m)), place_m - self.middle_m])
 
 
-def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Plane | None:
+def plane_of_echoes(
+    sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SteppedParameters = STEPPED
+) -> Plane | None:
     """Return the plane through whole echoes of one part; None if another surface fits them better.
 
     Parameters
@@ -71,14 +75,16 @@ def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Pla
         Profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
     grid:
         Cells of the map.
+    options:
+        Of the method.
 
     """
     reach = sightings.repeated(echoes.range_m)
     grid = reaching(grid, sightings, echoes)
     trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
     for _ in range(ROUNDS):
-        heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach)
-        if fits.sum() < MIN_CELLS:
+        heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach, options)
+        if fits.sum() < MIN_ECHOES:
             return None
         found = _robust(heights.rows(fits))
         plane, rough = found.plane, found.spread
@@ -96,6 +102,7 @@ def plane_of_points(
     spread_m: float,
     step_m: float,
     beam_rad: float,
+    options: SteppedParameters = STEPPED,
 ) -> Plane | None:
     """Return the plane through the located echoes of a part; None if they are not planar.
 
@@ -114,17 +121,19 @@ def plane_of_points(
     beam_rad:
         Standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are off
         its axis by as much, on the same side all along a border, which tilts a plane.
+    options:
+        Of the method.
 
     """
     # Beyond the window is another part.
-    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] > BESIDE_CELLS
-    cells = deep if deep.sum() >= MIN_CELLS else inside
+    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
+    cells = deep if deep.sum() >= options.min_cells(grid.spacing_m) else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
     rough = _robust(on_cells, spread_m)
     row, column, on_grid = grid.cell_of(points.position_m)
     on = on_grid & cells[row, column]
     on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
-    if on.sum() < MIN_CELLS:
+    if on.sum() < MIN_ECHOES:
         return rough.plane if rough.spread <= 2 * spread_m else None
     of = points.rows(np.flatnonzero(on))
     place, height = of.position_m[:, :2], of.position_m[:, 2]
@@ -239,7 +248,7 @@ class FilledBeams:
         found = plane
         for _ in range(FILLING_ROUNDS):
             heights = self._heights(found, inside, grid, step_m)
-            if len(heights) < MIN_CELLS:
+            if len(heights) < MIN_ECHOES:
                 return plane
             found = robust_plane(heights)
         return found

@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, find_objects, label
 
-MIN_CELLS = 6
 # A raised part is a step above this share of the cells beside it.
 BESIDE_CELLS, MAX_OF_RING = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
 
-def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.ndarray, "row column"]:
+def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int) -> Int[np.ndarray, "row column"]:
     """Return the number of the part of each cell, from zero without gaps.
 
     Parameters
@@ -24,13 +23,15 @@ def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np
         Heights of the cells.
     step_m:
         Least difference between neighbours in different parts.
+    min_cells:
+        Smaller parts join the nearest.
 
     """
     along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
     inner = _amid_links(along, across)
     part = label(inner)[0] - 1
     found = _with_touched(part, height_m, step_m)
-    return _without_crumbs(found)
+    return _without_crumbs(found, min_cells)
 
 
 def windows_of(part: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
@@ -91,9 +92,9 @@ def _with_touched(
     return found
 
 
-def _without_crumbs(part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
-    """Return parts numbered from zero; of no part, or of one of fewer than `MIN_CELLS`, join the nearest."""
-    crumb = (np.bincount(part.ravel() + 1)[part + 1] < MIN_CELLS) | (part < 0)
+def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
+    """Return parts numbered from zero; cells of no part, or of one of fewer than `min_cells`, join the nearest."""
+    crumb = (np.bincount(part.ravel() + 1)[part + 1] < min_cells) | (part < 0)
     if crumb.all():
         return np.zeros(part.shape, dtype=np.int64)
     row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)

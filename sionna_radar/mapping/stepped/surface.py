@@ -29,8 +29,9 @@ from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs
+from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refined.refinement import refine, refinement_steps
+from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
@@ -110,12 +111,6 @@ def with_steps(
     return SteppedUncertainty(np.hypot(sigma_m, step_m * np.sqrt(beyond * (1 - beyond))), beyond)
 
 
-# A step is more than this many levels, and steeper than 45 deg.
-STEP_LEVELS = 4
-# Windows of this many cells hold single wrong cells by a minority.
-ALONE_CELLS = 5
-
-
 @dataclass(frozen=True)
 class SteppedMap:
     """A surface with steps, the cells supported by an echo, and how well they are known."""
@@ -125,7 +120,9 @@ class SteppedMap:
     uncertainty: SteppedUncertainty
 
 
-def step_surface(sightings: Sightings, points: Points, grid: Grid, gap_m: float) -> SteppedMap:
+def step_surface(
+    sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = STEPPED
+) -> SteppedMap:
     """Return the most probable surface, with steps.
 
     Parameters
@@ -138,14 +135,16 @@ def step_surface(sightings: Sightings, points: Points, grid: Grid, gap_m: float)
         Cells of the DEM.
     gap_m:
         Widest gap, within a part, that is filled between cells supported by echoes.
+    options:
+        Of the method.
 
     """
     echoes = mean_ranges(sightings)
     axis_m = on_axis(sightings.pose, echoes.range_m)
-    coarse = coarse_map(sightings, points, grid, axis_m)
-    step_m = max(STEP_LEVELS * coarse.level_m, grid.spacing_m)
-    part = parts_of(coarse.height_m, step_m)
-    surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
+    coarse = coarse_map(sightings, points, grid, axis_m, options)
+    step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
+    part = parts_of(coarse.height_m, step_m, options.min_cells(grid.spacing_m))
+    surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m, options)
     height, sigma, roofs = surfaces.of(part)
     filled = coarse.supported.copy()
     for number, window in enumerate(windows_of(part)):
@@ -171,6 +170,7 @@ class _Surfaces:
     grid: Grid
     coarse: CoarseMap
     step_m: float
+    options: SteppedParameters
 
     def of(
         self, part: Int[np.ndarray, "row column"]
@@ -181,7 +181,8 @@ class _Surfaces:
         windows = windows_of(part)
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
         alone = pulses >= MIN_PULSES
-        steps = [refinement_steps(grid.cut(*window)) for window in windows]
+        tiling = refining(self.options)
+        steps = [tiling.steps_over(grid.cut(*window)) for window in windows]
         expect_steps(sum(steps[number] for number in np.flatnonzero(alone)))
 
         def map_part(number: int) -> None:
@@ -203,7 +204,7 @@ class _Surfaces:
         for number in np.flatnonzero(~alone):
             window = windows[number]
             inside, cells, coarse_m = part[window] == number, grid.cut(*window), self.coarse.height_m[window]
-            plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad)
+            plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad, self.options)
             if plane is not None:
                 place = cells.centres_m[inside.ravel()]
                 height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
@@ -219,14 +220,15 @@ class _Surfaces:
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
         """Return heights and standard deviations of a part from the echoes that see nothing else."""
         sightings = self.sightings.rows(own)
-        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells)
+        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells, self.options)
         if plane is None:
-            mapped = refine(sightings, cells)
+            mapped = refine(sightings, cells, self.options)
             height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)
             # Far from the echoes the coarse map knows better, which is not wrong by a step but in single cells.
-            far = median_filter(np.abs(height - coarse_m), ALONE_CELLS, mode="nearest") >= self.step_m
+            size = max(1, round(self.options.single_m / cells.spacing_m))
+            far = median_filter(np.abs(height - coarse_m), size, mode="nearest") >= self.step_m
             return np.where(far, coarse_m, height), np.where(far, np.nan, sigma)
-        advance(refinement_steps(cells))
+        advance(refining(self.options).steps_over(cells))
         place = cells.centres_m
         return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
 
@@ -264,11 +266,14 @@ class Stepped:
 
     profiles: Literal["required"] = "required"
 
+    def __init__(self, parameters: SteppedParameters = STEPPED) -> None:
+        self.options = parameters
+
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m)
+        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, self.options)
         seen = seen_part(stepped.surface, given)
         return Estimate.known_by(seen.within(stepped.supported), stepped.uncertainty)

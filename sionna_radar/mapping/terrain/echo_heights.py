@@ -15,18 +15,14 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, MeanRanges, Sightings
+from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
 from sionna_radar.mapping.terrain.smoothing import TOLERANCE, Smoothed, TerrainModel, smooth
 
-# Surfaces one after the other: over a plane, then over the ground.
-SURFACES = 2
 # Tolerance of a surface that only begins an iteration.
 ROUGH = 1e-4
-# Neighbouring pulses whose echoes are alike in shape.
-SIMILAR_PULSES = 9
 MIN_SIGMA_M = 0.02
-OUTLIER_SIGMAS = 4.0
 # Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
 OUTSTANDING_SIGMAS = 6.0
 # A footprint reaches so many standard deviations from its middle.
@@ -53,7 +49,13 @@ class EchoSurface:
         return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
 
 
-def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, tolerance: float = TOLERANCE) -> EchoSurface:
+def echo_surface(
+    sightings: Sightings,
+    echoes: MeanRanges,
+    grid: Grid,
+    options: SmoothParameters = SMOOTH,
+    tolerance: float = TOLERANCE,
+) -> EchoSurface:
     """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
 
     Parameters
@@ -62,6 +64,8 @@ def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, tolerance
         Whole echoes, their measured poses, and their mean ranges.
     grid:
         Cells of the DEM.
+    options:
+        Of the method.
     tolerance:
         Of the last of them; see `smooth`.
 
@@ -70,12 +74,16 @@ def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, tolerance
     reach = sightings.repeated(echoes.range_m)
     if sightings.profiles.volume is not None:
         reach = np.maximum(reach, sightings.profiles.volume.echo_reach)
-    surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach).trend())
-    for number in range(SURFACES):
-        heights, fits = heights_over(surface, sightings, echoes, reach)
-        last = number == SURFACES - 1
+    surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach, options).trend())
+    for number in range(options.rounds):
+        heights, fits = heights_over(surface, sightings, echoes, reach, options)
+        last = number == options.rounds - 1
         smoothed = smooth(
-            heights.rows(fits), grid, tolerance=tolerance if last else ROUGH, groups=GROUPS if last else 1
+            heights.rows(fits),
+            grid,
+            tolerance=tolerance if last else ROUGH,
+            groups=GROUPS if last else 1,
+            window_heights=options.window_heights,
         )
         surface = smoothed.surface
         advance()
@@ -83,7 +91,11 @@ def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, tolerance
 
 
 def heights_over(
-    surface: Heightfield, sightings: Sightings, echoes: MeanRanges, reach: Float[np.ndarray, " pulse"]
+    surface: Heightfield,
+    sightings: Sightings,
+    echoes: MeanRanges,
+    reach: Float[np.ndarray, " pulse"],
+    options: SmoothParameters = SMOOTH,
 ) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
     """Return the mean heights over the footprints that the echoes measure, and a mask of those that fit a surface.
 
@@ -95,6 +107,8 @@ def heights_over(
         Whole echoes, their measured poses, and their mean ranges.
     reach:
         Over how many pulses the speckle of each repeats.
+    options:
+        Of the method.
 
     """
     pose = sightings.pose
@@ -102,23 +116,27 @@ def heights_over(
     predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
     known = np.isfinite(predicted) & np.isfinite(on_axis)
-    heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach)
+    heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach, options)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
     scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
-    fits = known & (np.abs(np.nan_to_num(residual)) <= OUTLIER_SIGMAS * scale)
+    fits = known & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
     if fits.mean() < 0.5:
         fits = known
     return replace(heights, height_m=heights.height_m + mean - surface.at(*heights.place_m.T)), fits
 
 
 def _heights(
-    sightings: Sightings, echoes: MeanRanges, bias_m: Float[np.ndarray, " pulse"], reach: Float[np.ndarray, " pulse"]
+    sightings: Sightings,
+    echoes: MeanRanges,
+    bias_m: Float[np.ndarray, " pulse"],
+    reach: Float[np.ndarray, " pulse"],
+    options: SmoothParameters,
 ) -> Heights:
     point = on_axis(sightings.pose, echoes.range_m - bias_m)
     # Speckle makes the uncertainty that is read from one echo as uncertain, and small where the error is not.
-    sigma = np.sqrt(uniform_filter1d(echoes.sigma_m**2, SIMILAR_PULSES, mode="nearest"))
+    sigma = np.sqrt(uniform_filter1d(echoes.sigma_m**2, options.similar_pulses, mode="nearest"))
     sigma *= np.abs(sightings.pose.boresight[:, 2])
     return Heights(
         place_m=point[:, :2],

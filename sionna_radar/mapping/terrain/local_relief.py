@@ -33,6 +33,7 @@ from scipy.special import logsumexp
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     MIN_NOISE_M,
     Covariance,
@@ -43,8 +44,6 @@ from sionna_radar.mapping.terrain.covariance import (
     repeated,
 )
 
-# Heights that decide about a node.
-WINDOW_HEIGHTS = 40
 # Short waves are those of 1 - (1 - g)^ORDER, g being the Gaussian: of the long waves of smooth hills next to nothing. A
 # window, freed of a plane, sees waves as short as its diameter: these are divided in halves by power.
 ORDER = 3
@@ -126,17 +125,17 @@ class Windows:
     member: Int[np.ndarray, "node member"]
 
     @classmethod
-    def of(cls, measured: Measured) -> "Windows | None":
+    def of(cls, measured: Measured, heights: int) -> "Windows | None":
         """Return the windows of some heights; None if these are too few for two."""
         kept = decorrelated(measured)
-        if len(kept) < 2 * WINDOW_HEIGHTS:
+        if len(kept) < 2 * heights:
             return None
         place = measured.place_m[kept]
         tree, low = KDTree(place), place.min(axis=0)
-        spacing = float(np.median(tree.query(place, k=WINDOW_HEIGHTS)[0][:, -1]))
+        spacing = float(np.median(tree.query(place, k=heights)[0][:, -1]))
         columns, rows = (np.maximum(np.ceil(np.ptp(place, axis=0) / spacing).astype(int), 1) + 1).tolist()
         x, y = np.meshgrid(low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows))
-        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=WINDOW_HEIGHTS)[1]
+        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights)[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief:
@@ -152,9 +151,9 @@ class Windows:
         return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
-def calm(measured: Measured) -> Bool[np.ndarray, " n"]:
+def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
     """Return a mask of the heights where the relief does not stand out from the terrain: away from poles and walls."""
-    windows = Windows.of(measured)
+    windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
     log = np.log([_rms_above_plane(measured, own) for own in windows.member])
@@ -163,7 +162,9 @@ def calm(measured: Measured) -> Bool[np.ndarray, " n"]:
     return ~np.isin(np.arange(len(measured.height_m)), standing)
 
 
-def local_relief(measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
+def local_relief(
+    measured: Measured, fitted: FittedCovariance, window_heights: int = SMOOTH.window_heights
+) -> LocalRelief | None:
     """Return the local amplitude of a terrain's short waves; None with too few heights to tell.
 
     Parameters
@@ -172,9 +173,11 @@ def local_relief(measured: Measured, fitted: FittedCovariance) -> LocalRelief | 
         Heights above a trend.
     fitted:
         The covariance that the amplitude is relative to.
+    window_heights:
+        Neighbouring heights that decide about a place.
 
     """
-    windows = Windows.of(measured)
+    windows = Windows.of(measured, window_heights)
     return None if windows is None else windows.relief(measured, fitted)
 
 

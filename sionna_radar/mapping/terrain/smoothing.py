@@ -22,6 +22,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import own_cores
+from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
@@ -181,7 +182,13 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(heights: Heights, grid: Grid, tolerance: float = TOLERANCE, groups: int = GROUPS) -> Smoothed:
+def smooth(
+    heights: Heights,
+    grid: Grid,
+    tolerance: float = TOLERANCE,
+    groups: int = GROUPS,
+    window_heights: int = SMOOTH.window_heights,
+) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -194,12 +201,14 @@ def smooth(heights: Heights, grid: Grid, tolerance: float = TOLERANCE, groups: i
         Of the solution: its residual relative to that of the trend.
     groups:
         Of neighbouring heights that the covariance is learned from.
+    window_heights:
+        That tell how rough the ground is around a place.
 
     """
     trend = heights.trend()
     measured = heights.above(trend)
-    fitted = fit_covariance(measured.rows(calm(measured)), groups)
-    return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted))
+    fitted = fit_covariance(measured.rows(calm(measured, window_heights)), groups)
+    return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted, window_heights))
 
 
 def smooth_with(

@@ -17,6 +17,7 @@ from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
+from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
 from sionna_radar.mapping.terrain.echo_heights import EchoSurface, on_axis
 from sionna_radar.mapping.terrain.heights import Heights
@@ -25,8 +26,6 @@ from sionna_radar.mapping.terrain.local_relief import LocalRelief
 from sionna_radar.mapping.terrain.smoothing import Smoothed
 from sionna_radar.mapping.terrain.uncertainty import Information, Plausible, TiledUncertainty, TileUncertainty
 
-TILE_M = 160.0
-OVERLAP_M = 30.0
 MIN_PULSES = 20
 
 # A tile's surface, what it was made of, and what whole echoes told beyond their mean ranges, if they were used.
@@ -37,8 +36,27 @@ TileSurface = tuple[Smoothed, EchoSurface, Information | None]
 class Tiling:
     """How the surface of a tile is made from echoes over a grid, and how many steps that takes at the most."""
 
-    surface: Callable[[Sightings, MeanRanges, Grid], TileSurface]
+    surface: Callable[[Sightings, MeanRanges, Grid, SmoothParameters], TileSurface]
     steps: int
+    options: SmoothParameters = SMOOTH
+
+    def sides(self, cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
+        """Return the bounds of tiles over a row of cells; a short row is one tile."""
+        length = float(cells_m[-1] - cells_m[0])
+        count = max(1, int(np.ceil(length / self.options.tile_m)))
+        bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
+        bounds[[0, -1]] += -2 * self.options.overlap_m, 2 * self.options.overlap_m
+        return [(float(a), float(b)) for a, b in pairwise(bounds)]
+
+    def taper(self, cells_m: Float[np.ndarray, " cell"], low: float, high: float) -> Float[np.ndarray, " cell"]:
+        """Return the weight of a tile along an axis: 1 inside, falling to 0 over the overlap at its bounds."""
+        overlap_m = self.options.overlap_m
+        half = overlap_m / 2
+        return np.clip((cells_m - low + half) / overlap_m, 0, 1) * np.clip((high + half - cells_m) / overlap_m, 0, 1)
+
+    def steps_over(self, grid: Grid) -> int:
+        """Return the number of steps over a grid."""
+        return self.steps * len(self.sides(grid.x_m)) * len(self.sides(grid.y_m))
 
 
 @dataclass(frozen=True)
@@ -127,14 +145,16 @@ class Tiles:
     def piece(self, number: int) -> Piece | None:
         """Return the surface of a tile; None where there are too few echoes."""
         west, east, south, north = bounds = self._bounds[number]
-        x, y = self._place_m.T
-        here = (x > west - OVERLAP_M) & (x < east + OVERLAP_M) & (y > south - OVERLAP_M) & (y < north + OVERLAP_M)
+        (x, y), margin_m = self._place_m.T, self.tiling.options.overlap_m
+        here = (x > west - margin_m) & (x < east + margin_m) & (y > south - margin_m) & (y < north + margin_m)
         if here.sum() < MIN_PULSES:
             return None
-        across, along = _taper(self.grid.x_m, west, east), _taper(self.grid.y_m, south, north)
+        taper, options = self.tiling.taper, self.tiling.options
+        across, along = taper(self.grid.x_m, west, east), taper(self.grid.y_m, south, north)
         window = _span(along > 0), _span(across > 0)
         part = self.grid.cut(*window)
-        smoothed, first, information = self.tiling.surface(self.sightings.rows(here), self._echoes.rows(here), part)
+        own = self.sightings.rows(here), self._echoes.rows(here)
+        smoothed, first, information = self.tiling.surface(*own, part, options)
         factor = first.smoothed.noise_factor
         if self.sightings.profiles.volume is not None:
             # Errors that neighbours share look like little noise.
@@ -145,7 +165,7 @@ class Tiles:
             first=np.array([side.start for side in window]),
             weight=across[window[1]] * along[window[0], None],
             height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
-            known=TileUncertainty.of(bounds, kriging, information, first.outstanding()),
+            known=TileUncertainty.of(bounds, kriging, information, first.outstanding(), options.window_heights),
         )
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
@@ -165,8 +185,8 @@ class Tiles:
     @cached_property
     def _bounds(self) -> list[tuple[float, float, float, float]]:
         """West, east, south and north of each tile."""
-        grid = self.grid
-        return [(*across, *along) for across in _sides(grid.x_m) for along in _sides(grid.y_m)]
+        sides = self.tiling.sides
+        return [(*across, *along) for across in sides(self.grid.x_m) for along in sides(self.grid.y_m)]
 
     @cached_property
     def _echoes(self) -> MeanRanges:
@@ -175,26 +195,6 @@ class Tiles:
     @cached_property
     def _place_m(self) -> Float[np.ndarray, "pulse 2"]:
         return on_axis(self.sightings.pose, self._echoes.range_m)[:, :2]
-
-
-def tile_count(grid: Grid) -> int:
-    """Return the number of tiles of a map."""
-    return len(_sides(grid.x_m)) * len(_sides(grid.y_m))
-
-
-def _sides(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
-    """Return the bounds of tiles over a row of cells; a short row is one tile."""
-    length = float(cells_m[-1] - cells_m[0])
-    count = max(1, int(np.ceil(length / TILE_M)))
-    bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
-    bounds[[0, -1]] += -2 * OVERLAP_M, 2 * OVERLAP_M
-    return [(float(a), float(b)) for a, b in pairwise(bounds)]
-
-
-def _taper(cells_m: Float[np.ndarray, " cell"], low: float, high: float) -> Float[np.ndarray, " cell"]:
-    """Return the weight of a tile along an axis: 1 inside, falling to 0 over the overlap at its bounds."""
-    half = OVERLAP_M / 2
-    return np.clip((cells_m - low + half) / OVERLAP_M, 0, 1) * np.clip((high + half - cells_m) / OVERLAP_M, 0, 1)
 
 
 def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:

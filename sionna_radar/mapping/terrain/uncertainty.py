@@ -4,9 +4,8 @@ The echoes allow terrains of several covariances, one for each smoothness, with 
 resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So
 the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al. 1999): for
 each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times the prior.
-That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough ground. The
-exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and surveys that
-it was not chosen on agree (`docs/theory/uncertainty.md`).
+That is the one by which the covariance is fitted, even in the logarithm of the smoothness but for a factor that leans
+to rough ground (`covariance.ROUGHER`).
 
 A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
 that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
@@ -35,8 +34,10 @@ from scipy.optimize import minimize
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import Linearised
+from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     OF_GAUSSIAN,
+    ROUGHER,
     Covariance,
     FittedCovariance,
     Measured,
@@ -51,8 +52,7 @@ from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm
 # No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
 # counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
 TEMPERING = 3.0
-# The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
-RARER = 3.0
+# The smoothnesses that are tried: about evenly spaced in their logarithms.
 TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
 # Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
 IMPROBABLE = 15.0
@@ -97,7 +97,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
             )
             start, onward = result.x, result.x - start
-            found[number] = (float(result.fun) + RARER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
+            found[number] = (float(result.fun) + ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
             if found[number][0] > min(loss for loss, _ in found.values()) + IMPROBABLE:
                 return
 
@@ -290,11 +290,12 @@ class TileUncertainty:
         kriging: Kriging,
         information: Information | None = None,
         outstanding: Float[np.ndarray, "echo 4"] | None = None,
+        window_heights: int = SMOOTH.window_heights,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         measured = heights.above(heights.trend())
-        plausible = plausible_terrains(measured.rows(calm(measured)), kriging.terrain)
+        plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
         return cls(bounds_m, as_told, told, plausible, outstanding)

@@ -25,7 +25,7 @@ def tracked():
         boresight=np.tile([0.0, 0.0, -1.0], (PULSES, 1)),
         shift_m=np.zeros(PULSES),
     )
-    found = track(evidence, heights, CELL_M, np.zeros(PULSES, dtype=int), STEP * CELL_M / 3)
+    found = track(evidence, heights, CELL_M, np.zeros(PULSES, dtype=int), STEP * CELL_M / 3, CELL_M)
     return found, true
 
 
@@ -48,6 +48,6 @@ def test_pulses_that_see_the_ground_by_themselves_share_nothing(tracked):
         boresight=np.tile([0.0, 0.0, -1.0], (PULSES, 1)),
         shift_m=np.zeros(PULSES),
     )
-    alone = track(sharp, heights, CELL_M, np.zeros(PULSES, dtype=int), 0.15)
+    alone = track(sharp, heights, CELL_M, np.zeros(PULSES, dtype=int), 0.15, CELL_M)
     assert np.all(alone.reach < 0.8)
     assert np.median(found.reach) > 1.0

@@ -104,7 +104,7 @@ def test_rain_without_ground_makes_no_echo():
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
         shift_m=np.zeros(400),
     )
-    tracked = track(evidence[:, : end.cells], heights, end.cell_m, np.arange(400) // 50, 0.1)
+    tracked = track(evidence[:, : end.cells], heights, end.cell_m, np.arange(400) // 50, 0.1, end.cell_m)
     accepted = (tracked.evidence > -np.log(1e-6)) & (tracked.probability > 0.99)
     assert not accepted.any()
     above = power[:, end.first :] > volume.clutter_threshold(1e-3)[end.first :]
@@ -166,10 +166,10 @@ def test_the_neighbours_decide_between_two_ranges():
         boresight=np.tile([0.0, 0.7, -0.7], (21, 1)) / np.sqrt(0.98),
         shift_m=np.zeros(21),
     )
-    together = track(evidence, heights, 0.3, np.zeros(21, dtype=int), 0.12)
+    together = track(evidence, heights, 0.3, np.zeros(21, dtype=int), 0.12, 0.3)
     assert abs(together.cell[10] - 200) < 1
     assert together.probability[10] > 0.9
-    alone = track(evidence, heights, 0.3, np.arange(21), 0.12)
+    alone = track(evidence, heights, 0.3, np.arange(21), 0.12, 0.3)
     assert abs(alone.cell[10] - 80) < 1
 
 

@@ -90,13 +90,16 @@ def volume_seen(strength):
 
 def uneven(volume, power):
     return VolumeClutter(
-        mean=volume.mean, noise=volume.noise, near=volume.near, uneven=volume.unevenness(power, looks=1.0)
+        mean=volume.mean,
+        noise=volume.noise,
+        near=volume.near,
+        uneven=volume.unevenness(power, looks=1.0, smoothed_cells=8),
     )
 
 
 def test_a_volume_that_is_the_same_everywhere_has_strength_one():
     volume, power = volume_seen(np.ones(PULSES))
-    assert volume.unevenness(power, looks=1.0) == 0.0
+    assert volume.unevenness(power, looks=1.0, smoothed_cells=8) == 0.0
     np.testing.assert_array_equal(uneven(volume, power).strength(power, 1.0, 12), np.ones(PULSES))
 
 
@@ -116,6 +119,6 @@ def test_a_step_in_strength_is_followed():
 def test_too_few_cells_tell_no_strength():
     volume, power = volume_seen(np.where(np.arange(PULSES) < 200, 0.4, 1.6))
     few = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 20))
-    assert few.unevenness(power, looks=1.0) == 0.0
+    assert few.unevenness(power, looks=1.0, smoothed_cells=8) == 0.0
     none = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 10))
-    assert none.unevenness(power, looks=1.0) == 0.0
+    assert none.unevenness(power, looks=1.0, smoothed_cells=8) == 0.0
