@@ -4,8 +4,9 @@ The echoes allow terrains of several covariances, one for each smoothness, with 
 resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So
 the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al. 1999): for
 each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times the prior.
-That is the one by which the covariance is fitted, even in the logarithm of the smoothness but for a factor that leans
-to rough ground (`covariance.ROUGHER`).
+That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough ground. The
+exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and surveys that
+it was not chosen on agree (`docs/theory/uncertainty.md`).
 
 A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
 that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
@@ -37,7 +38,6 @@ from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     OF_GAUSSIAN,
-    ROUGHER,
     Covariance,
     FittedCovariance,
     Measured,
@@ -52,7 +52,8 @@ from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm
 # No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
 # counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
 TEMPERING = 3.0
-# The smoothnesses that are tried: about evenly spaced in their logarithms.
+# The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
+RARER = 3.0
 TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
 # Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
 IMPROBABLE = 15.0
@@ -97,7 +98,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
             )
             start, onward = result.x, result.x - start
-            found[number] = (float(result.fun) + ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
+            found[number] = (float(result.fun) + RARER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
             if found[number][0] > min(loss for loss, _ in found.values()) + IMPROBABLE:
                 return
 
