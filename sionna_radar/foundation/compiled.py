@@ -49,6 +49,10 @@ def compiled(function: Function) -> Function:
     return cast(Function, machine_code)
 
 
+# Longest wait for another process that compiles the same function; several seconds are usual.
+MAX_WAIT_S = 60.0
+
+
 class _Cache(FunctionCache):
     """Compiled code on disk, shared by processes: while one compiles a function, the others wait for it."""
 
@@ -60,7 +64,10 @@ class _Cache(FunctionCache):
         """Return compiled code for argument types; None if this process has to compile it."""
         machine_code = self._loaded(signature, target)
         if machine_code is None and not self._lock.is_locked:
-            self._lock.acquire()
+            try:
+                self._lock.acquire(timeout=MAX_WAIT_S)
+            except Timeout:  # the other process is suspended, or very slow
+                return None
             machine_code = self._loaded(signature, target)
             if machine_code is not None:
                 self._lock.release()
@@ -71,7 +78,11 @@ class _Cache(FunctionCache):
         try:
             super().save_overload(signature, data)
         finally:
-            self._lock.release()
+            self.give_up()
+
+    def give_up(self) -> None:
+        """Let other processes compile the function; does nothing if this one has not begun to."""
+        self._lock.release()
 
     def holds_any(self) -> bool:
         """Return whether compiled code of the function exists for any types."""
@@ -94,8 +105,8 @@ class _Cache(FunctionCache):
             return None
 
 
-class _Collection(event.Listener):
-    """Disable garbage collection during compilation, which takes a sixth less time without."""
+class _Compilation(event.Listener):
+    """Disable garbage collection during compilation, which takes a sixth less time without; clean up after failures."""
 
     def __init__(self) -> None:
         self._depth = 0
@@ -107,13 +118,16 @@ class _Collection(event.Listener):
             gc.disable()
         self._depth += 1
 
-    def on_end(self, event: object) -> None:
+    def on_end(self, event: event.Event) -> None:
+        cache = getattr(event.data["dispatcher"], "_cache", None)
+        if event.is_failed and isinstance(cache, _Cache):
+            cache.give_up()
         self._depth -= 1
         if self._depth == 0 and self._enabled:
             gc.enable()
 
 
-event.register("numba:compile", _Collection())
+event.register("numba:compile", _Compilation())
 
 
 class _Compilations(event.Listener):

@@ -1,10 +1,14 @@
 """Machine code where it cannot be kept, and what is said of compiling it."""
 
+import gc
 import os
 import subprocess
 import sys
 
 import numpy as np
+import pytest
+from filelock import FileLock
+from numba import TypingError
 from numba.core.caching import FunctionCache
 
 from sionna_radar.foundation import compiled as module
@@ -73,3 +77,25 @@ def test_machine_code_of_a_type_that_was_renamed_is_compiled_anew(tmp_path):
         said.append(done.stdout.strip())
     assert said == ["1.0", "2.0", "2.0"]
     assert list((tmp_path / "cache").rglob("*.nbc"))
+
+
+def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
+    @compiled
+    def broken(values):
+        return values.no_such_attribute
+
+    with pytest.raises(TypingError):
+        broken(np.array([1.5]))
+    assert not broken._cache.is_claimed()
+    assert gc.isenabled()
+
+
+def test_a_process_waits_for_another_that_compiles_the_same_function(monkeypatch):
+    function = compiled(doubled)
+    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
+    other = FileLock(function._cache._lock.lock_file)
+    with other:
+        assert function._cache.is_claimed()
+        monkeypatch.setattr(module, "MAX_WAIT_S", 0.2)
+        assert function(np.array([1.5])) == 3.0
+    assert not function._cache.is_claimed()
