@@ -23,6 +23,8 @@ from numba import types
 PACKAGE = "sionna_radar"
 # On most machines memory and the start of the processes cost more than a further one saves.
 MAX_PROCESSES = 4
+# Kept, as they are not waited for: they end by themselves.
+_started: list[subprocess.Popen[bytes]] = []
 
 
 def start(method: str) -> None:
@@ -31,13 +33,9 @@ def start(method: str) -> None:
     function, _ = next(signatures(method))
     if cores == 1 or function._cache is None or function._cache.holds_any():
         return
+    silent = {stream: subprocess.DEVNULL for stream in ("stdin", "stdout", "stderr")}
     for _ in range(min(cores - 1, MAX_PROCESSES)):
-        subprocess.Popen(
-            [sys.executable, "-m", __name__, method],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        _started.append(subprocess.Popen([sys.executable, "-m", __name__, method], **silent))
 
 
 def signatures(method: str) -> Iterator[tuple[Any, tuple[types.Type, ...]]]:
