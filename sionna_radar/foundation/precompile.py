@@ -33,9 +33,9 @@ def start(method: str) -> None:
     function, _ = next(signatures(method))
     if cores == 1 or function._cache is None or function._cache.holds_any():
         return
-    silent = {stream: subprocess.DEVNULL for stream in ("stdin", "stdout", "stderr")}
+    command, nowhere = [sys.executable, "-m", __name__, method], subprocess.DEVNULL
     for _ in range(min(cores - 1, MAX_PROCESSES)):
-        _started.append(subprocess.Popen([sys.executable, "-m", __name__, method], **silent))
+        _started.append(subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere))
 
 
 def signatures(method: str) -> Iterator[tuple[Any, tuple[types.Type, ...]]]:
