@@ -1,4 +1,4 @@
-"""From echoes to points, a DEM and its error."""
+"""From echoes to points, and from points and range profiles to a DEM with its uncertainty."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The mapper of a scenario: its DEM method by name, from `[dem]`, and the memory of its ground for speckle."""
+"""Build the mapper of a scenario: its DEM method from `[dem]`, and the speckle decorrelation of its ground."""
 
 import math
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
 def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
     entry, parameters = DEM_METHODS.entry(table.map_method), table.method_parameters
-    # Those of another method, where a copy of the table names a new one, give way to the defaults.
+    # Parameters of another method, kept by a copied table, are replaced by defaults.
     own = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
     method: DemMethod = entry(own)
     require(method, DemMethod, str(entry))

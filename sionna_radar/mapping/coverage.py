@@ -1,4 +1,4 @@
-"""Which cells a survey illuminated: those in the main beam, gaps between scan lines closed, shadows left out."""
+"""Illuminated cells of a survey: those in the main beam, with gaps between scan lines closed and shadows left open."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Boo
 
 
 class Illumination:
-    """The cells that the main beam reached, collected block by block, and where each was seen from."""
+    """Cells reached by the main beam, collected block by block, with the position each was seen from."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid

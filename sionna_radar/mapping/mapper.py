@@ -28,8 +28,8 @@ from sionna_radar.mapping.terrain.tiles import EachPiece, Tiles, Tiling, pieces_
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 
-# Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
-# scatter of the mean errors of eight flights through rain of 2 to 20 mm/h.
+# Range error common to all echoes behind a volume, range cells, because its mean echo is estimated from the survey:
+# standard deviation of the mean errors of eight flights through rain of 2 to 20 mm/h.
 SHARED_CELLS = 0.3
 # Relief of real ground below the footprint: its roughness is 0.5 to 4 cm at the scale of metres (Ulaby and Long 2014,
 # section 4-10).
@@ -46,8 +46,8 @@ class MapInputs:
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     progress: a method that takes long calls it with "mapping", the steps done and their number.
-    look: returns `looks`, when a method first asks for them.
-    each_piece: has the pieces of a map in tiles made, by this process or others.
+    look: computes `looks` on first use.
+    each_piece: evaluates the tiles of a map, in this process or on workers.
     """
 
     points: Points
@@ -70,7 +70,7 @@ class MapInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """A DEM and how well it is known.
+    """A DEM with its uncertainty.
 
     dem: NaN where nothing was seen; sigma: standard deviation of each of its cells, m.
     uncertainty: of other means over cells. Both are None for a method that tells nothing of its errors.
@@ -88,7 +88,7 @@ class Estimate:
         return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
 
     def where_known(self, least_m: float) -> "Estimate":
-        """Return the part of it whose standard deviation is no more than that."""
+        """Return it without cells of a larger standard deviation."""
         if self.sigma is None:
             return self
         kept = self.sigma.height_m <= least_m
@@ -115,7 +115,7 @@ class TiledMethod(DemMethod, Protocol):
 
     @property
     def tiling(self) -> Tiling:
-        """How the surface of a tile is made."""
+        """Function that maps a tile."""
         ...
 
 
@@ -127,7 +127,7 @@ class Mapper:
     grid, max_gap_m, shadow_incidence_rad: see `MapInputs`.
     antenna, analyser: for methods that know the beam; no antenna for a lidar.
     doppler_corrected: whether ranges are corrected for Doppler shift.
-    memory: how long the ground keeps its speckle.
+    memory: temporal decorrelation of speckle.
     microrelief_m: standard deviation of relief finer than the footprint.
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     """
@@ -168,7 +168,7 @@ class Mapper:
         measured:
             Returns the measured poses of pulses by their indices.
         each_piece:
-            Has the pieces of a map in tiles made; without it, by this process.
+            Evaluates the tiles of a map; default: in this process.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Placing echoes in the world: on the beam axis, or where in the beam they come from, from the measured pose."""
+"""Location of echoes in the world frame, on the beam axis or inside the beam, from the measured pose."""
 
 from dataclasses import dataclass, fields
 from hashlib import sha256

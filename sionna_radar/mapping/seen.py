@@ -1,4 +1,4 @@
-"""Which cells of an estimated surface were seen: shadow and ground beyond the swath stay empty."""
+"""Visible cells of an estimated surface; shadow and ground beyond the swath stay empty."""
 
 from dataclasses import replace
 from itertools import product

@@ -1,1 +1,1 @@
-"""The echo that a beam returns from a surface: its mean, its speckle, and the likelihood of a measured one."""
+"""Echo model: the mean echo of a beam from a surface, its speckle, and the likelihood of a measured echo."""

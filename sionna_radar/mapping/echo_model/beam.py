@@ -1,6 +1,6 @@
 """The beam model of mapping: nodes and samples of the main lobe, and the share of the echo's power between nodes.
 
-The samples are even but on no lattice, so that few of them cross an edge at once.
+The samples form a low-discrepancy set rather than a lattice, so that few of them cross an edge at once.
 """
 
 from dataclasses import dataclass

@@ -22,13 +22,13 @@ from sionna_radar.mapping.echo_model.power_kernels import (
     spread_power,
 )
 
-# Level, relative to the echo's, at which the weight of a cell is a quarter.
+# Power relative to the echo's level at which the weight of a cell is 1/4.
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 MIN_WEIGHT = 1e-4
-# A level is found to so many nepers, so that the number of iterations, which rounding may decide, moves no surface.
+# Tolerance of a level, Np: so small that the number of iterations does not move the surface.
 LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
-# A spread of the volume's drift below this has no effect.
+# Smallest spread of the volume's drift that is modelled, cells.
 MIN_SPREAD_CELLS = 0.05
 MIN_CELLS = 2
 # Cells beyond a profile, more than the response of the window reaches, from which samples still reach into it.

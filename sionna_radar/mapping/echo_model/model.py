@@ -31,11 +31,11 @@ from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
-# Handled by one core at a time.
+# Pulses handled by one core at a time.
 PULSES_AT_ONCE = 64
-# Of the largest: what is left of the response of a window where samples leave off.
+# Smallest spline coefficient kept of a window's response, relative to the largest.
 MIN_TAP = 1e-3
-# How far rays are followed, relative to the unambiguous range.
+# Length of rays relative to the unambiguous range.
 FOLLOWED = 1.15
 
 
@@ -48,7 +48,7 @@ class Sightings:
     looks_per_cell: independent looks per range cell.
     doppler: whether ranges shift with the range rate, 1, or not, 0.
     reach_m: unambiguous range of the sampling.
-    memory: how long the ground keeps its speckle.
+    memory: temporal decorrelation of speckle.
     """
 
     profiles: Profiles
@@ -89,10 +89,10 @@ class Sightings:
 
 @dataclass(frozen=True)
 class BeamFootprints:
-    """Where the beam's nodes meet a surface.
+    """Intersections of the beam's nodes with a surface.
 
-    range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height there.
-    shift_m: by how much motion lengthens the range.
+    range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height
+    there. shift_m: Doppler shift of the range.
     """
 
     range_m: Float[np.ndarray, "pulse node"]

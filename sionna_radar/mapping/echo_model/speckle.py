@@ -1,4 +1,4 @@
-"""Over how many pulses speckle repeats, from geometry and beam alone.
+"""Correlation length of speckle in pulses, from geometry and beam alone.
 
 The field in a range cell is the sum over the ground of fixed random scatterers, each weighted with the beam's gain
 toward it and turned by the phase of its range. So the fields of two pulses are correlated by the overlap of their
@@ -41,7 +41,7 @@ PoseOf = Callable[[Int[np.ndarray, " row"]], Pose]
 
 @dataclass(frozen=True, kw_only=True)
 class SpeckleMemory:
-    """How long the ground keeps its speckle: `tracing.speckle`, `tracing.decorrelation_time_s`.
+    """Temporal decorrelation of the ground's speckle: `tracing.speckle`, `tracing.decorrelation_time_s`.
 
     decorrelation_s: lag at which the field's correlation 1 / (1 + (b t)^2) has fallen to 1 / e; infinite for ground
         that stands still, 0 for speckle that is new in each pulse.
@@ -70,7 +70,7 @@ def speckle_reach(
     chirp: Chirp,
     memory: SpeckleMemory,
 ) -> Float[np.ndarray, " pulse"]:
-    """Return the number of pulses over which the speckle of each repeats; 0 where it does not.
+    """Return the correlation length of each pulse's speckle, in pulses; 0 if uncorrelated.
 
     Parameters
     ----------

@@ -24,14 +24,14 @@ from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Sig
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel
 
-# Steps that are mixed, and the part of the largest below which singular values count as none.
+# Number of mixed steps, and the relative threshold of singular values.
 DEPTH, MIN_SINGULAR = 4, 1e-10
 
 Vector = Float[np.ndarray, " n"]
 
 
 class Mixing:
-    """The next place of an iteration, from the last ones and the steps that were proposed there."""
+    """Anderson acceleration: the next iterate from the last iterates and their proposed steps."""
 
     def __init__(self) -> None:
         self._past: list[tuple[Vector, Vector, Float[np.ndarray, " seen"]]] = []
@@ -54,15 +54,14 @@ class Mixing:
         return proposed
 
 
-# The iteration ends with a step that moves the surface by no more than this, RMS over the places of the echoes: what
-# then remains, of which rounding may decide, is as little.
+# Convergence: RMS step over the places of the echoes, m.
 SETTLED_M = 1e-3
-# Below this beams are looked for where they met the surface before.
+# Below this step, ray intersections start from the previous ones, m.
 COARSE_M = 0.05
 MAX_SCORING_STEPS = 12
-# Of the residual of each step: what is left of it is taken by the next.
+# Relative CG tolerance per step; the next step corrects the remainder.
 STEP_TOLERANCE = 2e-2
-# Surfaces on which the curvature is computed.
+# Iterations that recompute the curvature.
 CURVED = 2
 # Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
 # most that echoes may tell of a wave that it leaves out, over what is known of it beforehand.

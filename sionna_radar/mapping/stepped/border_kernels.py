@@ -1,4 +1,4 @@
-"""Which part of a map each cell at a border belongs to, from the profiles of the pulses that see it; see `borders`.
+"""Assignment of border cells to parts of a map, from the range profiles of the pulses that see them; see `borders`.
 
 Cells are columns with plane tops. `Columns`, `Views` and `Echoes` hold arrays that all functions share.
 """

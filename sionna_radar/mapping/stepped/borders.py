@@ -1,4 +1,4 @@
-"""Which part of a map with steps each cell beside a border belongs to, from whole profiles.
+"""Assignment of the cells beside a border to parts of a stepped map, from whole range profiles.
 
 Echoes of both sides of a border fall into the same profiles, and each range cell holds the sum of what all of the
 beam sees. So a cell cannot be judged by itself: the profiles of all pulses that see it are predicted with the cell in
@@ -30,22 +30,27 @@ from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, CellViews, PulseEchoes
 
 Result = TypeVar("Result")
-# Samples of the beam: so many for each map cell within the main lobe, but not fewer and not more than these.
+# Beam samples per map cell in the main lobe, and their lower and upper limit.
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
-# Reflectivity is relative to this range.
+# Reference range of reflectivities, m.
 UNIT_M = 50.0
-# Gain in nepers for each of a cell's eight neighbours in the same part.
+# Prior: gain for each of a cell's eight neighbours in the same part, Np.
 ALIKE = 4.0
 SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
-# Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
+# Weight of the previous reflectivity, in expected echoes: parts seen by few pulses keep theirs.
 PRIOR_ECHOES = 5.0
-# A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
+# A cell that returns less than this share of its part's expected power may be a hole; fewest expected echoes.
 HOLLOW, MIN_EXPECTED = 0.5, 1.0
-# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
-# that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
-# than so many nepers, as the model of columns makes likelihoods too sure; by far more, if an echo is nearer that lies a
-# step away.
-NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS, FAR_SURER_NEPERS = 4, 0.2, 0.4, 3.0, 8.0, 64.0
+# Width of the band along borders in which the assignment of tops is checked, cells.
+BORDER_BAND_CELLS = 4
+# A top is doubtful if its expected power is less than this share of the usual one,
+MIN_VISIBILITY = 0.2
+# if it returns less than this share of its expected power, of at least that many echoes,
+MIN_RETURNED_POWER, MIN_RETURN_ECHOES = 0.4, 3.0
+# or if its part is likelier than another by less than this, Np: the column model overstates likelihoods.
+MIN_MARGIN_NEPERS = 8.0
+# The same where an echo is nearer that lies a step away, Np.
+MIN_STEP_MARGIN_NEPERS = 64.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
@@ -73,13 +78,13 @@ class StepMap:
 
         elsewhere: cells that echoes of other levels are nearer to; see `nearer_elsewhere`.
         """
-        near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
+        near = distance_transform_edt(~beside_borders(self.part)) < BORDER_BAND_CELLS
         seen = self.expected > 0
         typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
-        unseen = self.expected < SELDOM * typical
-        hollow = (self.returned < TOO_LITTLE) & (self.expected > SEVERAL)
-        checked = np.isfinite(self.margin) & (self.margin >= FAR_SURER_NEPERS)
-        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS) | (elsewhere & ~checked)))
+        unseen = self.expected < MIN_VISIBILITY * typical
+        hollow = (self.returned < MIN_RETURNED_POWER) & (self.expected > MIN_RETURN_ECHOES)
+        checked = np.isfinite(self.margin) & (self.margin >= MIN_STEP_MARGIN_NEPERS)
+        return np.asarray(near & (unseen | hollow | (self.margin < MIN_MARGIN_NEPERS) | (elsewhere & ~checked)))
 
 
 def with_borders(
