@@ -51,20 +51,21 @@ MIN_RETURNED_POWER, MIN_RETURN_ECHOES = 0.4, 3.0
 MIN_MARGIN_NEPERS = 8.0
 # The same where an echo is nearer that lies a step away, Np.
 MIN_STEP_MARGIN_NEPERS = 64.0
-# Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
+# Most cells by which a part may grow, and cells beyond a lowered cell whose rays are cast again.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
-# Blocks of cells that are handled one after the other, with the cells around each that its pulses reach.
+# Side of the blocks processed one after another, and margin that their pulses reach, cells.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
 
 
 @dataclass(frozen=True)
 class StepMap:
-    """Heights of the cells of a map with steps, and the part that each belongs to.
+    """A stepped map: heights of the cells, and the part that each belongs to.
 
-    expected, returned: power of each cell's top that its part's reflectivity leads to expect, in units of the mean
-        power of its range cells, summed over pulses; and what came back, relative to that.
-    margin: by how many nepers the part of each cell is likelier than any a step apart; infinite away from borders.
+    expected, returned: power expected from each cell's top at its part's reflectivity, in units of the mean power of
+    its range cells, summed over pulses; and the measured power relative to it.
+    margin: log-likelihood ratio (Np) between the part of each cell and the best part a step away; infinite away from
+    borders.
     """
 
     height_m: Float[np.ndarray, "row column"]
@@ -74,9 +75,9 @@ class StepMap:
     margin: Float[np.ndarray, "row column"]
 
     def doubtful(self, elsewhere: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
-        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's.
+        """Return the cells near borders whose tops were rarely visible, too weak, or may belong to another part.
 
-        elsewhere: cells that echoes of other levels are nearer to; see `nearer_elsewhere`.
+        elsewhere: cells whose nearest echo is of another level; see `nearer_elsewhere`.
         """
         near = distance_transform_edt(~beside_borders(self.part)) < BORDER_BAND_CELLS
         seen = self.expected > 0
@@ -96,7 +97,7 @@ def with_borders(
     step_m: float,
     grid: Grid,
 ) -> StepMap:
-    """Return a map whose cells at borders belong to the parts that are likeliest given the profiles.
+    """Return the map with border cells assigned to their most likely parts given the profiles.
 
     Parameters
     ----------
@@ -105,9 +106,9 @@ def with_borders(
     height_m, part:
         The map, and the number of the part that each cell belongs to.
     low:
-        Cells of parts that are not raised above those around them: the ground.
+        Cells of parts not raised above their surroundings: ground.
     step_m:
-        Least difference of heights that is a step.
+        Smallest height difference that counts as a step.
     grid:
         Cells of the map.
 
@@ -174,7 +175,7 @@ class _Block:
     def improved(
         self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
     ) -> StepMap:
-        """Return the map with the likeliest parts of the cells in the core."""
+        """Return the map with the most likely parts of the core's cells."""
         part = self._columns.part
         found, expected = self._update(FIRST_UPDATES)
         hollow = (found < HOLLOW * expected) & (expected > MIN_EXPECTED) & ~low
@@ -189,7 +190,7 @@ class _Block:
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
-            # A ray over a cell that was lowered may meet another that it was not known to cross.
+            # A ray over a lowered cell may meet cells that it was not listed for.
             self._cast()
             found, expected = self._update(UPDATES)
         returned = found / np.maximum(expected, np.finfo(float).tiny)
@@ -266,9 +267,9 @@ class _Block:
         margin: Float[np.ndarray, "row column"],
         step_m: float,
     ) -> None:
-        """Give cells to the parts under which the profiles are likeliest, and mark those that changed.
+        """Assign cells to their most likely parts, and mark the changed ones.
 
-        Tiles of the map that are too far apart for a pulse to see two of them are handled at once.
+        Tiles that no pulse sees together are processed concurrently.
         """
         from sionna_radar.mapping.stepped.border_kernels import improve
 
@@ -283,7 +284,7 @@ class _Block:
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
             groups = [cells[turn & (tile == one[:, None]).all(axis=0)] for one in np.unique(tile[:, turn], axis=1).T]
-            groups.sort(key=len, reverse=True)  # so that the last to end is a small one
+            groups.sort(key=len, reverse=True)  # largest first, to balance the threads
             list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
 
     def _tile_cells(self, first: Int[np.ndarray, " first"], pulses: Int[np.ndarray, " entry"]) -> int:

@@ -1,8 +1,8 @@
-"""A coarse map with jumps: the heights, among levels, that agree best with the echoes and with each other.
+"""A coarse map with discontinuities, by semi-global matching over height levels.
 
-The evidence of all echoes for and against every height of every cell (`evidence`), and the heights that agree best
-with it and with each other, give a map that may have jumps. What this map shows in plain view is then
-known not to be occluded, and the map is computed once more.
+Semi-global matching on the evidence of all echoes for and against every height of every cell (`evidence`) gives a
+map with discontinuities. Surfaces in plain view on this map are then known not to be occluded, and the map is
+computed once more.
 
 Every cell gets one height out of a few levels, smooth where possible and broken where necessary, by semi-global
 matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI 30, 328-341):
@@ -52,7 +52,7 @@ def choose_levels(
     return highest
 
 
-# Over the pulses of a block: from the echoes, and then also from visibility.
+# Passes over the pulses of a block: evidence from echoes, then also from visibility.
 PASSES = 2
 MAX_LEVELS = 128
 MIN_POINTS = 6
@@ -60,7 +60,7 @@ MIN_POINTS = 6
 
 @dataclass(frozen=True)
 class CoarseMap:
-    """Heights of the cells, whether echoes support them, and the distance of the levels that they were chosen from."""
+    """Heights of the cells, whether echoes support them, and the spacing of the levels."""
 
     height_m: Float[np.ndarray, "row column"]
     supported: Bool[np.ndarray, "row column"]
@@ -176,7 +176,7 @@ def lowest_in_view_m(
     distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
     drop = float(np.max(up - height_m.min()))
     steepest = float(np.max(distance)) * float(np.ptp(height_m)) / max(drop, 1e-6)
-    # Nothing outside the map is in the way.
+    # Nothing outside the map occludes.
     steepest = min(steepest, float(np.hypot(*grid.shape)) * grid.spacing_m)
     farthest = len(np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m))
     on = grid.x_m, grid.y_m, grid.west_m, grid.south_m, grid.spacing_m, np.ascontiguousarray(origin_m), farthest
@@ -188,7 +188,7 @@ def lowest_in_view_m(
 def _levels(
     point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
-    """Return a plane through some echoes, and levels around it that span them, a range cell apart."""
+    """Return a plane through echoes, and levels about it that span them, a range cell apart."""
     plane = plane_through(point_m[:, :2], point_m[:, 2])
     above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
     low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-margin_m, margin_m])

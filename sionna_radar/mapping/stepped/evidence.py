@@ -31,7 +31,7 @@ from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
-# Rows of the map handled by one core at a time.
+# Rows of the map processed by one core at a time.
 ROWS_AT_ONCE = 8
 
 

@@ -1,9 +1,9 @@
-"""Planes through the parts of a map with steps: level ground, and roofs, which may fill the beam only partly.
+"""Plane fits to the parts of a stepped map: level ground, and roofs that may fill the beam only partly.
 
-Located echoes lie on the axes of their beams. A roof that ends within the beam sends its echo from what it fills of it:
-at the far edge that is nearer than the axis would meet the roof, and on the axis so short a range is too high. So once
-it is known which cells are roof, the mean range over what they fill is predicted for each echo, and the plane is fitted
-to the differences.
+Echoes are located on the beam axis. A roof that ends within the beam returns only from the part of the beam that it
+fills: at its far edge the echo is nearer than the intersection of axis and roof, so the located point is too high.
+Once the cells of a roof are known, the mean range over the filled part of each beam is predicted, and the plane is
+fitted to the differences.
 """
 
 from dataclasses import dataclass
@@ -29,19 +29,19 @@ from sionna_radar.mapping.terrain.smoothing import TerrainModel
 # know to 8 mm, was off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
 LEVEL_SIGMA_M = 0.01
 ROUNDS = 4
-# Heights farther from a plane, in standard deviations as they scatter, are not fitted.
+# Outlier threshold of a plane fit, in robust standard deviations.
 OUTLIER_SIGMAS = 4.0
 # A slope across a line of heights, which they do not tell: by choice, as roofs are pitched.
 UNTOLD_SLOPE_SIGMA = 0.3
-# Heights that scatter about a plane this many times as far as their noise are no plane's.
+# Reject a plane whose residual exceeds this multiple of the noise.
 ROUGH = 2.0
-# Echoes that decide about a plane, of three unknowns: twice as many, at least.
+# Fewest echoes of a plane fit: twice the number of unknowns.
 MIN_ECHOES = 6
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane, and how well it is known.
+    """A plane with its covariance.
 
     middle_m: a place; coefficients: the height there, and the slopes toward east and north; covariance: theirs.
     """
@@ -159,7 +159,7 @@ def spread(values: Float[np.ndarray, " n"]) -> float:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A plane through most of some heights, and how far they scatter about it, relative to their noise."""
+    """A robust plane fit, and the residual relative to the noise."""
 
     plane: Plane
     spread: float

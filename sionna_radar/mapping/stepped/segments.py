@@ -1,4 +1,4 @@
-"""The parts of a map with steps: neighbours within a part differ by less than a step.
+"""Segmentation of a stepped map into parts within which neighbours differ by less than a step.
 
 Where a wall is crossed by a ramp of in-between heights, a cell or two wide, roof and ground would be one part. So parts
 are first grown from cells in whose neighbourhood no step is (a morphological opening of the links between cells), and
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, find_objects, label
 
-# A raised part is a step above this share of the cells beside it.
+# A part is raised if it is a step above this share of the adjacent cells.
 BESIDE_CELLS, MAX_OF_RING = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
@@ -42,7 +42,7 @@ def windows_of(part: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]
 def raised_cells(
     height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
 ) -> Bool[np.ndarray, "row column"]:
-    """Return the cells of parts that stand higher than most of what is around them, by a step."""
+    """Return the cells of raised parts: a step above most adjacent cells."""
     raised = np.zeros(part.shape, dtype=bool)
     for number, found in enumerate(windows_of(part)):
         window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)

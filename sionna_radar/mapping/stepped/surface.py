@@ -47,7 +47,7 @@ NEPERS = 16.0
 
 @dataclass(frozen=True)
 class SteppedUncertainty:
-    """The standard deviations of the cells of a map with steps.
+    """Standard deviations of the cells of a stepped map.
 
     other_side: probability that a cell is of the part beyond its border, and wrong by the whole step.
     """
@@ -60,7 +60,7 @@ class SteppedUncertainty:
         return np.where(wanted, self.cell_sigma_m, np.nan)
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
-        """Return NaN: errors of borders are shared in ways that are not worked out."""
+        """Return NaN: correlations of border errors are not modelled."""
         return float("nan")
 
 
@@ -113,7 +113,7 @@ def with_steps(
 
 @dataclass(frozen=True)
 class SteppedMap:
-    """A surface with steps, the cells supported by an echo, and how well they are known."""
+    """A stepped surface, the cells supported by echoes, and its uncertainty."""
 
     surface: Heightfield
     supported: Bool[np.ndarray, "row column"]
@@ -123,7 +123,7 @@ class SteppedMap:
 def step_surface(
     sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = STEPPED
 ) -> SteppedMap:
-    """Return the most probable surface, with steps.
+    """Return the most probable stepped surface.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def step_surface(
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """What the surfaces of the parts of a map are made from."""
+    """Inputs from which the surfaces of the parts are made."""
 
     sightings: Sightings
     echoes: MeanRanges
@@ -191,7 +191,7 @@ class _Surfaces:
             found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside)
             height[window][inside], sigma[window][inside] = found[inside], known[inside]
 
-        # A part as large as all others together keeps all cores busy; those others go side by side, the largest first.
+        # A part larger than all others together uses all cores; the others run concurrently, largest first.
         largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
         first = int(2 * pulses.max(initial=0) > pulses.sum())
         for numbers in (largest[:first], largest[first:]):
@@ -224,7 +224,7 @@ class _Surfaces:
         if plane is None:
             mapped = refine(sightings, cells, self.options)
             height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)
-            # Far from the echoes the coarse map knows better, which is not wrong by a step but in single cells.
+            # Far from the echoes the coarse map is better: it is wrong by a step only in single cells.
             size = max(1, round(self.options.single_m / cells.spacing_m))
             far = median_filter(np.abs(height - coarse_m), size, mode="nearest") >= self.step_m
             return np.where(far, coarse_m, height), np.where(far, np.nan, sigma)
@@ -250,7 +250,7 @@ def _refit(
     grid: Grid,
     step_m: float,
 ) -> None:
-    """Move the cells of a plane to where it is by the echoes from what it fills of their beams."""
+    """Refit a plane to the echoes from the parts of their beams that it fills, and move its cells."""
     if not cells.any():
         return
     window = windows_of(cells.astype(np.int64) - 1)[0]

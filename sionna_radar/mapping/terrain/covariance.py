@@ -61,7 +61,7 @@ ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
 MIN_NOISE_M = 1e-3
-# Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
+# Share of uncorrelated noise: receiver noise, and scatterers that enter the beam.
 NEW_NOISE = 0.03
 # Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
 # 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise: over real ground 0.1 left
@@ -75,7 +75,7 @@ ROUGHER, OF_GAUSSIAN = 6.0, 12.0
 MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
 ITERATIONS, STEP = 30, 1e-3
-# Where the search for the smoothness begins, and above which Gaussian terrain is tried too.
+# Initial smoothness of the search, and the smoothness above which Gaussian terrain is tried too.
 FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 
 
@@ -146,7 +146,7 @@ class Covariance:
 
 @dataclass(frozen=True)
 class FittedCovariance:
-    """A covariance and the factor on the variance of the noise that goes with it."""
+    """A fitted covariance with its factor on the noise variance."""
 
     covariance: Covariance
     noise_factor: float
@@ -154,7 +154,7 @@ class FittedCovariance:
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Scattered heights to learn a covariance from.
+    """Scattered height measurements for fitting a covariance.
 
     place_m, height_m: horizontal positions, and heights above a trend.
     sigma_m: standard deviations of their noise.
@@ -233,7 +233,7 @@ def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
 
 
 def decorrelated(measured: Measured) -> Int[np.ndarray, " kept"]:
-    """Return the rows of heights that share little speckle.
+    """Return the rows of heights with little common speckle.
 
     Of pulses that follow each other so closely that they share most of it, one stands for several: together they tell
     little more, and what the model of their correlation misses would pass for rough ground.
