@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.edges import half_footprint_m, near_walls
+from sionna_radar.accuracy.edges import half_footprint_m, near_buildings
 from sionna_radar.accuracy.illumination import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
@@ -104,7 +104,7 @@ def quad(name, corners):
 def test_places_near_walls_are_measured_to_the_turned_outline():
     building = Building(position_m=(10.0, 0.0), size_m=(20.0, 10.0, 5.0), heading_deg=90.0)  # 20 m along east
     place = np.array([(10.0, 0.0), (19.0, 0.0), (21.5, 0.0), (10.0, 6.5), (22.0, 7.0), (10.0, 3.8)])
-    near = near_walls(place, np.full(len(place), 2.0), (building,))
+    near = near_buildings(place, np.full(len(place), 2.0), (building,))
     assert near.tolist() == [False, True, True, True, False, True]
 
 
@@ -121,7 +121,9 @@ def test_fig_14_errors_gather_at_the_walls():
     inside = (column >= 0) & (row >= 0) & (column < survey.truth.grid.columns) & (row < survey.truth.grid.rows)
     error = points.position_m[inside, 2] - survey.truth.height_m[row[inside], column[inside]]
     reach = half_footprint_m(points, np.deg2rad(2.0))
-    edge = near_walls(points.position_m[:, :2], reach, [box_of(table) for table in survey.scenario.buildings])[inside]
+    edge = near_buildings(points.position_m[:, :2], reach, [box_of(table) for table in survey.scenario.buildings])[
+        inside
+    ]
     with_edges, without = (float(np.sqrt(np.nanmean(e**2))) for e in (error, error[~edge]))
     assert with_edges > 1.0
     assert without < 0.35

@@ -12,6 +12,6 @@ from .compare import difference as difference
 from .compare import nmad as nmad
 from .compare import summarise as summarise
 from .edges import half_footprint_m as half_footprint_m
-from .edges import near_walls as near_walls
+from .edges import near_buildings as near_buildings
 from .illumination import shadowed as shadowed
 from .truth import GroundTruth as GroundTruth

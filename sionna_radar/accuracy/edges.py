@@ -1,4 +1,4 @@
-"""Which places are so near a wall that the beam illuminates more than one level."""
+"""Masks of places within half a beam footprint of a wall, and wall distances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.model import Scene, Surface
 
-# Loose soil is no steeper than about 40 deg; a face steeper than this and higher than that is a wall.
+# Loose soil is no steeper than about 40 deg; a face that exceeds both limits is a wall.
 WALL_SLOPE_DEG = 60.0
 WALL_HEIGHT_M = 1.0
-# Points along the foot of a wall, in each cell of the map.
+# Sample points along a wall, per cell length of the map.
 FOOT_POINTS_PER_CELL = 2
 
 
@@ -24,7 +24,7 @@ class Walls:
     """The walls of a scene in plan view.
 
     buildings: boxes of the scenario, whose outlines are known exactly.
-    foot_m: points along the steep faces of all other surfaces.
+    foot_m: points on edges of steep faces of other surfaces.
     """
 
     buildings: tuple[Box, ...]
@@ -34,8 +34,8 @@ class Walls:
         return bool(self.buildings) or len(self.foot_m) > 0
 
     def near(self, place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return the mask of places within reach of a wall, in front of it or behind."""
-        near = near_walls(place_m, reach_m, self.buildings)
+        """Return the mask of places within `reach_m` of a wall, on either side."""
+        near = near_buildings(place_m, reach_m, self.buildings)
         if len(self.foot_m):
             near |= KDTree(self.foot_m).query(place_m, distance_upper_bound=float(reach_m.max()) + 1e-6)[0] <= reach_m
         return near
@@ -44,7 +44,7 @@ class Walls:
         """Return the distance to the nearest wall, in front of it or behind, m; infinite beyond `farthest_m`."""
         distance = np.full(len(place_m), np.inf)
         for building in self.buildings:
-            distance = np.minimum(distance, np.abs(_outside(place_m, building)))
+            distance = np.minimum(distance, np.abs(_signed_distance_m(place_m, building)))
         if len(self.foot_m):
             foot = KDTree(self.foot_m).query(place_m, distance_upper_bound=farthest_m + 1e-6)[0]
             distance = np.minimum(distance, foot)
@@ -52,20 +52,20 @@ class Walls:
 
 
 def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Box]) -> Walls:
-    """Return the walls within a map; the last surfaces of the scene are the buildings."""
+    """Return a scene's walls on a map; its last surfaces must be `buildings`."""
     others = scene.surfaces[: len(scene.surfaces) - len(buildings)]
     feet = [_foot_points(surface, grid) for surface in others]
     return Walls(buildings=tuple(buildings), foot_m=np.concatenate([np.zeros((0, 2)), *feet]))
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:
-    """Return half the longer side of each point's footprint on level ground."""
+    """Return each point's footprint semi-major axis on level ground, m."""
     down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
     return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
 
 
 def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -> Bool[np.ndarray, "row column"]:
-    """Return the mask of cells within half a footprint of a wall, with the footprint of the nearest point."""
+    """Return the mask of cells closer to a wall than half the footprint of the nearest point."""
     if len(points) == 0 or not walls:
         return np.zeros(grid.shape, dtype=bool)
     nearest = KDTree(points.position_m[:, :2]).query(grid.centres_m)[1]
@@ -73,17 +73,17 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
     return walls.near(grid.centres_m, reach_m).reshape(grid.shape)
 
 
-def near_walls(
+def near_buildings(
     place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Box]
 ) -> Bool[np.ndarray, " n"]:
     """Return the mask of places within reach of a building's outline, inside it or outside."""
     near = np.zeros(len(place_m), dtype=bool)
     for building in buildings:
-        near |= np.abs(_outside(place_m, building)) <= reach_m
+        near |= np.abs(_signed_distance_m(place_m, building)) <= reach_m
     return near
 
 
-def _outside(place_m: Float[np.ndarray, "n 2"], building: Box) -> Float[np.ndarray, " n"]:
+def _signed_distance_m(place_m: Float[np.ndarray, "n 2"], building: Box) -> Float[np.ndarray, " n"]:
     """Return the distance to a building's outline, negative inside it."""
     heading = building.heading_rad
     offset = place_m - np.array(building.position_m)
@@ -115,12 +115,12 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     share = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
     point = np.repeat(start, pieces, axis=0) + share[:, None] * np.repeat(edge, pieces, axis=0)
     on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
-    # Triangles share edges, and the two of a wall lie over the same line.
+    # Duplicates: triangles share edges, and a wall's coincide in plan.
     return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4
 
 
 def _height_of_walls(corner: Float[np.ndarray, "face 3 3"], spacing_m: float) -> Float[np.ndarray, " face"]:
-    """Return for each steep face how high all of those over its cell of the map reach: a wall may be of many."""
+    """Return for each face the height range of all faces in its map cell, since a wall may have many."""
     cell = np.floor(corner[..., :2].mean(axis=1) / spacing_m).astype(np.int64)
     _, number = np.unique(cell, axis=0, return_inverse=True)
     number = number.ravel()

@@ -1,4 +1,4 @@
-"""Constant false-alarm rate (CFAR) detection: a cell is detected when it exceeds the noise level around it.
+"""Constant false-alarm rate (CFAR) detection: a cell is detected above a multiple of the noise around it.
 
 Training cells lie one range cell apart on both sides of the cell under test, beyond the guard cells. Their noise
 level Z is the mean of all (CA), of the side with the greater (GO) or the smaller mean (SO), or an order statistic
@@ -39,9 +39,9 @@ class Cfar:
     """A detector for one spectrum layout.
 
     guard, training: range cells on each side.
-    rank: training cell used by OS, as a fraction of all in increasing order.
+    rank: order statistic of OS, as a fraction of the number of cells.
     stride: spectrum bins per range cell.
-    correlation: of the noise against lag in range cells, from lag 0; just [1] for independent cells.
+    correlation: of the complex noise by lag in range cells, from lag 0; [1] for independent cells.
     looks: powers averaged in each cell; for several, only CA has a known false-alarm rate.
     """
 
@@ -61,7 +61,7 @@ class Cfar:
 
     @cached_property
     def both_sides_factor(self) -> float:
-        """Multiple of the noise level where both sides fit."""
+        """Threshold over noise level where both sides fit."""
         match self.kind:
             case "CA":
                 return factor_of_mean(self._weights, 2, self.false_alarm_probability, self.looks)
@@ -74,7 +74,7 @@ class Cfar:
 
     @cached_property
     def one_side_factor(self) -> float:
-        """Multiple of the noise level where a single side fits."""
+        """Threshold over noise level where a single side fits."""
         if self.kind == "OS":
             return self._ordered_factor(sides=1)
         return factor_of_mean(self._weights, 1, self.false_alarm_probability, self.looks)
@@ -85,7 +85,7 @@ class Cfar:
         if self.kind == "CA":
             return 1.0
         if self.kind == "OS":
-            return mean_ordered(self.correlation, self.training, 2, _place(self.rank, 2 * self.training))
+            return mean_ordered(self.correlation, self.training, 2, _rank_index(self.rank, 2 * self.training))
         smaller = mean_smaller(self.correlation, self.training)
         return smaller if self.kind == "SO" else 2 - smaller
 
@@ -93,7 +93,7 @@ class Cfar:
     def one_side_mean(self) -> float:
         """Mean noise level over the noise power where a single side fits."""
         if self.kind == "OS":
-            return mean_ordered(self.correlation, self.training, 1, _place(self.rank, self.training))
+            return mean_ordered(self.correlation, self.training, 1, _rank_index(self.rank, self.training))
         return 1.0
 
     def threshold(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
@@ -102,10 +102,10 @@ class Cfar:
         return level * np.where(two_sided, self.both_sides_factor, self.one_side_factor)
 
     def detection_probability(self, snr: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the detection probability of speckle cells in noise, with training cells on both sides.
+        """Return the detection probability of speckle cells between training cells of noise alone.
 
         The power of a cell of speckle and noise is exponential, with 1 + snr times the mean of noise alone, so it
-        passes a Z with the probability that noise passes a Z / (1 + snr) (Gandhi and Kassam 1988, "Analysis of CFAR
+        exceeds kZ with the probability that noise exceeds kZ / (1 + snr) (Gandhi and Kassam 1988, "Analysis of CFAR
         processors in nonhomogeneous background", section II: a Swerling 1 target). Over several looks the speckle is
         taken to change from look to look: a Swerling 2 target.
 
@@ -114,7 +114,7 @@ class Cfar:
         return np.array([self._passed(self.both_sides_factor / (1 + ratio)) for ratio in snr])
 
     def _passed(self, factor: float) -> float:
-        """Return the probability that noise passes a multiple of its level on both sides."""
+        """Return the probability that noise exceeds `factor` times its two-sided level."""
         match self.kind:
             case "CA":
                 return float(np.exp(log_probability_over_mean(self._weights, 2, factor, self.looks)))
@@ -123,7 +123,7 @@ class Cfar:
             case "SO":
                 return float(np.exp(log_probability_over_smaller(self._weights, factor)))
             case "OS":
-                place = _place(self.rank, 2 * self.training)
+                place = _rank_index(self.rank, 2 * self.training)
                 return probability_over_ordered(self.correlation, self.training, 2, place, factor)
 
     def noise_level(
@@ -174,17 +174,17 @@ class Cfar:
         return mean_weights(self.correlation, self.training)
 
     def _ordered_factor(self, sides: int) -> float:
-        place = _place(self.rank, sides * self.training)
+        place = _rank_index(self.rank, sides * self.training)
         return factor_of_ordered(self.correlation, self.training, sides, place, self.false_alarm_probability)
 
 
-def _place(rank: float, cells: int) -> int:
+def _rank_index(rank: float, cells: int) -> int:
     """Return the index, in increasing order from 0, of the cell at a rank."""
     return max(0, int(np.ceil(rank * cells)) - 1)
 
 
 def _ranked(cells: Float[np.ndarray, "... cell"], rank: float) -> Float[np.ndarray, "..."]:
-    place = _place(rank, cells.shape[-1])
+    place = _rank_index(rank, cells.shape[-1])
     return np.partition(cells, place, axis=-1)[..., place]
 
 
@@ -194,13 +194,13 @@ CELL_AVERAGING, GREATEST_OF, SMALLEST_OF = 0, 1, 2
 @compiled
 @no_type_check
 def mean_levels(low, high, power, kind, guard, training, stride, level):
-    """Write the noise level at each bin of some spectra, infinite where the training cells of neither side fit.
+    """Write to `level` the noise of rows `low` to `high` - 1; infinite where neither side's cells fit.
 
     stride: bins per range cell; the training cells of a bin are whole cells away from it.
     """
     bins = power.shape[1]
     cells, reach = -(-bins // stride), (guard + training) * stride
-    # Sums over range cells, one for each bin within the cell.
+    # Running sums at cell spacing, interleaved by bin.
     running = np.zeros((cells + 1) * stride)
     for row in range(low, high):
         for k in range(cells * stride):

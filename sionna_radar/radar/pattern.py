@@ -20,7 +20,7 @@ MAX_SAMPLES = 30_000_000
 
 @dataclass(frozen=True)
 class ProductPattern:
-    """The product of an azimuth and an elevation cut, G(az, el) = A(az) E(el): exact on both.
+    """The product of an azimuth and an elevation cut, F(az, el) = A(az) E(el): exact on each.
 
     Two measured cuts do not determine the pattern between them; their product is the pattern of a rectangular aperture
     with separable illumination, and the usual rule of antenna planning tools ("summing" in decibels).
@@ -33,7 +33,7 @@ class ProductPattern:
     elevation: Float[np.ndarray, " m"]
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-        """Return the amplitude over the peak's toward unit vectors."""
+        """Return amplitudes relative to the peak, at unit vectors."""
         azimuth, elevation = angles_of(direction)
         across = np.interp(azimuth, np.linspace(-np.pi, np.pi, len(self.azimuth)), self.azimuth)
         return across * np.interp(elevation, np.linspace(-np.pi / 2, np.pi / 2, len(self.elevation)), self.elevation)
@@ -52,13 +52,13 @@ class ProductPattern:
 
     @property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
-        """The antenna looks along the normal of its face."""
+        """Identity: boresight is the normal of the face."""
         return np.eye(3)
 
 
 @dataclass(frozen=True)
 class SphericalPattern:
-    """Amplitudes on a grid over the sphere, bilinear between its samples.
+    """Amplitudes on an azimuth-elevation grid, interpolated bilinearly.
 
     samples: amplitudes at equally spaced elevations from -pi/2 to pi/2 (rows) and azimuths from -pi to pi.
     """
@@ -76,7 +76,7 @@ class SphericalPattern:
         amplitude:
             The relative amplitude toward unit vectors; its largest is taken as the peak.
         step_rad:
-            Largest angle between two samples.
+            Largest angle between neighbours.
 
         """
         rows = check_samples(step_rad)
@@ -87,7 +87,7 @@ class SphericalPattern:
         return SphericalPattern(samples / samples.max())
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-        """Return the amplitude over the peak's toward unit vectors."""
+        """Return amplitudes relative to the peak, at unit vectors."""
         azimuth, elevation = angles_of(direction)
         rows, columns = self.samples.shape
         row = (elevation + np.pi / 2) * ((rows - 1) / np.pi)
@@ -111,7 +111,7 @@ class SphericalPattern:
 
     @property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
-        """The antenna looks along the normal of its face."""
+        """Identity: boresight is the normal of the face."""
         return np.eye(3)
 
 

@@ -1,4 +1,4 @@
-"""Selection of registered parts in a scenario: by a key inside a table, or by a name with a table beside it."""
+"""Selection of registered parts in a scenario: by a key of the part's own table, or by a key beside it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sionna_radar.scenario.table import Table, refuse
 class ChosenBy:
     """Validation of a table of parameters by the registered part that one of its keys names.
 
-    tag: the key; default: the part without it, None if it is required.
-    implied: parts implied by another key without the tag.
-    by_name: whether a name alone stands for the table of that part without parameters.
+    tag: the key; default: the part if absent, None to require it.
+    implied: part, by key that implies it without the tag.
+    by_name: whether the part's name may replace its table, with default parameters.
     """
 
     tag: str
@@ -51,7 +51,7 @@ class ChosenBy:
             raise refuse(self.tag, self.registry.unknown(name))
         entry = self.registry.entry(name)
         checked = entry.check({self.tag: name, **value} if isinstance(value, Mapping) else value)
-        assert checked is not None  # parts that are chosen by a table have one
+        assert checked is not None  # parts chosen by a tag have a table
         return checked
 
     def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -61,14 +61,14 @@ class ChosenBy:
         return {"anyOf": [*schemas, *([{"enum": list(self.registry.known())}] if self.by_name else [])]}
 
     def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
-        """Add the names that select a table to its schema; required unless one is the default."""
+        """Add a table's names to its schema; required unless one is the default or implied."""
         names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
         schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table."}
         if self.default not in names and not set(self.implied.values()) & set(names):
             schema["required"] = [self.tag, *(key for key in schema.get("required", []) if key != self.tag)]
 
     def tables(self) -> list[type[Table]]:
-        """Return the tables that may stand here."""
+        """Return the table types accepted here."""
         return self.registry.tables()
 
 
@@ -94,7 +94,7 @@ class NameIn:
 
 @dataclass(frozen=True)
 class ParametersOf:
-    """Validation of the parameters of the part named by the key `name` of the same table."""
+    """Validation of a part's parameters; `name` is the sibling key that names the part."""
 
     name: str
     registry: Registry
@@ -106,7 +106,7 @@ class ParametersOf:
 
     def _check(self, value: Any, info: Any) -> Table | None:
         name = info.data.get(self.name)
-        if name is None or (value is None and name not in self.registry):  # already rejected, or selected later
+        if name is None or (value is None and name not in self.registry):  # name rejected, or in `also`
             return None
         if name not in self.registry:
             raise refuse("", f"{name!r} has no parameters; remove them, or name the {self.registry.kind}")
@@ -123,5 +123,5 @@ class ParametersOf:
         return {"anyOf": schemas} if schemas else {"type": "object"}
 
     def tables(self) -> list[type[Table]]:
-        """Return the tables that may stand here."""
+        """Return the table types accepted here."""
         return self.registry.tables()

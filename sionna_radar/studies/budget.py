@@ -45,7 +45,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import identity
 from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.scenario.problems import translate
-from sionna_radar.survey.observed_survey import ObservedSurvey, observe_survey, observed_elsewhere
+from sionna_radar.survey.observed_survey import ObservedSurvey, observe_survey, restored_survey
 
 GROWTH = 0.1
 # Relative tolerance of the search for the requested growth.
@@ -316,7 +316,7 @@ def _mapped(survey: ObservedSurvey, tasks: Mapping[str, Task], execution: Execut
 def map_task(task: Task) -> bytes:
     """Return the limit of a task's error, or the result of its grade, as a JSON document."""
     shared = task[SHARED]
-    survey = observed_elsewhere(task["scenario"], shared) if isinstance(shared, bytes) else shared
+    survey = restored_survey(task["scenario"], shared) if isinstance(shared, bytes) else shared
     if "error" in task:
         error = task["error"]
         axes = error["axes"] and tuple(error["axes"])

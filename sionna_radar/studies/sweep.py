@@ -41,7 +41,7 @@ DOUBLINGS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One setting of the varied keys; if it cannot be flown, `scenario` is None and `refusal` the reason."""
+    """One setting of the varied keys; if refused, `scenario` is None and `refusal` the reason."""
 
     setting: Setting
     scenario: Scenario | None
@@ -87,7 +87,7 @@ class SweepPlan:
 
 @dataclass(frozen=True)
 class Shard:
-    """One of `count` equal parts of a study, counted from 1: every survey belongs to one."""
+    """Shard `number` of `count`, from 1: every survey is in exactly one of them."""
 
     number: int
     count: int
@@ -106,7 +106,7 @@ class Shard:
         return f"{self.number}/{self.count}"
 
     def holds(self, survey: int) -> bool:
-        """Return whether a survey belongs to it, by its running number in the study."""
+        """Return whether a survey is in the shard, by index in the study from 0."""
         return survey % self.count == self.number - 1
 
 
@@ -116,7 +116,7 @@ def plan_sweep(
     repeat: int = 1,
     overrides: Mapping[str, Any] | None = None,
 ) -> SweepPlan:
-    """Load the scenario of every setting of a study, and prepare one that can be flown.
+    """Load the scenario of every setting; prepare in turn until one is flyable.
 
     A setting that cannot be flown keeps its place with the reason, and the remedy where one is found.
 
@@ -169,7 +169,7 @@ def plan_sweep(
 
 
 def refusal(error: Exception, scenario: Scenario | None) -> str:
-    """Return the reason why a scenario cannot be flown, and a sufficient number of samples, if any."""
+    """Return the reason why a scenario cannot be flown, with a sample count that works, if found."""
     reason, problems = one_line(error), getattr(error, "problems", ())
     if scenario is None or not problems or any(p.field != SAMPLES for p in problems):
         return reason
@@ -186,7 +186,7 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
 
 
 def failure(outcome: Failure, scenario: Scenario, repeat: int) -> str:
-    """Return the reason why a survey of a study failed; with the seed if that matters."""
+    """Return why a survey failed, with its seed unless the scenario itself is refused."""
     if outcome.kind in (ScenarioError.__name__, InputFileError.__name__):
         return refusal(outcome.error(), scenario)
     return f"seed {scenario.seed + repeat}: {outcome.kind}: {outcome.text}"
@@ -288,7 +288,7 @@ class Case:
         return np.array([getattr(getattr(t, cells), name, np.nan) for t in self.trials], dtype=float)
 
     def mean(self, statistic: str) -> float:
-        """Return the mean over the trials; NaN if one has no DEM, or none is flown."""
+        """Return the mean over the trials; NaN if undefined in one, or no trials."""
         return float(np.mean(self.of_trials(statistic))) if self.trials else float("nan")
 
     def spread(self, statistic: str) -> float:
@@ -298,7 +298,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """A finished study, or the part finished before an interrupt.
+    """Results of a study or shard, whole or up to an interrupt.
 
     source, axes, repeat: the scenario, its varied keys, and number of seeds.
     cases: one for each setting.
@@ -416,7 +416,7 @@ def _tasks(
 
 
 def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
-    """Return a setting with its flown trials, and the reason for missing ones."""
+    """Return a cell's case: flown trials, and the reason for missing ones."""
     trials, reason = [], cell.refusal
     for repeat in repeats:
         outcome = flown.get((number, repeat))

@@ -1,4 +1,4 @@
-"""A survey observed once and mapped repeatedly, with different navigation systems.
+"""An observed survey, mapped again per navigation system, or in tiles on workers.
 
 Navigation errors do not affect tracing: the survey is observed once, and only Doppler correction, location, DEM and
 comparison are repeated.
@@ -35,7 +35,7 @@ class ObservedSurvey:
     observed: Observed
 
     def points(self, navigation: Navigation | None) -> Points:
-        """Return the points located with a navigation system (None: exact poses)."""
+        """Return the echoes located with a navigation system (None: exact poses)."""
         return place(self.observed.echoes, self.sensor, self.prepared.with_navigation(navigation).flight)
 
     def lit_error(self, navigation: Navigation | None) -> DemError:
@@ -54,7 +54,7 @@ class ObservedSurvey:
         return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
 
     def navigation(self, table: NavigationParameters, seed: int | None = None) -> Navigation | None:
-        """Return a navigation system with some errors, on the lever arm of this survey."""
+        """Return a navigation system with given errors and this survey's lever arm."""
         scenario, schedule = self.prepared.local, self.prepared.flight
         table = table.model_copy(update={"lever_arm_m": schedule.lever_arm_m})
         seed = scenario.seed if seed is None else seed
@@ -87,7 +87,7 @@ def observe_survey(
 
 
 @lru_cache(maxsize=1)
-def observed_elsewhere(scenario: str, observed: bytes) -> ObservedSurvey:
+def restored_survey(scenario: str, observed: bytes) -> ObservedSurvey:
     """Return a survey observed by another process, from its scenario (JSON) and observations."""
     prepared, sensor = on_this_worker(scenario)
     return ObservedSurvey(prepared=prepared, sensor=sensor, observed=Observed.unpacked(observed))
@@ -98,7 +98,7 @@ NOTHING = b""
 
 
 def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
-    """Return the DEM of a survey; the same bits as `Mapper.map`.
+    """Return a survey's DEM, bit-identical to `Mapper.map`.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
 
 
 def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) -> EachPiece:
-    """Return a function that computes tiles on workers, or here if there are custom parts."""
+    """Return a function that computes tiles, on workers unless parts are custom."""
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
         distributed = execution.distributed and count > 1 and not prepared.custom.described()
@@ -138,14 +138,14 @@ def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) ->
 
 @on_one_thread
 def tile_task(task: Task) -> bytes:
-    """Compute a tile on a worker, and return it serialised."""
+    """Return a serialised tile, computed on a worker."""
     return _content_of(_tiles_of(task["scenario"], task[SHARED]).piece(task["tile"]))
 
 
 @lru_cache(maxsize=1)
 def _tiles_of(scenario: str, observed: bytes) -> Tiles:
     """Return the tiles of a survey observed by another process, cached for the tasks of a worker."""
-    survey = observed_elsewhere(scenario, observed)
+    survey = restored_survey(scenario, observed)
     tiles = survey.prepared.mapper.tiles(survey.observed.profiles, survey.prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map
     return tiles

@@ -1,14 +1,14 @@
 """The DEM method "linear": linear interpolation between points, and its uncertainty.
 
-The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
+The error of a weighted mean of measured heights, as an estimate of the height z at a place, has for Gaussian
 terrain the variance
 
     C(0) - 2 sum w_i C(z, y_i) + sum w_i w_j (C(y_i, y_j) + n_ij),
 
-whether or not the weights are the best ones. The noise n_ij of two heights is correlated as far as their speckle is the
-same; over three of them that is worked out, not taken as in a mean of many. The covariances C are those of means over
-footprints, so that what a wide beam smooths away counts; what a range estimator reads wrong on a slope does not. The
-distances are short, so that the covariance of one part of the map serves all of it, but for the local amplitude of
+whether or not the weights are the best ones. The noise n_ij is correlated where two heights share speckle; it is
+evaluated for every pair of a triangle's corners. The covariances C are those of means over
+footprints, so smoothing by a wide beam is included; range estimator bias on slopes is not. Since
+distances are short, a covariance fitted to one group of points serves the whole map, with a local amplitude of
 short waves.
 """
 
@@ -32,10 +32,10 @@ TABLE = 3000
 Floats = Float[np.ndarray, "..."]
 # Covariances of long waves and of short ones.
 LongAndShort = tuple[CovarianceTable, CovarianceTable]
-# Standard deviation of the logarithm of the noise factor: the estimators of ranges know their errors to a factor.
+# Prior standard deviation of the log noise factor: range error estimates are uncertain by a factor.
 NOISE_FACTOR_SPREAD = 1.0
 MIN_POINTS = 20
-# Cells that are worked on at once: it bounds the memory.
+# Cells per batch, to bound memory.
 AT_ONCE = 50_000
 
 
@@ -73,7 +73,7 @@ class LinearUncertainty:
     def _variance_m2(
         self, grid: Grid, part: slice, to_place: LongAndShort, between: LongAndShort, alone: LongAndShort
     ) -> Float[np.ndarray, " cell"]:
-        """Return the variance of cells; tables are of heights and points, of two points, and of a height alone."""
+        """Return the variance of cells; covariance tables: cell to point, point to point, cell alone."""
         away, apart = self._distances(grid, part)
         share, corner = self.interpolated.share[part], self.interpolated.corner[part]
         of_cell = self.local.at(self._cells_m(grid, part))[:, None]
@@ -109,7 +109,7 @@ def linear_uncertainty(
 ) -> LinearUncertainty | None:
     """Return the uncertainty of a linear interpolation between heights; None with too few of them.
 
-    noise_factor_spread: how well the errors of the heights are known beforehand; see `fit_covariance`.
+    noise_factor_spread: prior standard deviation of the log noise factor; see `fit_covariance`.
     """
     if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
@@ -119,7 +119,7 @@ def linear_uncertainty(
 
 
 class Linear:
-    """Interpolates between the located echoes."""
+    """Linear interpolation of located echoes."""
 
     profiles: Literal["unused"] = "unused"
 
@@ -129,7 +129,7 @@ class Linear:
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options)
-        # The errors of measured directions are known by their theory, those of ranges to a factor.
+        # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
         uncertainty = linear_uncertainty(found, given.heights(), spread)
         return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)

@@ -30,7 +30,7 @@ SAMPLE_CRS, SAMPLE_VERTICAL_CRS = "EPSG:4326", "EPSG:5773"
 
 @dataclass(frozen=True, kw_only=True)
 class Roughness:
-    """Seeded detail below a file's spacing: self-affine, of a Hurst exponent and a root mean square."""
+    """Random self-affine relief finer than a file's posts: Hurst exponent, RMS height, seed."""
 
     hurst: float
     rms_m: float
@@ -41,10 +41,10 @@ class Roughness:
 class ElevationSource:
     """An elevation raster.
 
-    path: a file or an address; None for the sample tile.
-    stated: what it does not say of its own frame.
-    spacing_m: of the posts; None for the file's.
-    holes: what cells without data become; None for a tile without any.
+    path: file or URL; None for the sample tile.
+    stated: frame settings of the scenario.
+    spacing_m: of the cells; None for the file's, a tenth of it with roughness.
+    holes: treatment of gaps; None for the sample tile.
     roughness: detail added below the file's spacing; None for none.
     """
 

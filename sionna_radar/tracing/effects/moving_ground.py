@@ -1,7 +1,7 @@
-"""Surfaces that the wind moves: the paths of any engine, turned and moved scatterer by scatterer.
+"""Surfaces moved by wind: phase, delay and range rate of each path, for any tracing engine.
 
-A scatterer is known by its place, so that what it does belongs to it, whichever pulses see it, in whichever blocks.
-Where an engine draws new scatterers in each pulse, plants add nothing to that; waves move them all the same.
+Random motion is keyed by a scatterer's position, so it is the same in all pulses and blocks.
+Where an engine draws new scatterers in each pulse, plants add no decorrelation; waves still move them.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from sionna_radar.tracing.paths import Paths
 class MovingGround:
     """The surfaces of a scene that move.
 
-    plants: by what they are moved. waves: by the number of the surface that they run over.
+    _plants: mask of surfaces with plants. _waves: waves by surface number.
     """
 
     def __init__(self, scene: Scene, wind_mps: Float[np.ndarray, " 3"], chirp: Chirp, seed: int) -> None:
@@ -37,7 +37,7 @@ class MovingGround:
         self._wavelength_m, self._seed = chirp.wavelength_m, seed
 
     def moved(self, paths: Paths, pulses: Pulses) -> Paths:
-        """Return the paths of a block with what the wind does to them."""
+        """Return paths with phase, delay and range rate due to wind."""
         gain, delay_s, rate_mps = paths.gain.copy(), paths.delay_s.copy(), paths.range_rate_mps.copy()
         row = pulses.row_of(paths.pulse)
         of_plants = np.flatnonzero((paths.surface >= 0) & self._plants[np.maximum(paths.surface, 0)])
@@ -62,7 +62,7 @@ class MovingGround:
 def build_moving_ground(
     scene: Scene, wind_mps: Float[np.ndarray, " 3"], chirp: Chirp, seed: int
 ) -> MovingGround | None:
-    """Return the motion of a scene's surfaces; None if they all stand still."""
+    """Return the motion of a scene's surfaces; None if calm or all static."""
     if float(np.linalg.norm(wind_mps[:2])) < CALM_MPS:
         return None
     if not any(surface.material in scene.motions for surface in scene.surfaces):

@@ -1,4 +1,4 @@
-"""Our backscatter material as a radio material of Sionna RT."""
+"""A backscatter model as a radio material of Sionna RT."""
 
 from typing import Any
 
@@ -27,12 +27,12 @@ class BackscatterMaterial(rt.RadioMaterialBase):
     the scattered over the incident field, both at 1 m, is sqrt(sigma0(t) / (4 pi cos t) W). Sionna's
     diffuse matrix uses field components in the world's spherical basis, which is singular at the zenith and
     loses half the power of a linearly polarized antenna pointing straight down; this one acts on the
-    transverse field vector itself, by the matrix of `RadarMaterial`. With c = k x n, of size sin t, that is
+    transverse field, by the matrix of `RadarMaterial`. With c = k x n, of size sin t, its co-polar part is
 
         a_v + (a_h - a_v) / sin^2 t c c^T
 
-    in which nothing is singular at nadir, where a_h = a_v. The field toward any other direction is the same
-    vector, projected across it.
+    in which nothing is singular at nadir, where a_h = a_v. Toward any other direction, the field is this
+    vector's transverse part.
     """
 
     def __init__(self, properties: Any, backscatter: Backscatter) -> None:
@@ -43,7 +43,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         # Omitted where they are zero, for speed.
         self._excess = mi.Float(excess.astype(np.float32)) if np.any(excess) else None
         self._cross = mi.Float(exchanged.astype(np.float32)) if np.any(exchanged) or np.any(opposed) else None
-        # If both are equal any axes will do.
+        # Where d = x, any axes will do.
         self._opposed = None if material.copolar_correlation is None else mi.Float(opposed.astype(np.float32))
 
     def frequency_update(self) -> None:
@@ -65,7 +65,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         return sample, mi.Spectrum(0.0)
 
     def eval(self, ctx, si, wo, active=True):  # type: ignore[no-untyped-def]
-        """Return the Jones matrix toward `wo`, with the solid angle of the ray tube in `si.t`."""
+        """Return the Jones matrix toward `wo`; `si.t` holds the ray tube's solid angle."""
         position = dr.safe_acos(-si.wi.z) * ((TABLE_SIZE - 1) / (np.pi / 2))
         below = mi.UInt32(dr.clip(position, 0, TABLE_SIZE - 2))
         share = position - mi.Float(below)
@@ -109,7 +109,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 def _amplitudes(
     material: RadarMaterial,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return a_v, (a_h - a_v) / sin^2, d and x at evenly spaced incidence angles, for a solid angle of one."""
+    """Return a_v, (a_h - a_v) / sin^2, d, x of `ScatteringParts` at evenly spaced incidence, for 1 sr."""
     incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
     # At grazing incidence the ratio is taken just short of 90 deg, where sigma0 and the cosine both vanish.
     safe = np.minimum(incidence, np.deg2rad(89.99))
@@ -151,12 +151,12 @@ class _Transverse:
         return self.between(axis, axis)
 
     def between(self, shown, seen):  # type: ignore[no-untyped-def]
-        """Its part along one axis, put along another."""
+        """Its part along `seen`, moved to `shown`."""
         return mi.Matrix2f([[dr.dot(shown, o) * dr.dot(seen, i) for i in self._in] for o in self._out])
 
 
 def _incidence_axes(k_in, normal):  # type: ignore[no-untyped-def]
-    """Return unit axes across the plane of incidence and in it; any two at normal incidence."""
+    """Return unit axes h, v across and in the plane of incidence; any at normal incidence."""
     across = dr.cross(k_in, normal)
     across = dr.normalize(dr.select(dr.squared_norm(across) > 1e-12, across, implicit_basis_vector(k_in)))
     return across, dr.cross(across, k_in)
@@ -168,7 +168,7 @@ def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
 
 
 def _signs(place):  # type: ignore[no-untyped-def]
-    """Return two signs that depend only on a position: its coordinates' bits, hashed.
+    """Return two values +-1 that depend only on position, by a hash of coordinates.
 
     Multipliers: Teschner and others 2003, "Optimized spatial hashing"; the finaliser is MurmurHash3's.
     """
