@@ -32,7 +32,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
 
 if TYPE_CHECKING:
-    from sionna_radar.cli.session import Keep
+    from sionna_radar.cli.session import OpenCheckpoints
     from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck import CrossCheck
     from sionna_radar.studies.sweep import Sweep
@@ -87,7 +87,7 @@ def _fly(
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
 
-    checked = session.load_to_fly()
+    checked = session.load_and_precompile()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
@@ -102,7 +102,7 @@ def _fly(
         with progress_shown(session.quiet):
             return write_survey(survey, folder, coordinates, report=page, points=files, recordings=inside)
 
-    def fly(keep: "Keep") -> "Survey":
+    def fly(keep: "OpenCheckpoints") -> "Survey":
         files, size = outside | inside, block_size or BLOCK_SIZE
         if files:
             return run(checked, recordings=files, sample_type=sample_type, execution=Execution(block_size=size))
@@ -135,9 +135,9 @@ def crosscheck(
     from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck import run_crosscheck
 
-    checked = session.load_to_fly()
+    checked = session.load_and_precompile()
 
-    def fly(keep: "Keep") -> "CrossCheck":
+    def fly(keep: "OpenCheckpoints") -> "CrossCheck":
         with session.team() as team:
             checkpoints = keep(identity(checked, BLOCK_SIZE))
             return run_crosscheck(checked, execution=Execution(workers=team, checkpoints=checkpoints))
@@ -166,10 +166,10 @@ def budget(
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
     from sionna_radar.studies.budget import GRADES, GROWTH, identity_of, load_grades, run_budget
 
-    checked = session.load_to_fly()
+    checked = session.load_and_precompile()
     known = GRADES | load_grades(grades) if grades else GRADES
 
-    def fly(keep: "Keep") -> "Budget":
+    def fly(keep: "OpenCheckpoints") -> "Budget":
         with session.team() as team:
             execution = Execution(workers=team, checkpoints=keep(identity_of(checked, GROWTH, repeat, known)))
             return run_budget(checked, repeat=repeat, grades=known, execution=execution)
@@ -219,7 +219,7 @@ def sweep(
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
-    def fly(keep: "Keep") -> "Sweep":
+    def fly(keep: "OpenCheckpoints") -> "Sweep":
         with session.team() as team:
             plan = plan_sweep(session.scenario, design, repeat, session.overrides)
             execution = Execution(workers=team, checkpoints=keep({**plan.identity(), "shard": str(part or "")}))

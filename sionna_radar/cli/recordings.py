@@ -23,7 +23,7 @@ from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from sionna_radar.cli.session import Keep
+    from sionna_radar.cli.session import OpenCheckpoints
     from sionna_radar.survey.observation import SampleType
     from sionna_radar.survey.result import Processed
 
@@ -124,7 +124,7 @@ def process_command(
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
     session = Session.of(str(recording), output, set_, set_file, None, quiet, resume=resume, team=(workers, scheduler))
 
-    def fly(keep: "Keep") -> "Processed":
+    def fly(keep: "OpenCheckpoints") -> "Processed":
         with session.team() as team:
             checkpoints = keep(identity_of(recording, session.overrides, size))
             execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)

@@ -1,4 +1,4 @@
-"""Common part of all commands: shared options; load a scenario, check the output folder, simulate, print and write."""
+"""Common part of scenario commands: options; load a scenario, check the output folder, simulate, print and write."""
 
 import inspect
 import logging
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 # Opens or resumes the checkpoints of a run described by a JSON document.
-Keep = Callable[[Mapping[str, Any]], Checkpoints]
+OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
 # Modules that every task needs and that take seconds to import.
-FLYING = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
+WORKER_MODULES = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 
@@ -88,10 +88,10 @@ class Session:
             yield
 
     def team(self) -> "AbstractContextManager[Workers]":
-        """Return the context manager of the workers: this process alone unless others were requested."""
+        """Return a context manager of the workers: this process alone by default."""
         from sionna_radar.execution.cluster import open_workers
 
-        return open_workers(self.workers, self.scheduler, FLYING)
+        return open_workers(self.workers, self.scheduler, WORKER_MODULES)
 
     def load(self) -> "Scenario":
         """Return the scenario."""
@@ -99,8 +99,8 @@ class Session:
 
         return load_scenario(self.scenario, self.overrides)
 
-    def load_to_fly(self) -> "Scenario":
-        """Return the scenario, and on a first run start compiling the functions of its survey in other processes."""
+    def load_and_precompile(self) -> "Scenario":
+        """Return the scenario; if the Numba cache is empty, start compiling survey functions in other processes."""
         from sionna_radar.foundation import precompile
 
         scenario = self.load()
@@ -113,7 +113,7 @@ class Session:
 
     def produce(
         self,
-        fly: "Callable[[Keep], Result]",
+        fly: "Callable[[OpenCheckpoints], Result]",
         *,
         suffix: str,
         marker: str,

@@ -3,11 +3,11 @@
 The power of a cell of noise is exponential, so a cell under test passes a multiple a of the noise level Z with
 probability E[exp(-a Z)], Z being measured in units of the noise power. A window correlates neighbouring cells.
 
-- The mean of a side's correlated cells is a sum of independent exponentials, weighted by the eigenvalues e of the
-  cells' covariance over their number: E[exp(-a Z)] = prod 1 / (1 + a e). It is exact.
-- Of cells with the mean of N powers each, the one under test has a gamma distribution, and passes with the probability
-  sum of (-a)^k / k! d^k/da^k E[exp(-a Z)], k < N, where E is the N-th power of the above: the power of Z is that of
-  N sets of exponentials. These are the coefficients c_k of E(a (1 - x)) in x, all positive, and with
+- The mean of n correlated cells of a side is a sum of independent exponentials with weights e, the eigenvalues of
+  their amplitude covariance / n: E[exp(-a Z)] = prod 1 / (1 + a e). It is exact.
+- If each cell averages N looks, the cell under test is gamma distributed and exceeds the threshold with probability
+  sum of (-a)^k / k! d^k/da^k E[exp(-a Z)], k < N, where E is the N-th power of the above: Z sums N sets of
+  exponentials. These are the coefficients c_k of E(a (1 - x)) in x, all positive, and with
   q = a e / (1 + a e) the derivative of its logarithm gives k c_k = sum_j (N sum q^j) c_{k-j}. It is exact; independent
   cells have the F distribution.
 - With M and M' the means of two independent sides, E[exp(-a min)] = 2 E[exp(-a M); M < M']. Weighting by exp(-a M)
@@ -16,7 +16,7 @@ probability E[exp(-a Z)], Z being measured in units of the noise power. A window
   T - M' along a line through its saddle point (Lugannani and Rice 1980, "Saddle point approximation for the
   distribution of the sum of independent random variables", section 2, before any approximation). It is exact to
   the accuracy of the quadrature.
-- An order statistic of independent cells has prod (N - i) / (N - i + a), i = 0 ... k - 1 (Gandhi and Kassam 1988,
+- For the k-th smallest of N independent cells it is prod (N - i) / (N - i + a), i < k (Gandhi and Kassam 1988,
   "Analysis of CFAR processors in nonhomogeneous background"). For correlated cells no closed form is known. A
   population of noise samples is annealed from a = 0 upward: at each step its mean weight exp(-da Z) multiplies the
   probability, the weights set the survivors, and moves that leave the weighted distribution unchanged (Neal 1999,
@@ -37,7 +37,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 # Correlation of amplitudes below which cells count as independent: a rectangular window leaves only rounding errors.
 INDEPENDENT = 1e-6
-# Size of the annealed population, scatter of its log-weights allowed in a step, and moves after each step.
+# Annealing: population, log-weight scatter per step, moves per step, and target acceptance rate.
 POPULATION = 8_000
 STEP_SCATTER = 0.3
 MOVES = 6
@@ -110,14 +110,14 @@ def probability_over_ordered(
 ) -> float:
     """Return the probability that noise passes a multiple of an order statistic: the mean over a drawn population.
 
-    Its standard error is some thousandths, whatever its size; see `factor_of_ordered` for the parameters.
+    Its absolute standard error is at most 0.006; see `factor_of_ordered` for the parameters.
     """
-    return float(np.exp(-factor * _drawn_levels(tuple(map(float, correlation[:cells])), cells, sides, place)).mean())
+    return float(np.exp(-factor * _sampled_levels(tuple(map(float, correlation[:cells])), cells, sides, place)).mean())
 
 
 @lru_cache(maxsize=8)
-def _drawn_levels(correlation: tuple[float, ...], cells: int, sides: int, place: int) -> Float[np.ndarray, " sample"]:
-    return _level(_noise(_mixer(np.array(correlation), cells), sides, np.random.default_rng(20170704)), place)
+def _sampled_levels(correlation: tuple[float, ...], cells: int, sides: int, place: int) -> Float[np.ndarray, " sample"]:
+    return _level(_noise(_cholesky_factor(np.array(correlation), cells), sides, np.random.default_rng(20170704)), place)
 
 
 def factor_of_ordered(
@@ -145,7 +145,7 @@ def factor_of_ordered(
 
 def mean_ordered(correlation: Float[np.ndarray, " lag"], cells: int, sides: int, place: int) -> float:
     """Return the mean of an order statistic of the cells of one or two independent sides, in noise of unit power."""
-    return float(_drawn_levels(tuple(map(float, correlation[:cells])), cells, sides, place).mean())
+    return float(_sampled_levels(tuple(map(float, correlation[:cells])), cells, sides, place).mean())
 
 
 def mean_smaller(correlation: Float[np.ndarray, " lag"], cells: int) -> float:
@@ -155,13 +155,13 @@ def mean_smaller(correlation: Float[np.ndarray, " lag"], cells: int) -> float:
 
 @lru_cache
 def _smaller_mean(correlation: tuple[float, ...], cells: int) -> float:
-    field = _noise(_mixer(np.array(correlation), cells), 2, np.random.default_rng(20170704))
+    field = _noise(_cholesky_factor(np.array(correlation), cells), 2, np.random.default_rng(20170704))
     side = (field.real**2 + field.imag**2).reshape(POPULATION, 2, cells).mean(axis=2)
     # Both sides have a mean of one, so the smaller is below it by as much as the greater is above.
     return float(1 - np.abs(side[:, 0] - side[:, 1]).mean() / 2)
 
 
-def _mixer(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np.ndarray, "cell cell"]:
+def _cholesky_factor(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np.ndarray, "cell cell"]:
     return cholesky(cell_covariance(correlation, cells) + 1e-12 * np.eye(cells), lower=True)
 
 
@@ -219,7 +219,7 @@ def _curvature(s: float, low: Float[np.ndarray, " n"], weight: Float[np.ndarray,
 @lru_cache(maxsize=64)
 def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, place: int, probability: float) -> float:
     random = np.random.default_rng(20170704)
-    mix = _mixer(np.array(correlation), cells)
+    mix = _cholesky_factor(np.array(correlation), cells)
     field = _noise(mix, sides, random)
     height = _level(field, place)
     factor, log_probability, stride = 0.0, 0.0, 0.5

@@ -50,9 +50,9 @@ logger = logging.getLogger("sionna_radar")
 # Worker deaths after which a task is reported as failed.
 ATTEMPTS = 3
 CONNECT_S = 10.0
-# Seconds to wait for a cluster without workers, after a warning.
-LONELY_S, FIRST_WORKER_S = 3.0, 30.0
-# Name of the dask preload that imports modules in the workers.
+# Seconds without workers before a warning, and to wait after it.
+WARN_AFTER_S, FIRST_WORKER_S = 3.0, 30.0
+# Environment variable: modules that workers import at start.
 AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
 # Polling interval for interrupts.
 TICK_S = 0.2
@@ -170,7 +170,7 @@ def _start_silent_tracker() -> None:
 
 
 def dask_setup(_: Any) -> None:
-    """Ignore Ctrl-C in workers: the terminal sends it to all processes, and the parent shuts the workers down."""
+    """Set up a worker: ignore Ctrl-C (the parent shuts it down), tune heaps, import modules ahead of tasks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tune_heaps()
     if os.environ.get(AHEAD_VARIABLE):
@@ -222,7 +222,7 @@ def _remote_client(address: str) -> Iterator["Client"]:
 
 def _wait_for_first(client: "Client") -> None:
     try:
-        client.wait_for_workers(1, timeout=LONELY_S)
+        client.wait_for_workers(1, timeout=WARN_AFTER_S)
     except TimeoutError:
         logger.warning("the cluster has no worker yet; waiting %g s for one", FIRST_WORKER_S)
         client.wait_for_workers(1, timeout=FIRST_WORKER_S)
@@ -251,16 +251,16 @@ class DaskWorkers:
     @property
     def count(self) -> int:
         """Number of tasks run concurrently."""
-        return self.local or max(self._there(), 1)
+        return self.local or max(self._worker_count(), 1)
 
-    def _there(self) -> int:
+    def _worker_count(self) -> int:
         try:
             return len(self.client.nthreads())
         except OSError as error:
             raise WorkersLostError("the dask scheduler is gone") from error  # noqa: EM101
 
     def check(self) -> None:
-        """Raise WorkerError unless all workers have the same version of the program."""
+        """Raise WorkerError unless all workers have the required package versions."""
         if self.local:
             return
         try:
@@ -317,9 +317,9 @@ class DaskWorkers:
             except queue.Empty:
                 if self.client.status not in ("running", "connecting"):
                     raise WorkersLostError("the dask scheduler is gone") from None  # noqa: EM101
-                if not told and monotonic() - since > LONELY_S:
+                if not told and monotonic() - since > WARN_AFTER_S:
                     told = True
-                    if not self._there():
+                    if not self._worker_count():
                         logger.warning("the cluster has no worker any more; waiting for one")
 
 
@@ -370,7 +370,7 @@ def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
 
 
 def differences(program: dict[str, Any]) -> dict[str, list[Any]]:
-    """Return the package versions that differ in this process, as (required, installed)."""
+    """Return package versions that differ in this worker, as [required, installed]."""
     there = versions() if program else {}
     return {name: [wanted, there.get(name)] for name, wanted in program.items() if there.get(name) != wanted}
 

@@ -1,4 +1,4 @@
-"""Tracks with curved turns: straight legs and arcs, by the distance along them, and the bank flown in the arcs.
+"""Curved tracks: straight legs and arcs, parameterised by distance along the track, and the bank in the arcs.
 
 In a coordinated turn at speed v the radius r and the bank satisfy tan(bank) = v^2 / (g r). The bank changes at a
 steady rate while the aircraft rolls in and out, half of it before and half of it after the arc begins or ends; the arc
@@ -26,7 +26,7 @@ MIN_TURN_RAD = 1e-9
 class TurnSegment:
     """A straight leg or an arc: start, heading there (clockwise from north), curvature and length.
 
-    curvature_per_m: heading per metre; positive turns right. on_line: whether it is a line to be surveyed.
+    curvature_per_m: heading change, rad/m; positive to the right. on_line: whether it is surveyed.
     """
 
     start_m: tuple[float, float]
@@ -95,7 +95,7 @@ class CurvedTrack:
         return np.column_stack([np.sin(heading), np.cos(heading)])
 
     def mean_curvature(self, distance_m: Float[np.ndarray, " n"], over_m: float) -> Float[np.ndarray, " n"]:
-        """Return the curvature averaged over a length of track about each distance; straight beyond its ends."""
+        """Return the mean curvature of the `over_m` metres centred on each distance; zero beyond the track."""
         return (self._turned(distance_m + over_m / 2) - self._turned(distance_m - over_m / 2)) / over_m
 
     def _turned(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -103,7 +103,7 @@ class CurvedTrack:
         return np.interp(distance_m, self._starts_m, np.concatenate([[0.0], np.cumsum(steps)]))
 
     def lines_m(self) -> tuple[tuple[float, float], ...]:
-        """Return the start and end of each survey line as distances along the track."""
+        """Return start and end distances along the track of each surveyed segment."""
         edges = zip(self._starts_m[:-1], self._starts_m[1:], self.segments, strict=True)
         return tuple((float(start), float(end)) for start, end, segment in edges if segment.on_line)
 
@@ -155,7 +155,7 @@ def shortest_way(
 ) -> Sequence[TurnSegment]:
     """Return the shortest path of a given turn radius between two poses (east, north, heading in rad).
 
-    It has at most three parts, arcs and a straight one or three arcs (Dubins 1957). None of it is a survey line.
+    It has at most three segments: arc, straight, arc, or three arcs (Dubins 1957). None is surveyed.
     """
     shortest: list[tuple[float, float]] | None = None
     for turns in ((1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1), (-1, 1, -1)):
@@ -226,10 +226,10 @@ def _turned(angle: float, turn: int) -> float:
 
 
 def banked(trajectory: Trajectory, track: CurvedTrack, speed_mps: float, roll_in_s: float) -> Trajectory:
-    """Return a flight along a curved track with its bank."""
+    """Add the roll of coordinated turns to a trajectory."""
     start_s, end_s = trajectory.cruise_s()
     over_m = max(roll_in_s, 1e-6) * speed_mps
-    # All arcs have one curvature. The roll rate is constant, hence the bank is averaged rather than the curvature.
+    # All arcs have one |curvature|: its running mean, scaled to the arc's bank, gives a constant roll rate.
 
     peak = max(abs(segment.curvature_per_m) for segment in track.segments)
     bank_m = float(np.arctan(speed_mps**2 * peak / gravity)) / peak if peak > 0 else 0.0

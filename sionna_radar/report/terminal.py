@@ -1,7 +1,7 @@
-"""The terminal: literal tables and text, in any encoding, and progress on interactive terminals.
+"""Terminal output: tables and text without markup, in any encoding, and progress reports.
 
 Descriptions, names and paths come from the user, and may contain text that a terminal library interprets as markup or
-an encoding cannot represent. All output goes through this module.
+an encoding cannot represent.
 """
 
 import codecs
@@ -59,7 +59,7 @@ def _spelled_out(error: UnicodeError) -> tuple[str | bytes, int]:
 
 @contextmanager
 def shown_progress() -> Iterator[Report]:
-    """Show a bar for each stage on a terminal; elsewhere an occasional line on standard error."""
+    """Yield a progress callback: on standard error, a bar per stage on a terminal, else lines."""
     from rich.console import Console
 
     screen = Console(stderr=True, markup=False)
@@ -71,7 +71,7 @@ def shown_progress() -> Iterator[Report]:
 
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
-    """Return a progress report in lines of text, at most one every ten seconds."""
+    """Return a progress callback that writes a line at most every ten seconds."""
     last, left = clock(), TimeLeft()
 
     def report(stage: str, done: int, total: int) -> None:

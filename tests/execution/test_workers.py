@@ -215,7 +215,7 @@ def cluster_of(tmp_path):
 
 
 def test_a_cluster_without_workers_is_told_of_before_it_is_given_up(cluster_of, monkeypatch, caplog):
-    monkeypatch.setattr("sionna_radar.execution.cluster.LONELY_S", 0.1)
+    monkeypatch.setattr("sionna_radar.execution.cluster.WARN_AFTER_S", 0.1)
     monkeypatch.setattr("sionna_radar.execution.cluster.FIRST_WORKER_S", 0.2)
     _, address = cluster_of(0)
     with pytest.raises(WorkerError, match="has no workers; start some with"), open_workers(None, address):

@@ -1,6 +1,6 @@
-"""Range estimators: the range of an echo within its detected span of cells, and its uncertainty.
+"""Range estimator interface: range and uncertainty of an echo from its detected span of bins.
 
-Speckle: the power of a cell is exponential about the echo's mean shape, and a window correlates neighbouring cells, so
+Speckle: bin power is exponentially distributed about the mean echo profile; a window correlates neighbouring bins, so
 that a bin counts as `looks_per_bin` independent looks. Every estimator returns the standard deviation of the range.
 """
 
@@ -39,13 +39,13 @@ class EchoSpans:
         return span_cells(self.row, self.start, self.stop)
 
     def rows(self, keep: Bool[np.ndarray, " echo"]) -> "EchoSpans":
-        """Return some of the spans."""
+        """Return the kept spans."""
         return replace(self, row=self.row[keep], start=self.start[keep], stop=self.stop[keep], peak=self.peak[keep])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """Ranges of echoes, on the axis of the spectrum, and their standard deviations."""
+    """Echo ranges on the range axis of the spectrum, and their standard deviations."""
 
     range_m: Float[np.ndarray, " echo"]
     sigma_m: Float[np.ndarray, " echo"]

@@ -1,15 +1,15 @@
-"""Correlation length of speckle in pulses, from geometry and beam alone.
+"""Speckle correlation length in pulses: geometry, beam, ground motion.
 
-The field in a range cell is the sum over the ground of fixed random scatterers, each weighted with the beam's gain
-toward it and turned by the phase of its range. So the fields of two pulses are correlated by the overlap of their
-beams, and by how evenly their phases differ over the ground in the cell:
+The field in a range cell is the sum over fixed random scatterers on the ground, weighted with the beam's gain
+and the phase of their range. The fields of pulses p and q correlate by the overlap of their
+beams and the uniformity of the phase difference over the cell; sums are over directions:
 
     rho = sum a_p a_q exp(4 pi j (r_q - r_p) / wavelength) / sqrt(sum a_p^2 sum a_q^2),   a^2 = gain^2 / r^2,
 
-and the powers by |rho|^2 (Goodman 2007, "Speckle Phenomena in Optics", section 5). Where the beam turns slowly and the
-radar flies along it, speckle stays for many pulses; abeam a few centimetres of flight renew it. Overlap and phase are
-both nearly Gaussian in the distance between pulses, so one number describes a pulse: the errors of pulses n apart are
-correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of the echo.
+and the powers by |rho|^2 (Goodman 2007, "Speckle Phenomena in Optics", section 5). With a slowly turning beam along the
+flight direction, speckle persists for many pulses; abeam it decorrelates in centimetres. Overlap and phase are
+both nearly Gaussian in pulse separation, so one number per pulse suffices: range errors of pulses n apart have the
+correlation exp(-n^2 / reach^2). The ground is a level plane at the echo's range.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from sionna_radar.surfaces.motion import Windblown
 # Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
 # The directions are random, but always the same.
 DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
-# The lag is doubled while the speckle of so many pulses is still correlated by more than this.
+# Double the lag while the correlation exceeds the first value, up to the second, pulses.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
 MIN_CORRELATION = 1e-2
 SHALLOWEST = 0.02
@@ -43,8 +43,8 @@ PoseOf = Callable[[Int[np.ndarray, " row"]], Pose]
 class SpeckleMemory:
     """Temporal decorrelation of the ground's speckle: `tracing.speckle`, `tracing.decorrelation_time_s`.
 
-    decorrelation_s: lag at which the field's correlation 1 / (1 + (b t)^2) has fallen to 1 / e; infinite for ground
-        that stands still, 0 for speckle that is new in each pulse.
+    decorrelation_s: lag at which the field correlation 1 / (1 + (b t)^2) is 1 / e; infinite for static ground,
+        0 for independent speckle in each pulse.
     plants: what the wind moves on the ground; None for nothing.
     """
 
@@ -52,7 +52,7 @@ class SpeckleMemory:
     plants: Windblown | None = None
 
     def correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the correlation of powers that moving scatterers leave after a time."""
+        """Return the power correlation at a lag, given the motion of scatterers."""
         if self.decorrelation_s == 0:
             return np.where(lag_s == 0, 1.0, 0.0)
         field = 1 / (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2)
@@ -93,7 +93,7 @@ def speckle_reach(
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1
     while len(rest) and tried <= LONGEST_LAG:
-        found = _alike(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
+        found = _error_correlation(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
         found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
         # A lag at which nothing is left says less than the one before it.
         better = np.isfinite(found) & ((found > MIN_CORRELATION) | (tried == 1))
@@ -108,7 +108,7 @@ def speckle_reach(
 
 
 def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the factor by which correlated speckle raises the variance of a mean: the sum of correlations."""
+    """Return the variance inflation of a mean by correlated speckle: the sum of correlations over all lags."""
     lags = np.arange(1, int(np.ceil(4 * LONG_REACH)) + 1)
     short = 1 + 2 * np.exp(-((lags / np.clip(reach, 1e-6, LONG_REACH)[:, None]) ** 2)).sum(axis=1)
     # Over many pulses the sum is the integral, to all digits.
@@ -135,7 +135,7 @@ def _features(
     return np.column_stack([turn / width, phase / 10, np.log(np.maximum(range_m[row], 1e-3)), pose.boresight[:, 2]])
 
 
-def _alike(
+def _error_correlation(
     pulse: Int[np.ndarray, " pulse"],
     pose_of: PoseOf,
     range_m: Float[np.ndarray, " pulse"],
@@ -144,7 +144,7 @@ def _alike(
     row: Int[np.ndarray, " chosen"],
     lag: Int[np.ndarray, " chosen"],
 ) -> Float[np.ndarray, " chosen"]:
-    """Return the correlation of powers between pulses and those some pulses later; NaN where there is none."""
+    """Return the correlation of range errors between pulses `lag` apart; NaN where the later one is absent."""
     result = np.full(len(row), np.nan)
     unit = np.random.default_rng(SEED).random((DIRECTIONS, 2))
     low = np.array([beam.azimuth[0], beam.elevation[0]])
@@ -165,11 +165,11 @@ def _alike(
         later = near[:, None] * away - pose.velocity_mps[number] * lag[number] / chirp.rate_hz
         far = np.linalg.norm(later, axis=1)
         gain_later = beam.two_way(later / far[:, None] @ pose_later.R_world_antenna[number])
-        result[number] = _overlap(near, far, gain / near**2, gain_later / far**2, chirp)
+        result[number] = _mean_range_correlation(near, far, gain / near**2, gain_later / far**2, chirp)
     return result
 
 
-def _overlap(
+def _mean_range_correlation(
     near: Float[np.ndarray, " n"],
     far: Float[np.ndarray, " n"],
     power: Float[np.ndarray, " n"],
@@ -184,7 +184,7 @@ def _overlap(
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
     cell -= cell.min()
-    # Random directions: the sum over pairs of different ones is free of the bias of few.
+    # Sum over pairs of different directions only: self-pairs bias a small sample.
     both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
     one, two = np.bincount(cell, power), np.bincount(cell, later)
     from_one, from_two = (_from_mean(power_of) for power_of in (one, two))

@@ -1,4 +1,4 @@
-"""A navigation budget as files, table and figures."""
+"""Navigation error budget: files, tables, figure."""
 
 import math
 from dataclasses import asdict
@@ -22,7 +22,7 @@ STYLES = {
     "white": (ORANGE, "s", "White, standard deviation"),
     "markov": (RED, "D", "Gauss-Markov, standard deviation"),
 }
-# Vertical offsets of errors of one name, so that equal limits do not overlap.
+# Vertical offsets by kind of error, so that equal limits do not overlap.
 DODGE = {"constant": -0.2, "white": 0.0, "markov": 0.2}
 QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
 
@@ -33,7 +33,7 @@ def draw_all(budget: Budget, directory: Path) -> list[Path]:
 
 
 def draw(budget: Budget) -> Figure:
-    """Draw the limits, one panel per unit, above the RMS with each grade."""
+    """Draw a panel of limits per unit, then the DEM RMS error by grade."""
     units = [unit for unit in QUANTITIES if any(limit.error.unit == unit for limit in budget.limits)]
     panels = [[limit for limit in budget.limits if limit.error.unit == unit] for unit in units]
     heights = [0.9 + 0.3 * len({limit.error.name for limit in panel}) for panel in panels]
@@ -105,7 +105,7 @@ def write_budget(budget: Budget, directory: Path) -> list[Path]:
 
 
 def budget_summary(budget: Budget) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; a limit beyond the largest tried is None."""
+    """Return the numbers in strict JSON form; a limit above the tested sizes is None."""
     return {
         "scenario": budget.scenario.model_dump(mode="json"),
         "growth": budget.growth,
@@ -131,7 +131,7 @@ KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 
 
 def print_budget(budget: Budget) -> None:
-    """Print the limits of all errors, and the DEM error with grades of GPS/IMU."""
+    """Print the limits, and the DEM error and source of each GPS/IMU grade."""
     out = console()
     out.print(limits_table(budget))
     if not budget.grades:
@@ -142,7 +142,7 @@ def print_budget(budget: Budget) -> None:
 
 
 def limits_table(budget: Budget) -> Table:
-    """Return the limits of all errors, one row per error and one column per kind."""
+    """Return the limits: a row per error; columns constant, white, Gauss-Markov."""
     title = (
         f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
         f"limits: the navigation error that alone raises it by {budget.growth:.0%}"

@@ -30,7 +30,7 @@ def draw_all(frames: Frames, directory: Path) -> list[Path]:
 
 
 def range_doppler(frames: Frames) -> Figure:
-    """Draw the map of the last frame with its detections, and the targets of the scenario."""
+    """Draw the last frame's map, its detections, and the targets at their apparent range."""
     figure = ReportFigure(figsize=(9.0, 5.6), layout="constrained")
     axes = figure.subplots()
     last = frames.last
@@ -109,7 +109,7 @@ def peaks_csv(frames: Frames) -> str:
 
 
 def print_frames(frames: Frames) -> None:
-    """Print the cells of the maps, and the detected positions of the scenario's targets."""
+    """Print cell sizes, window losses and detected shares, and the table of targets."""
     out, analyser = console(), frames.analyser
     out.print(
         f"{frames.frames} frames of {analyser.chirps} chirps: cells of {frames.last.chirp.range_resolution_m:.3g} m "
@@ -132,7 +132,7 @@ def print_frames(frames: Frames) -> None:
 
 
 def targets_table(frames: Frames) -> Table:
-    """Return the table of the scenario's targets and of the detected peaks: range, m, and range rate, m/s."""
+    """Return the table of targets and the peak nearest to each, if any: range, m, and range rate, m/s."""
     table = Table(title="Targets in the last frame", title_justify="left")
     for name in ("target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"):
         table.add_column(name, justify="right")

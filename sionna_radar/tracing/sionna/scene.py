@@ -1,4 +1,4 @@
-"""A scene of ours inside Sionna RT."""
+"""A `Scene` as Sionna RT objects."""
 
 from copy import copy
 from functools import cached_property
@@ -23,19 +23,19 @@ import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen be
 
 
 class SionnaScene:
-    """A scene of ours inside Sionna RT.
+    """A `Scene` as Sionna RT objects.
 
     pattern, receive_pattern: the antenna in transmission and in reception.
-    shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
+    shape_of_surface: Mitsuba's shape pointer of each surface, as an integer.
     surface_of_shape: the inverse; -1 where there is none.
-    caster: rays against the surfaces. Its acceleration structure is the only one: to build another takes longer than
-        tracing thousands of pulses.
+    caster: ray caster of the surfaces. Its acceleration structure is reused: building another takes longer than
+    tracing thousands of pulses.
     """
 
     @flushed_denormals()
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayCaster | None = None) -> None:
         self.caster = caster or RayCaster(scene.surfaces)
-        # Sionna keeps materials and objects in one list of names: the user's names stay out of it.
+        # Materials and objects share one namespace in Sionna: use generated names, not the user's.
         materials = {
             name: sionna_material(f"material-{number}", model)
             for number, (name, model) in enumerate(scene.materials.items())
@@ -70,7 +70,7 @@ class SionnaScene:
         return mi.Float(speed_of_light) / mi.Float(self._carrier_hz)
 
     def shape_of_hit(self, hit: Any) -> Any:
-        """Return the shape of a hit by the caster as an integer that Sionna knows; 0 for a miss."""
+        """Return this scene's shape pointer of a hit by the caster, as an integer; 0 for a miss."""
         return dr.gather(mi.UInt32, self._shape_of_hit, dr.reinterpret_array(mi.UInt32, hit.shape), hit.is_valid())
 
     @cached_property
@@ -91,9 +91,9 @@ class SionnaScene:
 
 
 def sionna_scene(scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayCaster | None) -> SionnaScene:
-    """Return a scene inside Sionna RT, seen by an antenna; that of a shared caster is kept.
+    """Return a scene as Sionna RT objects with an antenna; cached by a shared caster.
 
-    It is not for Sionna's own solvers, which change what they are given.
+    Not for Sionna's own solvers, which modify the scene they are given.
     """
     if caster is None:
         return SionnaScene(scene, antenna, carrier_hz)
