@@ -34,7 +34,7 @@ along_m = np.concatenate([[0.0], along_m])[:READINGS] - along_m[READINGS - 2] / 
 # %%
 # The flight, on a straight track, and the ground: what the laser met, or the ground below it and plants up to it.
 CHIRPS, PULSES, SPACING_M, MARGIN_M = 8, 6, 10.0, 400.0
-TIME_CONSTANT_S = 0.09  # of the altimeter's tracker
+TIME_CONSTANT_S = 0.09  # of the tracker: data sheet of the ALT-50A
 columns = {
     "time_s": time_s, "east_m": along_m, "north_m": 0 * time_s, "up_m": surface_m + laser_m,
     "roll_deg": LINE["roll_deg"][:READINGS], "pitch_deg": LINE["pitch_deg"][:READINGS], "heading_deg": 90 + 0 * time_s,
@@ -69,7 +69,7 @@ def extruded(heights_m):
 
 
 def flown(ground_m, keys):
-    """Return the times of the last pulses before each reading of the line, and their ranges (reading, pulse)."""
+    """Return what the altimeter reads at the times of the line: its last ranges, under a first-order tracker."""
     prepared = prepare(load_scenario("hills", SCENARIO | keys), CustomParts(terrain=extruded(ground_m)))
     pulse_s = prepared.flight.pulses(np.arange(len(prepared))).time_s
     newest = np.clip(np.searchsorted(pulse_s, time_s, side="right") - 1, PULSES - 1, len(prepared) - 1)
@@ -78,19 +78,14 @@ def flown(ground_m, keys):
     for part in np.array_split(np.unique(used), max(1, used.size // 512)):
         echoes = prepared.echoes(part)
         range_m[echoes.pulse] = echoes.range_m
-    return pulse_s[used], range_m[used]
-
-
-def tracked(pulse_s, range_m, time_constant_s):
-    """Return the readings of a first-order tracker with a time constant."""
-    weight = np.exp(-(time_s[:, None] - pulse_s) / time_constant_s) * np.isfinite(range_m)
-    return np.sum(weight * np.nan_to_num(range_m), axis=1) / np.sum(weight, axis=1)
+    weight = np.exp((pulse_s[used] - time_s[:, None]) / TIME_CONSTANT_S) * np.isfinite(range_m[used])
+    return np.sum(weight * np.nan_to_num(range_m[used]), axis=1) / np.sum(weight, axis=1)
 
 
 # %%
-# Bare ground, and stands of three densities between what opening and closing make of the laser's profile: where it met
+# Bare ground, and stands of four densities between what opening and closing make of the laser's profile: where it met
 # the ground, and where it met tops. A stand returns a twentieth of what it takes.
-EXTINCTIONS_DB_PER_M = (1.0,) if SMALL else (0.3, 1.0, 3.0)
+EXTINCTIONS_DB_PER_M = (0.3,) if SMALL else (0.1, 0.3, 1.0, 3.0)
 flights = {"bare surface": flown(surface_m, {})}
 below_m, top_m = grey_opening(surface_m, 5), grey_closing(surface_m, 5)
 Path("plants.tif").unlink(missing_ok=True)
@@ -102,9 +97,7 @@ for extinction in EXTINCTIONS_DB_PER_M if np.any(top_m - below_m > 2.0) else ():
     flights[f"stand, {extinction:g} dB/m"] = flown(below_m, {"vegetation": [stand]})
 
 # %%
-# Radar minus laser, measured and predicted. Two numbers are fitted, on the first half alone: the mean and the time
-# constant of the tracker; the second half is predicted.
-TIME_CONSTANTS_S = (0.03, 0.09, 0.3)
+# Radar minus laser, measured and predicted. The mean is fitted, on the first half alone; the second half is predicted.
 HALVES = {"first": slice(0, READINGS // 2), "second": slice(READINGS // 2, READINGS)}
 measured_m = radar_m - laser_m
 
@@ -124,17 +117,24 @@ def described(label, values, compared=None):
 
 
 first, predicted_m = HALVES["first"], {}
-for name, (pulse_s, range_m) in flights.items():
-    trials = [tracked(pulse_s, range_m, constant) - laser_m for constant in TIME_CONSTANTS_S]
-    left_m = [np.std((measured_m - trial)[first]) for trial in trials]
-    best = int(np.argmin(left_m))
-    bias_m = np.mean((measured_m - trials[best])[first])
-    predicted_m[name] = trials[best] + bias_m
-    print(f"{name}: {TIME_CONSTANTS_S[best]:g} s of {np.round(left_m, 3)} m, bias {bias_m:+.2f} m")
+for name, read_m in flights.items():
+    bias_m = np.mean((radar_m - read_m)[first])
+    predicted_m[name] = read_m + bias_m - laser_m
+    print(f"{name}: bias {bias_m:+.2f} m")
 for half, rows in HALVES.items():
     print(described(f"{half}: measured", measured_m[rows]))
     for name, values in predicted_m.items():
         print(described(name, values[rows], measured_m[rows]))
+
+# %%
+# A plain guess beside them: the mean height of what the laser met within 30 m, the two-way half-power beam.
+around_m = PchipInterpolator(along_m, surface_m)(
+    np.clip(along_m[:, None] + np.linspace(-30.0, 30.0, 13), along_m[0], along_m[-1])
+).mean(axis=1)
+mean_m = surface_m - around_m
+mean_m += np.mean((measured_m - mean_m)[first])
+for half, rows in HALVES.items():
+    print(described(f"{half}: mean height", mean_m[rows], measured_m[rows]))
 
 # %%
 # What both depend on: the height flown, and the slope along the track.
@@ -148,25 +148,25 @@ for name, values in ({"measured": measured_m} | predicted_m).items():
 # %%
 figure = Figure(figsize=(11, 7), layout="constrained")
 profile, series, scatter, lagged = figure.subplot_mosaic("aa;bb;cd", height_ratios=[0.7, 1, 1.3]).values()
-COLOURS = dict(zip(predicted_m, ("#0072b2", "#d55e00", "#009e73", "#cc79a7"), strict=False))
+best = min(predicted_m, key=lambda name: np.std((measured_m - predicted_m[name])[first]))
+COLOURS = {"bare surface": "#0072b2"} | ({} if best == "bare surface" else {best: "#d55e00"})
 shown = slice(READINGS // 10, READINGS // 10 + 200)
 profile.plot(along_m[shown] / 1e3, surface_m[shown], color="black", lw=0.8, label="what the laser met")
 profile.plot(along_m[shown] / 1e3, below_m[shown], color="#8c510a", label="ground under plants")
 profile.set(ylabel="Height (m)", title="Part of the line")
 series.plot(along_m[shown] / 1e3, measured_m[shown], color="black", lw=1.5, label="measured")
 lags = np.arange(1, min(15, READINGS // 2))
-lagged.plot(lags * np.median(np.diff(time_s)), [correlation(measured_m, lag) for lag in lags], "k.-", label="measured")
+lagged.plot(lags * np.median(np.diff(time_s)), [correlation(measured_m, lag) for lag in lags], "k.-")
 second = HALVES["second"]
-for name, values in predicted_m.items():
-    series.plot(along_m[shown] / 1e3, values[shown], color=COLOURS[name], lw=1.0, label=name)
-    lagged.plot(
-        lags * np.median(np.diff(time_s)), [correlation(values, lag) for lag in lags], ".-", color=COLOURS[name]
-    )
-    scatter.plot(values[second], measured_m[second], ".", ms=2, color=COLOURS[name], label=name)
+for name, colour in COLOURS.items():
+    values = predicted_m[name]
+    series.plot(along_m[shown] / 1e3, values[shown], color=colour, lw=1.0, label=name)
+    lagged.plot(lags * np.median(np.diff(time_s)), [correlation(values, lag) for lag in lags], ".-", color=colour)
+    scatter.plot(values[second], measured_m[second], ".", ms=2, color=colour, label=name)
 scatter.axline((0, 0), slope=1, color="grey", lw=0.8)
 series.set(xlabel="Along the track (km)", ylabel="Radar - laser (m)")
 scatter.set(xlabel="Predicted (m)", ylabel="Measured (m)", title="Second half of the line, radar minus laser")
 lagged.set(xlabel="Time between readings (s)", ylabel="Correlation of radar minus laser", title="Along the track")
-for axes in (profile, series, scatter, lagged):
+for axes in (profile, series, scatter):
     axes.legend(frameon=False, fontsize="small")
 figure.savefig("altimeter.png", dpi=110)
