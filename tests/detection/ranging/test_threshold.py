@@ -5,10 +5,9 @@ import pytest
 
 from flights import make_pulses
 from sionna_radar import load_scenario, prepare
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.radar.antenna import build_antenna
-from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.radar.build import build_antenna, build_chirp
 from sionna_radar.scenario.processing import AverageTable, CfarTable, ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 
