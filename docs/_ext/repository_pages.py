@@ -18,6 +18,7 @@ PAGES = {
     "examples/WEATHER.md": "checks/weather.md",
     "examples/LIDAR.md": "checks/lidar.md",
     "examples/CIRCULAR.md": "checks/circular.md",
+    "examples/ALTIMETER.md": "checks/altimeter.md",
     "examples/plugin/README.md": "plugin.md",
 }
 LINK = re.compile(r"(?<=\]\()([^)#\s]*)(#[^)\s]*)?(?=\))")

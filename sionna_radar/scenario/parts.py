@@ -22,6 +22,7 @@ RANGE_ESTIMATORS = Registry(
         "peak": BuiltIn("detection.ranging.estimators.PeakRange"),
         "centroid": BuiltIn("detection.ranging.estimators.CentroidRange"),
         "leading_edge": BuiltIn("detection.ranging.estimators.LeadingEdgeRange"),
+        "threshold": BuiltIn("detection.ranging.estimators.ThresholdRange"),
         "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
     },
 )

@@ -107,6 +107,28 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "the signal-to-noise ratio, the side lobes, the sweep's rate, and a scan from the air",
             ),
         ),
+        "alt_4300": Preset(
+            summary="a 4.3 GHz radio altimeter of aircraft, after the first one of Recommendation ITU-R M.2059",
+            radar={
+                "carrier_hz": 4.3e9,
+                "bandwidth_hz": 150e6,
+                "chirp_rate_hz": 143.0,
+                "samples_per_chirp": 2048,
+                "transmit_power_dbm": 26.0,
+                "noise_figure_db": 8.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": 40.0, "side_lobe_db": -20.0},
+                "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
+            },
+            sources=(
+                "4.3 GHz, 150 MHz, 143 Hz, 0.4 W, beam of 40 deg: first altimeter of Table 2 of Recommendation ITU-R "
+                "M.2059, as MathWorks quotes it in 'FMCW Radar Altimeter Simulation'",
+            ),
+            assumed=(
+                "2048 samples, for 1 km of range, where the source asks for 1.7 km",
+                "8 dB of noise figure, the side lobes, and a Taylor taper in both planes",
+                "a rising sweep that lasts its whole period",
+            ),
+        ),
     }
 )
 

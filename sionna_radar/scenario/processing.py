@@ -100,9 +100,9 @@ class ProcessingTable(Table):
     """echoes this far under the strongest of their pulse are dropped."""
     ranging: Annotated[str, NameIn(RANGE_ESTIMATORS)] = "centroid"
     """"peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises, moved to its
-    middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that is not far
-    below the ground it is the range that the whole scan line makes most probable instead. Custom range estimators are
-    named here as well."""
+    middle, "threshold" where it rises to half of its amplitude, "model_fit" the range, slope and power of the plane
+    whose echo fits best. Behind a volume that is not far below the ground it is the range that the whole scan line
+    makes most probable instead. Custom range estimators are named here as well."""
     ranging_parameters: Annotated[Table | None, ParametersOf("ranging", RANGE_ESTIMATORS)] = None
     """of a custom range estimator that has some."""
     min_range_m: NonNegative = 3.0
