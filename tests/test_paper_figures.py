@@ -9,9 +9,9 @@ from sionna_radar.accuracy.illumination import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.build import build_antenna, build_chirp
-from sionna_radar.scenario.objects import Building
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scene.build import box_of
+from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 from sionna_radar.signal.beat import synthesise
@@ -102,7 +102,7 @@ def quad(name, corners):
 
 
 def test_places_near_walls_are_measured_to_the_turned_outline():
-    building = Building(position_m=(10.0, 0.0), size_m=(20.0, 10.0, 5.0), heading_deg=90.0)  # 20 m along east
+    building = Box(position_m=(10.0, 0.0), size_m=(20.0, 10.0, 5.0), heading_rad=np.pi / 2)  # 20 m along east
     place = np.array([(10.0, 0.0), (19.0, 0.0), (21.5, 0.0), (10.0, 6.5), (22.0, 7.0), (10.0, 3.8)])
     near = near_buildings(place, np.full(len(place), 2.0), (building,))
     assert near.tolist() == [False, True, True, True, False, True]

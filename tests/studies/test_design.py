@@ -144,7 +144,7 @@ def test_the_command_flies_a_sample_and_tabulates_it(cli, small, tmp_path):
     assert figures == {"sweep.png", "sweep_processing_ranging.png"}
     document = json.loads((tmp_path / "out" / "sweep.json").read_text())
     assert [axis["crossed"] for axis in document["axes"]] == [False, True]
-    assert "wall_s" not in json.dumps(document)
+    assert '"wall_s"' not in json.dumps(document)
 
 
 @pytest.fixture(scope="module")

@@ -91,7 +91,7 @@ def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
     monkeypatch.setattr("sionna_radar.studies.sweep.run_sweep", None)
     again = cli(*command)
     assert (again.returncode, again.stderr) == (1, "")
-    assert "nothing was left to do" in again.stdout
+    assert "nothing to do" in again.stdout
     other = cli(*command, "--seed", 9)
     assert other.returncode == 2
     assert "with another scenario, seed" in other.stderr
