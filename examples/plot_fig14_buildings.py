@@ -15,8 +15,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, prepare, run
-from sionna_radar.accuracy import half_footprint_m, near_walls, shadowed
+from sionna_radar.accuracy import half_footprint_m, near_buildings, shadowed
 from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
+from sionna_radar.scene import box_of
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, RED = "#0072b2", "#d55e00"  # safe for colour-blind readers
@@ -42,14 +43,15 @@ def judge(survey):
     place = points.position_m[:, :2]
     reach = half_footprint_m(points, scenario.radar.antenna.beamwidths_rad[1])
     error = points.position_m[:, 2] - truth_at(survey, place)
-    point_edge = near_walls(place, reach, scenario.buildings)
+    boxes = [box_of(building) for building in scenario.buildings]
+    point_edge = near_buildings(place, reach, boxes)
     cell = survey.truth.grid.centres_m
     # A cell has the footprint of its slant range: the distance to the radar when its beam passes.
     height = scenario.platform.altitude_m
     tilt = np.deg2rad(scenario.radar.scan.incidence_deg)
     range_m = np.hypot(cell[:, 1], height) / np.cos(tilt)
     cell_reach = range_m * scenario.radar.antenna.beamwidths_rad[1] / 2 / (height / range_m)
-    cell_edge = near_walls(cell, cell_reach, scenario.buildings).reshape(survey.truth.grid.shape)
+    cell_edge = near_buildings(cell, cell_reach, boxes).reshape(survey.truth.grid.shape)
     track = survey.schedule.trajectory.position(np.array(survey.schedule.trajectory.cruise_s()))
     hidden = shadowed(survey.truth, CASTER, track, tilt, np.deg2rad(scenario.radar.scan.half_swath_deg))
     return error, point_edge, cell_edge, hidden

@@ -1,3 +1,5 @@
+from .build import box_of as box_of
+from .footprints import Box as Box
 from .landscape import Landscape as Landscape
 from .landscape import TerrainInputs as TerrainInputs
 from .model import Scene as Scene

@@ -318,7 +318,7 @@ def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 
 def box_of(table: Building) -> Box:
-    """Return a building of the scenario as a box."""
+    """Return the box of a building: an entry of a scenario's `buildings`."""
     heading_rad = float(np.deg2rad(table.heading_deg))
     return Box(position_m=table.position_m, size_m=table.size_m, heading_rad=heading_rad, material=table.material)
 
