@@ -68,9 +68,11 @@ def first_crossing(
     above = np.flatnonzero(power >= level[number])
     _, first_above = np.unique(number[above], return_index=True)
     cell = bins[above[first_above]]
-    edge_power = spans.power[spans.row, cell]
-    previous_power = spans.power[spans.row, np.maximum(cell - 1, 0)]
-    fraction = (level - previous_power) / np.maximum(edge_power - previous_power, np.finfo(float).tiny)
+    previous, edge = (
+        np.maximum(spans.power[spans.row, bins] - spans.noise[spans.row, bins], 0.0)
+        for bins in (np.maximum(cell - 1, 0), cell)
+    )
+    fraction = (level - previous) / np.maximum(edge - previous, np.finfo(float).tiny)
     return cell, np.clip(fraction, 0.0, 1.0)
 
 
