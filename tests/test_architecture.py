@@ -40,20 +40,7 @@ ROOMS = (
     "notebook",
 )
 # They take numbers and objects; only the door of each reads tables of a scenario.
-PHYSICS = (
-    "elevation",
-    "weather",
-    "surfaces",
-    "flight",
-    "scene",
-    "radar",
-    "tracing",
-    "signal",
-    "detection",
-    "mapping",
-    "accuracy",
-    "imaging",
-)
+PHYSICS = tuple(room for room in ROOMS[ROOMS.index("elevation") : ROOMS.index("survey")] if room != "scenario")
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
 

@@ -43,7 +43,7 @@ def compiled(function: Function) -> Function:
     # No C callers: omitting the C entry point saves a tenth of the compilation.
     machine_code = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     try:
-        machine_code._cache = _Cache(function)  # as `enable_caching` does
+        machine_code._cache = SharedCache(function)  # as `enable_caching` does
     except RuntimeError:  # neither the package's folder nor the user's cache is writable
         _say_once("compiled code cannot be cached, every run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
     return cast(Function, machine_code)
@@ -53,7 +53,7 @@ def compiled(function: Function) -> Function:
 MAX_WAIT_S = 60.0
 
 
-class _Cache(FunctionCache):
+class SharedCache(FunctionCache):
     """Compiled code on disk, shared by processes: while one compiles a function, the others wait for it."""
 
     def __init__(self, function: Function) -> None:
@@ -120,7 +120,7 @@ class _Compilation(event.Listener):
 
     def on_end(self, event: event.Event) -> None:
         cache = getattr(event.data["dispatcher"], "_cache", None)
-        if event.is_failed and isinstance(cache, _Cache):
+        if event.is_failed and isinstance(cache, SharedCache):
             cache.give_up()
         self._depth -= 1
         if self._depth == 0 and self._enabled:
@@ -130,7 +130,7 @@ class _Compilation(event.Listener):
 event.register("numba:compile", _Compilation())
 
 
-class _Compilations(event.Listener):
+class _FirstCompilation(event.Listener):
     """Report the first compilation of this process."""
 
     def __init__(self, tell: Callable[[], object]) -> None:
@@ -146,7 +146,7 @@ class _Compilations(event.Listener):
 
 def on_first_compilation(tell: Callable[[], object]) -> None:
     """Call a function when this process first compiles anything from now on."""
-    event.register("numba:compile", _Compilations(tell))
+    event.register("numba:compile", _FirstCompilation(tell))
 
 
 @cache

@@ -20,6 +20,9 @@ from typing import Any
 
 from numba import types
 
+from sionna_radar.foundation.compiled import SharedCache
+from sionna_radar.foundation.threads import cores
+
 PACKAGE = "sionna_radar"
 # On most machines memory and the start of the processes cost more than a further one saves.
 MAX_PROCESSES = 4
@@ -29,12 +32,11 @@ _started: list[subprocess.Popen[bytes]] = []
 
 def start(method: str) -> None:
     """Begin to compile what a survey with a DEM method needs, unless its first function is on disk."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     function, _ = next(signatures(method))
-    if cores == 1 or function._cache is None or function._cache.holds_any():
+    if not isinstance(function._cache, SharedCache) or function._cache.holds_any():
         return
     command, nowhere = [sys.executable, "-m", __name__, method], subprocess.DEVNULL
-    for _ in range(min(cores - 1, MAX_PROCESSES)):
+    for _ in range(min(cores() - 1, MAX_PROCESSES)):
         _started.append(subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere))
 
 

@@ -392,7 +392,7 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
 
 
 def _world(local: Scenario, window_m: Extent, custom: CustomParts) -> BuiltScene:
-    """Return what the radar can see."""
+    """Return the scene: terrain, objects and their materials."""
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
     world = build_scene(local, window_m, custom.terrain, custom.materials)
     check_bounces(local, world)

@@ -4,7 +4,10 @@ import subprocess
 import sys
 
 import pytest
+from numba.core.caching import FunctionCache
 
+from sionna_radar.foundation import precompile
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.precompile import main, signatures
 
 CALLED = """
@@ -43,6 +46,19 @@ def test_every_line_names_a_compiled_function(method):
     for function, _ in functions:
         assert function.targetoptions["nogil"]
     assert len(functions) == len({(function, types) for function, types in functions})
+
+
+def test_without_a_cache_on_disk_nothing_is_compiled_ahead(monkeypatch):
+    monkeypatch.setattr(FunctionCache, "__init__", _not_writable)
+    function = compiled(lambda value: value)
+    monkeypatch.setattr(precompile, "signatures", lambda method: iter([(function, ())]))
+    monkeypatch.setattr(precompile.subprocess, "Popen", None)
+    precompile.start("linear")
+
+
+def _not_writable(self, function):
+    message = "cannot cache function: no locator available"
+    raise RuntimeError(message)
 
 
 def test_the_list_is_compiled_unless_the_process_that_asked_has_ended(monkeypatch):
