@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.table import Table
 
 from sionna_radar.foundation.errors import InputFileError
@@ -20,7 +19,7 @@ from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
-from sionna_radar.report.page.world import colour_scales
+from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, span_of
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
@@ -87,7 +86,6 @@ MARKER = "compare.html"
 # Largest number of cells of all maps of a page.
 MAX_CELLS = 1_600_000
 LINES, LINE_POINTS = 41, 400
-BINS = 81
 LOCAL = {"east": "East (m)", "north": "North (m)", "height": "Height (m)"}
 MAP = {"east": "Easting (m)", "north": "Northing (m)", "height": "Height (m)"}
 
@@ -120,7 +118,7 @@ def comparison_page(result: ResultsComparison) -> str:
         "maps": maps,
         "linked": one_map,
         "profiles": _profiles(result, pack),
-        "histogram": _histogram(result),
+        "histogram": histogram_of({f.name: f.error.height_m for f in result.results}),
         "results": [
             {"name": flown.name, "lit_error": flown.summary["lit_error"], "dem_error": flown.summary["dem_error"]}
             for flown in result.results
@@ -141,25 +139,17 @@ def comparison_page(result: ResultsComparison) -> str:
     )
 
 
-def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
-    """Return the lowest and the highest of some heights, with a minimum difference."""
-    finite = np.concatenate([dem[np.isfinite(dem)] for dem in dems])
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
-
-
 def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
     """Return DEM and error maps of each result on common scales; heights without a common area on separate ones.
 
     Also return notes on omissions.
     """
     dems = [flown.dem.height_m for flown in result.results]
-    errors = np.concatenate([np.abs(flown.error.height_m[flown.error.filled]) for flown in result.results])
-    limit = max(float(np.percentile(errors, 99)), 1e-3) if errors.size else 1.0
+    limit = limit_of(np.concatenate([flown.error.height_m.ravel() for flown in result.results]))
     error_look = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
     maps, notes = [], []
     for flown in result.results:
-        low, high = _limits(dems if result.common else [flown.dem.height_m])
+        low, high = span_of(*(dems if result.common else [flown.dem.height_m]))
         height_look = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
         thin = thinned(flown.dem.grid, MAX_CELLS // (2 * len(result.results)))
         for name, values, look in (
@@ -194,29 +184,6 @@ def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
         "names": [flown.name for flown in result.results],
         "height": [height for height, _ in profiles],
         "error": [error for _, error in profiles],
-    }
-
-
-def _histogram(result: ResultsComparison) -> dict[str, Any]:
-    """Return the histogram of the error over all filled cells, in shares."""
-    values = [flown.error.height_m[flown.error.filled] for flown in result.results]
-    magnitudes = np.abs(np.concatenate(values))
-    limit = 1.3 * max(float(np.percentile(magnitudes, 99)), 1e-3) if magnitudes.size else 1.0
-    edges, percent = np.linspace(-limit, limit, BINS + 1), np.arange(100)
-    return {
-        "edges": edges.tolist(),
-        "percent": percent.tolist(),
-        "series": [
-            {
-                "name": flown.name,
-                "share": (100 * np.histogram(errors, edges)[0] / max(len(errors), 1)).tolist(),
-                "below": np.percentile(np.abs(errors), percent).tolist() if len(errors) else [],
-                "marks": [(m, float(np.percentile(np.abs(errors), m))) for m in (68.27, 90.0, 95.0)]
-                if len(errors)
-                else [],
-            }
-            for flown, errors in zip(result.results, values, strict=True)
-        ],
     }
 
 

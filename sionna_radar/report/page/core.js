@@ -1,5 +1,5 @@
 "use strict";
-// Unpacks the numbers of the page (see packing.py) and plotly.js, then starts the views that the other scripts add.
+// Unpacks the numbers of the page (see scene_data.py) and plotly.js, then starts the views that the other scripts add.
 
 const views = [];
 const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"]};

@@ -19,8 +19,9 @@ from jaxtyping import Bool, Float, Inexact, Int
 from scipy.spatial import cKDTree
 
 from sionna_radar.accuracy.truth import CLEAR_M
-from sionna_radar.flight.pulses import Pulses
+from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.main_lobe import LIT
 from sionna_radar.report.files.contents import without_nan
@@ -416,6 +417,63 @@ def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row col
         linear[rows] = scene.materials[mesh.material].sigma0(np.arccos(cast.cosine[rows]))
     value[filled] = 10 * np.log10(np.where(linear > 0, linear, np.nan))
     return value.reshape(surface.grid.shape)
+
+
+MAX_TRACK, MAX_POINTS = 2_000, 15_000
+# Margin around the map and the flight, as a share of the longer side.
+MARGIN = 0.08
+
+
+def track_of(schedule: PulseSchedule) -> Float[np.ndarray, "n 3"]:
+    """Return positions along a flight, evenly spaced in time."""
+    return schedule.trajectory.position(np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK))
+
+
+def box_of(prepared: Prepared) -> tuple[float, float, float, float]:
+    """Return the box (west, east, south, north) around a survey's map and flight, no larger than its scene."""
+    west, east, south, north = prepared.mapper.grid.extent_m
+    track = track_of(prepared.flight)
+    (left, low), (right, top) = track[:, :2].min(axis=0), track[:, :2].max(axis=0)
+    west, east, south, north = min(west, left), max(east, right), min(south, low), max(north, top)
+    pad = MARGIN * max(east - west, north - south)
+    (left, low, _), (right, top, _) = prepared.scene.scene.bounds_m
+    return (
+        float(max(west - pad, left)),
+        float(min(east + pad, right)),
+        float(max(south - pad, low)),
+        float(min(north + pad, top)),
+    )
+
+
+def packed_relief(pack: Pack, raster: Raster, name: str) -> dict[str, Any]:
+    """Return a surface for a page."""
+    return {"name": name, **axes_of(raster.grid), "z": pack.rounded(raster.height_m, HEIGHT_STEP_M)}
+
+
+def packed_track(pack: Pack, schedule: PulseSchedule) -> dict[str, Any]:
+    """Return a flight for a page: positions and times."""
+    time_s = np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK)
+    return {"position": pack.exact(track_of(schedule)), "time_s": pack.exact(time_s)}
+
+
+def packed_points(pack: Pack, points: Points, rows: Int[np.ndarray, " n"]) -> dict[str, Any]:
+    """Return some points for a page: positions and pulses."""
+    return {"position": pack.exact(points.position_m[rows]), "pulse": pack.whole(points.pulse[rows])}
+
+
+def points_to_draw(count: int) -> Int[np.ndarray, " n"]:
+    """Return the rows of points to draw: all, or a fixed random choice, free of aliasing with the scan."""
+    return (
+        np.arange(count) if count <= MAX_POINTS else np.sort(np.random.default_rng(0).permutation(count)[:MAX_POINTS])
+    )
+
+
+def rim_of(grid: Grid) -> Float[np.ndarray, "n 2"]:
+    """Return places along the edge of a map."""
+    west, east, south, north = grid.extent_m
+    corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
+    sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
+    return np.concatenate([*sides, corners[:1]])
 
 
 def flown_rows(prepared: Prepared) -> dict[str, str]:

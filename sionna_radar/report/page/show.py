@@ -14,21 +14,18 @@ from sionna_radar.report.page.scene_data import (
     Pack,
     Solids,
     Surroundings,
+    box_of,
     cast_beams,
     flown_rows,
+    packed_track,
+    rim_of,
     solids_within,
     spread_pulses,
     standing,
     surroundings,
-)
-from sionna_radar.report.page.world import (
-    box_of,
-    colour_scales,
-    frame_of_page,
-    packed_track,
-    rim_of,
     track_of,
 )
+from sionna_radar.report.page.sections import colour_scales, frame_of_page
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.scene.raycast import RayCaster

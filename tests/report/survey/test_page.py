@@ -55,7 +55,7 @@ def test_maps_and_chirps_hold_the_surveys_values(page, survey):
     maps = {one["name"]: array_of(one["z"], arrays) for one in document["maps"]}
     np.testing.assert_allclose(maps["True surface"], survey.truth.height_m, atol=0.00051)
     np.testing.assert_allclose(maps["Error of the DEM"], survey.error.height_m, atol=0.00051)
-    assert {"DEM", "Echo power, relative to transmitted", "Backscatter coefficient of the ground"} <= maps.keys()
+    assert {"DEM", "Echo power", "Backscatter coefficient of the ground"} <= maps.keys()
     chirps = document["chirps"]
     assert len(array_of(chirps["power"], arrays)) == len(array_of(chirps["pulse"], arrays)) > 100
 

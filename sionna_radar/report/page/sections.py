@@ -1,0 +1,336 @@
+"""Sections that the pages of surveys, recordings and comparisons share: errors, maps and chirps of a result."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
+from sionna_radar.accuracy.compare import DemError, nmad
+from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
+from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.points import Points
+from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
+from sionna_radar.report.page.markup import TableCell
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
+from sionna_radar.report.terminal import number
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
+
+STOPS = 17
+BINS = 81
+# Half-width of a histogram, in NMADs, from which its scale is logarithmic.
+HEAVY_TAILS = 10
+STATISTICS = {
+    "RMS": ("rms_m", ".3f"),
+    "Mean": ("mean_m", "+.3f"),
+    "Std. dev.": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE68": ("le68_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
+    "LE95": ("le95_m", ".3f"),
+    "Least": ("min_m", "+.2f"),
+    "Greatest": ("max_m", "+.2f"),
+}
+
+
+@runtime_checkable
+class ComparedDem(Protocol):
+    """A DEM's error, as a survey and the comparison of a recording hold it; see `Survey`."""
+
+    @property
+    def truth(self) -> Raster:
+        """The true surface."""
+
+    @property
+    def error(self) -> Raster:
+        """DEM minus truth."""
+
+    @property
+    def lit(self) -> Bool[np.ndarray, "row column"]:
+        """Cells that the main beam reached."""
+
+    @property
+    def dem_error(self) -> DemError:
+        """Statistics of all filled cells."""
+
+    @property
+    def lit_error(self) -> DemError:
+        """Statistics of lit cells."""
+
+    @property
+    def off_wall_error(self) -> DemError | None:
+        """Statistics of lit cells away from walls."""
+
+
+def colour_scales() -> dict[str, list[list[Any]]]:
+    """Return the colour maps of the figures as plotly's lists of stops."""
+    stops = np.linspace(0, 1, STOPS)
+    return {
+        kind: [[float(stop), to_hex(colormaps[name](stop))] for stop in stops]
+        for kind, name in {"height": HEIGHTS, "error": ERRORS, "level": "cividis"}.items()
+    }
+
+
+def frame_of_page(frame: Frame) -> dict[str, Any]:
+    """Return the offset of local coordinates and the names of the axes."""
+    return {"origin": frame.origin_m, "east": frame.east, "north": frame.north, "height": frame.height}
+
+
+# ---------------------------------------------------------------------------------------------------------- errors
+def errors_section(
+    compared: ComparedDem,
+    breakdown: Breakdown,
+    check: UncertaintyCheck | None,
+    published: Sequence[Any] = (),
+    remark: str = "",
+) -> dict[str, Any]:
+    """Return the section on errors: statistics, classes of cells, and errors against stated ones.
+
+    published: entries with a name and statistics of other authors, which `remark` introduces.
+    """
+    named = {
+        "lit_error": ("Lit cells", compared.lit_error),
+        "off_wall_error": ("Lit cells off walls", compared.off_wall_error),
+        "dem_error": ("All filled cells", compared.dem_error),
+    }
+    return {
+        "errors": list(STATISTICS),
+        "error_rows": [
+            *(_error_row(key, name, error) for key, (name, error) in named.items() if error is not None),
+            *(
+                [
+                    entry.name,
+                    *(number(getattr(entry, key, np.nan), form) for key, form in STATISTICS.values()),
+                    "-",
+                    "-",
+                ]
+                for entry in published
+            ),
+        ],
+        "paper": remark,
+        "classes": {
+            "Slope of the truth (deg)": _class_rows(breakdown.by_slope),
+            "Incidence angle (deg)": _class_rows(breakdown.by_incidence),
+            "Distance from walls (m)": _class_rows(breakdown.by_wall_distance or ()),
+        },
+        "checkpoints": breakdown.checkpoints.statement,
+        "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
+        "stated": _stated_rows(check),
+    }
+
+
+def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
+    values = asdict(error)
+    cells: list[TableCell | str] = [name]
+    for field, form in (*STATISTICS.values(), ("count", ",.0f"), ("coverage", ".1%")):
+        value = float(values[field])
+        cells.append(TableCell(number(value, form), f"{key}.{field}", value if value == value else None))
+    return cells
+
+
+def _class_rows(classes: Sequence[ErrorClass]) -> list[list[str]]:
+    return [
+        [
+            f"{entry.low:g} to {entry.high:g}" if np.isfinite(entry.high) else f"over {entry.low:g}",
+            number(entry.rms_m, ".3f"),
+            number(entry.mean_m, "+.3f"),
+            f"{entry.count:,}",
+        ]
+        for entry in classes
+    ]
+
+
+def _stated_rows(check: UncertaintyCheck | None) -> list[list[str]]:
+    """Return the calibration of the map's stated uncertainty; empty without one."""
+    if check is None:
+        return []
+    rows = [["all", *_calibration_row(check.cells)]]
+    for title, classes in (
+        ("slope of the truth, deg", check.by_slope),
+        ("distance from the nearest echo, m", check.by_echo_distance),
+    ):
+        rows += [
+            [f"{title}: {entry.low:g} to {entry.high:g}", *_calibration_row(entry.calibration)] for entry in classes
+        ]
+    return rows
+
+
+def _calibration_row(calibration: Calibration) -> list[str]:
+    shares = [number(share, ".1%") for share in calibration.coverage.values()]
+    spread = [
+        number(calibration.nmad_z, ".2f"),
+        number(calibration.rms_z, ".2f"),
+        number(calibration.sigma_rms_m, ".3f"),
+    ]
+    return [*shares, *spread, f"{calibration.count:,}"]
+
+
+def histogram_of(errors_m: dict[str, Float[np.ndarray, "..."]]) -> dict[str, Any]:
+    """Return the histograms of some errors by name, in shares, with their cumulative shares; NaN is left out."""
+    finite = {name: values[np.isfinite(values)] for name, values in errors_m.items()}
+    together = np.concatenate(list(finite.values()))
+    limit = 1.3 * limit_of(together)
+    edges, percent = np.linspace(-limit, limit, BINS + 1), np.arange(100)
+    spread = nmad(together) if len(together) else 0.0
+    return {
+        "edges": edges.tolist(),
+        "percent": percent.tolist(),
+        "heavy": len(finite) == 1 and limit > HEAVY_TAILS * spread > 0,
+        "series": [
+            {
+                "name": name,
+                "share": (100 * np.histogram(values, edges)[0] / max(len(values), 1)).tolist(),
+                "below": np.percentile(np.abs(values), percent).tolist() if len(values) else [],
+                "marks": [(share, float(np.percentile(np.abs(values), share))) for share in (68.27, 90.0, 95.0)]
+                if len(values)
+                else [],
+            }
+            for name, values in finite.items()
+        ],
+    }
+
+
+def limit_of(values: Float[np.ndarray, "..."]) -> float:
+    """Return the 99th percentile of the magnitudes, with a minimum."""
+    magnitude = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(magnitude, 99)), 1e-3) if len(magnitude) else 1.0
+
+
+def span_of(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
+    """Return the lowest and highest of all values without a share (%) at either end; never equal."""
+    values = np.concatenate([a[np.isfinite(a)] for a in arrays])
+    if not len(values):
+        return 0.0, 1.0
+    low, high = (float(v) for v in np.percentile(values, [share, 100 - share]))
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+# ------------------------------------------------------------------------------------------------------------ maps
+def maps_of(
+    pack: Pack,
+    frame: Frame,
+    dem: Raster,
+    sigma: Raster | None,
+    points: Points,
+    compared: ComparedDem | None,
+    power_unit: str,
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the maps of a DEM, and notes on omissions: truth and error if known, stated sigma and echo power.
+
+    power_unit: of the echoes' power in decibels.
+    """
+    thin = thinned(dem.grid, MAX_MAP_CELLS)
+    truth_m = [] if compared is None else [compared.truth.height_m]
+    low, high = span_of(*truth_m, dem.height_m)
+    up = frame.origin_m[2]
+    heights = {"low": low + up, "high": high + up, "scale": "height", "unit": frame.height, "hover": "height"}
+    layers = [("True surface", height_m + up, heights) for height_m in truth_m]
+    layers.append(("DEM", dem.height_m + up, heights))
+    if compared is not None:
+        error_m = compared.error.height_m
+        limit = limit_of(error_m)
+        look = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
+        layers.append(("Error of the DEM", error_m, look))
+    if sigma is not None and sigma.filled.any():
+        look = {"low": 0.0, "high": limit_of(sigma.height_m), "scale": "level", "unit": "Standard deviation (m)"}
+        layers.append(("Stated uncertainty of the DEM", sigma.height_m, {**look, "hover": "stated sigma"}))
+    maps = [
+        {"name": name, **look, **packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, frame.origin_m)}
+        for name, values, look in layers
+    ]
+    if np.isfinite(points.snr_db).any():
+        grid, level = _echo_power(dem.grid, points)
+        maps.append(level_map(pack, frame, grid, level, "Echo power", f"Mean echo power ({power_unit})"))
+    return maps, [f"Maps: {thin.note}."] if thin.note else []
+
+
+def level_map(
+    pack: Pack, frame: Frame, grid: Grid, level_db: Float[np.ndarray, "row column"], name: str, unit: str
+) -> dict[str, Any]:
+    """Return a map of decibels."""
+    low, high = span_of(level_db, share=1.0)
+    look = {"low": low, "high": high, "scale": "level", "unit": unit, "hover": name}
+    return {"name": name, **look, **packed_map(pack, grid, level_db, 0.1, frame.origin_m)}
+
+
+def _echo_power(grid: Grid, points: Points) -> tuple[Grid, Float[np.ndarray, "row column"]]:
+    """Return the mean echo power in dB on a grid coarse enough for a few echoes per cell."""
+    area = grid.columns * grid.rows * grid.spacing_m**2
+    width_m = float(np.sqrt(4.0 * area / max(len(points), 1)))
+    step = max(thinned(grid, MAX_MAP_CELLS).every, round(width_m / grid.spacing_m), 1)
+    west, _, south, _ = grid.extent_m
+    size = grid.spacing_m * step
+    coarse = Grid(
+        west_m=west + size / 2,
+        south_m=south + size / 2,
+        spacing_m=size,
+        columns=max(2, -(-grid.columns // step)),
+        rows=max(2, -(-grid.rows // step)),
+    )
+    row, column, inside = coarse.cell_of(points.position_m)
+    cell = (row * coarse.columns + column)[inside]
+    count = np.bincount(cell, minlength=coarse.columns * coarse.rows)
+    power = np.bincount(cell, weights=points.power[inside], minlength=len(count))
+    return coarse, decibels(power / np.maximum(count, 1)).reshape(coarse.shape)
+
+
+# ---------------------------------------------------------------------------------------------------------- chirps
+# Limit of a page's chirps in bytes.
+MAX_CHIRP_BYTES = 3_500_000
+LEVEL_STEP_DB = 0.1
+
+
+def chirps_that_fit(record: ChirpRecord | None) -> int:
+    """Return how many chirps like this one fit into a page; 0 without one."""
+    if record is None:
+        return 0
+    samples = len(record.beat) * (2 if np.iscomplexobj(record.beat) else 1)
+    return max(1, MAX_CHIRP_BYTES // (2 * (samples + 2 * len(record.power))))
+
+
+def packed_chirps(
+    pack: Pack, records: list[ChirpRecord], rows: Int[np.ndarray, " pulse"], beat_unit: str, power_unit: str
+) -> dict[str, Any] | None:
+    """Return chirps for a page; None without any.
+
+    rows: the pulses of the page, which include each record's pulse.
+    """
+    if not records:
+        return None
+    beat = np.stack([record.beat for record in records])
+    scale = np.maximum(np.abs(beat).max(axis=1), np.finfo(float).tiny)
+    exponent = 3 * int(np.floor(np.log10(scale.max()) / 3))
+    parts = [beat.real, beat.imag] if np.iscomplexobj(beat) else [beat]
+    power = np.stack([record.power for record in records])
+    power_db, threshold_db = _levels(power), _levels(np.stack([record.threshold for record in records]))
+    echo_db = decibels(np.concatenate([record.echo_power for record in records]))
+    levels_db = np.concatenate([power_db[np.isfinite(power_db)], echo_db[np.isfinite(echo_db)], [-300.0]])
+    pulses = [record.pulse for record in records]
+    return {
+        "pulse": pack.whole(np.array(pulses)),
+        "row": pack.whole(np.searchsorted(rows, pulses)),
+        "time_ms": pack.exact(1e3 * records[0].sample_time_s),
+        "range_m": pack.exact(records[0].range_m),
+        "beat": [pack.rounded(part / scale[:, None], 2 / 65_000) for part in parts],
+        "beat_scale": pack.exact(scale / 10.0**exponent),
+        "beat_label": f"Beat (10<sup>{exponent}</sup> {beat_unit})",
+        "power": pack.rounded(power_db, LEVEL_STEP_DB),
+        "threshold": pack.rounded(threshold_db, LEVEL_STEP_DB),
+        "power_label": f"Power ({power_unit})",
+        "top_db": float(levels_db.max()),
+        "floor_db": float(np.percentile(levels_db, 0.5)) - 5.0,
+        "echo_row": pack.whole(np.repeat(np.arange(len(records)), [len(r.echo_power) for r in records])),
+        "echo_range_m": pack.exact(np.concatenate([record.echo_range_m for record in records])),
+        "echo_db": pack.exact(echo_db),
+    }
+
+
+def _levels(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
+    """Return powers in dB; NaN at 200 dB or more below the strongest."""
+    level = decibels(power.ravel()).reshape(power.shape)
+    return np.where(level > np.nanmax(level, initial=-np.inf) - 200.0, level, np.nan)
