@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import zlib
 from typing import Any
 
@@ -15,6 +16,13 @@ def unpacked(text: str) -> tuple[dict[str, Any], bytes]:
     content = zlib.decompress(base64.b64decode(text))
     end = 4 + int.from_bytes(content[:4], "little")
     return json.loads(content[4:end]), content[end:]
+
+
+def numbers_of(page: str) -> tuple[dict[str, Any], bytes]:
+    """Return the document of a page, and the bytes of its arrays."""
+    found = re.search(r'<script id="numbers" type="text/plain">([^<]*)</script>', page)
+    assert found
+    return unpacked(found[1])
 
 
 def array_of(place: dict[str, Any], arrays: bytes) -> np.ndarray:

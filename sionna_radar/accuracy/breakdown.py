@@ -210,7 +210,7 @@ def break_down(
     truth: Raster,
     lit: Bool[np.ndarray, "row column"],
     points: Points,
-    walls: Walls,
+    walls: Walls | None,
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
 ) -> Breakdown:
@@ -223,7 +223,7 @@ def break_down(
     points:
         Located echoes, for the radar's positions.
     walls:
-        Walls of the scene.
+        Walls of the scene; None if they are not known.
     seed:
         Seed of the scenario, for checkpoints and pairs.
     covered:

@@ -79,8 +79,30 @@ class Comparison:
     dem_error: DemError
     lit_error: DemError
     off_wall_error: DemError | None
-    overhang: Overhang | None
-    beside_wall: Bool[np.ndarray, "row column"] | None = None
+    beside_wall: Bool[np.ndarray, "row column"] | None
+    overhang: Overhang | None = None
+
+
+def compare_dem(
+    dem: Raster,
+    truth: Raster,
+    lit: Bool[np.ndarray, "row column"],
+    beside_wall: Bool[np.ndarray, "row column"] | None,
+    overhang: Overhang | None = None,
+) -> Comparison:
+    """Compare a DEM with the true surface on its grid; see `Comparison`."""
+    error, lit = difference(dem, truth), lit & truth.filled
+    off_wall = None if beside_wall is None else lit & ~beside_wall
+    return Comparison(
+        truth=truth,
+        error=error,
+        lit=lit,
+        dem_error=summarise(error, lit),
+        lit_error=summarise(error.within(lit), lit),
+        off_wall_error=None if off_wall is None else summarise(error.within(off_wall), off_wall),
+        beside_wall=beside_wall,
+        overhang=overhang,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,20 +142,8 @@ class GroundTruth:
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""
-        error = difference(dem, self.surface)
-        lit = lit & self.surface.filled
-        beside_wall = edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls)
-        off_wall = lit & ~beside_wall
-        return Comparison(
-            truth=self.surface,
-            error=error,
-            lit=lit,
-            dem_error=summarise(error, lit),
-            lit_error=summarise(error.within(lit), lit),
-            off_wall_error=summarise(error.within(off_wall), off_wall) if self.walls else None,
-            overhang=self.overhang,
-            beside_wall=beside_wall if self.walls else None,
-        )
+        beside_wall = edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls) if self.walls else None
+        return compare_dem(dem, self.surface, lit, beside_wall, self.overhang)
 
     def lit_error(self, dem: Raster, lit: Bool[np.ndarray, "row column"]) -> DemError:
         """Return the error over the illuminated cells of a DEM."""

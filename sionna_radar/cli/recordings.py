@@ -12,6 +12,7 @@ from sionna_radar.cli.session import (
     MapOption,
     OutputOption,
     QuietOption,
+    ReportOption,
     ResumeOption,
     SchedulerOption,
     Session,
@@ -110,6 +111,7 @@ def process_command(
     set_file: SetFileOption = None,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
+    report: ReportOption = True,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
@@ -118,10 +120,12 @@ def process_command(
     """Process recorded or measured beat signals into ranges, points and a DEM."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.files.contents import Report
     from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
     from sionna_radar.survey.reprocessing import identity_of, process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
+    page = Report.PAGE if report else Report.NONE
     session = Session.of(str(recording), output, set_, set_file, None, quiet, resume=resume, team=(workers, scheduler))
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
@@ -134,6 +138,6 @@ def process_command(
         fly,
         suffix="_processed",
         marker=MARKER,
-        write=lambda processed, folder: write_processed(processed, folder, coordinates),
+        write=lambda processed, folder: write_processed(processed, folder, coordinates, report=page),
         show=print_processed,
     )

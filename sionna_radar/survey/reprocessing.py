@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
-from sionna_radar.accuracy.compare import difference, summarise
+from sionna_radar.accuracy.truth import Comparison, compare_dem
 from sionna_radar.detection.build import build_detector, build_expected_ground
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
@@ -44,7 +44,7 @@ from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
-from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
+from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
@@ -371,6 +371,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     spectrum = _spectrum(source)
     return Processed(
         source=source.path,
+        overrides=source.overrides,
         settings=source.settings,
         sweeps=source.sweeps,
         time_s=flight.time_s,
@@ -379,10 +380,12 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         measured=partial(_poses, source.path) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
+        uncertainty=None if estimate is None else estimate.uncertainty,
         comparison=comparison,
         georeference=file.georeference,
         spectrum=spectrum,
         chirp=_middle_chirp(sensor, flight),
+        record_chirps=partial(_chirps, source),
         warnings=_warnings(source, observed.echoes, comparison, spectrum),
     )
 
@@ -393,26 +396,23 @@ def _middle_chirp(sensor: Sensor, flight: RecordedPulses) -> ChirpRecord:
     return chirp
 
 
-def _compared(dem: Raster, truth: RecordedTruth | None) -> DemComparison | None:
+def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
     """Compare the DEM with the recorded truth; None if there is none on its grid."""
     if truth is None or truth.surface.grid != dem.grid:
         return None
-    error, lit = difference(dem, truth.surface), truth.lit & truth.surface.filled
-    off_wall = None if truth.beside_wall is None else lit & ~truth.beside_wall
-    return DemComparison(
-        truth=truth.surface,
-        error=error,
-        lit=lit,
-        dem_error=summarise(error, lit),
-        lit_error=summarise(error.within(lit), lit),
-        off_wall_error=None if off_wall is None else summarise(error.within(off_wall), off_wall),
-    )
+    return compare_dem(dem, truth.surface, truth.lit, truth.beside_wall)
 
 
 def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
     """Return measured poses from a recording that has been closed since."""
     with open_signals(path) as file:
         return file.pose(index)
+
+
+def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[ChirpRecord]:
+    """Return records of pulses from a recording that has been closed since."""
+    with open_recording(source.path, source.overrides, source.parts) as again:
+        return again.build_sensor().sweeps.record_chirps(again.flight.pulses(index))
 
 
 def _spectrum(source: RecordingSource) -> RangeSpectrum:
@@ -422,7 +422,7 @@ def _spectrum(source: RecordingSource) -> RangeSpectrum:
 
 
 def _warnings(
-    source: RecordingSource, echoes: Echoes, comparison: DemComparison | None, spectrum: RangeSpectrum
+    source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
     warnings: tuple[str, ...] = ()

@@ -1,15 +1,17 @@
 """Results of a survey, and of the processing of recorded beat signals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.breakdown import Breakdown, CanopyReading, break_down, read_canopy
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
@@ -199,28 +201,18 @@ class RangeSpectrum:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemComparison:
-    """A DEM against the truth that a simulated recording holds; see `Survey` for what each is."""
-
-    truth: Raster
-    error: Raster
-    lit: Bool[np.ndarray, "row column"]
-    dem_error: DemError
-    lit_error: DemError
-    off_wall_error: DemError | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Processed:
     """The result of processing a recording.
 
-    source: the recording.
+    source, overrides: the recording, and the settings that were changed, by dotted keys.
     scenario: that of a simulated one, as it was processed; None for a real one, whose `settings` are these.
     sweeps: of a pulse. time_s: of each pulse.
     echoes: corrected for Doppler where the velocity is known.
-    points, dem, dem_sigma: None where the recording has no poses.
+    points, measured: the located echoes, and the measured poses of pulses; None where the recording has no poses.
+    dem, dem_sigma, uncertainty: see `Survey`; None without points.
     comparison: None where the truth is not known on this grid.
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle.
+    record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
     --------
@@ -235,6 +227,7 @@ class Processed:
     """
 
     source: Path
+    overrides: Mapping[str, Any]
     settings: Scenario | RecordedSettings
     sweeps: tuple[Chirp, ...]
     time_s: Float[np.ndarray, " pulse"]
@@ -243,10 +236,12 @@ class Processed:
     measured: Callable[[Int[np.ndarray, " pulse"]], Pose] | None
     dem: Raster | None
     dem_sigma: Raster | None
-    comparison: DemComparison | None
+    uncertainty: Uncertainty | None
+    comparison: Comparison | None
     georeference: Georeference | None
     spectrum: RangeSpectrum
     chirp: ChirpRecord
+    record_chirps: Callable[[Int[np.ndarray, " pulse"]], list[ChirpRecord]]
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -254,6 +249,34 @@ class Processed:
     def scenario(self) -> Scenario | None:
         """The scenario of a simulated recording."""
         return self.settings if isinstance(self.settings, Scenario) else None
+
+    @cached_property
+    def breakdown(self) -> Breakdown | None:
+        """As `Survey.breakdown`, without distances from walls, which no file holds; None where no truth is known."""
+        compared = self.comparison
+        if compared is None or self.points is None:
+            return None
+        lit, beside_wall = compared.lit, compared.beside_wall
+        beside = 0.0 if beside_wall is None or not lit.any() else float((lit & beside_wall).sum() / lit.sum())
+        return break_down(
+            error=compared.error,
+            truth=compared.truth,
+            lit=lit,
+            points=self.points,
+            walls=None,
+            seed=self.scenario.seed if self.scenario else 0,
+            covered={"walls and what is beside them": beside},
+        )
+
+    @cached_property
+    def dem_uncertainty(self) -> UncertaintyCheck | None:
+        """Comparison of DEM errors with their stated sigma; None if none is stated, or no truth is known."""
+        compared = self.comparison
+        if compared is None or self.dem_sigma is None or self.points is None:
+            return None
+        return check_uncertainty(
+            compared.error, self.dem_sigma, compared.truth, compared.lit, self.points, self.uncertainty
+        )
 
     def __repr__(self) -> str:
         lines = [f"Processed: {self.source.name}", f"  {len(self.time_s):,} pulses, {len(self.echoes):,} echoes"]

@@ -4,12 +4,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from browser import chromium, colours_in, opened, started
+from sionna_radar import load_scenario, process, run
 from sionna_radar.report.page.compare import comparison_page
 from sionna_radar.report.page.show import show_page
+from sionna_radar.report.studies.processed import recording_page
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.studies.comparison import compare_results
 
@@ -64,6 +67,26 @@ def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, surve
     page.page.mouse.move(box["x"] - 80, box["y"] + 17)
     page.page.mouse.up()
     assert page.page.locator(".grip").bounding_box()["x"] < box["x"] - 60
+    seen(page, path)
+
+
+@pytest.mark.parametrize("located", [True, False])
+def test_the_page_of_a_recording_draws_what_is_known(browser, tmp_path, located):
+    run(load_scenario("hills", {"platform.length_m": 6.0}), recordings={"signals": tmp_path / "signals.nc"})
+    if not located:
+        with h5py.File(tmp_path / "signals.nc", "a") as file:
+            for name in ("measured_position", "measured_velocity", "measured_rotation", "scenario"):
+                del file[name]
+    path = tmp_path / "report.html"
+    path.write_text(recording_page(process(tmp_path / "signals.nc")))
+    page = opened(browser, path)
+    parts = ("#world", "#swipe", "#histogram", "#beat", "#spectrum") if located else ("#beat", "#spectrum")
+    for part in parts:
+        assert colours_in(page.picture(part, tmp_path / "part.png")) > 8, part
+    assert page.page.locator("#world").count() == located
+    before = page.text('[data-shows="pulse-chirp"]')
+    page.slide("pulse-chirp", 0)
+    assert page.text('[data-shows="pulse-chirp"]') != before
     seen(page, path)
 
 

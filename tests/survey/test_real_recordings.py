@@ -130,7 +130,9 @@ def test_poses_make_points_and_a_dem(tmp_path):
     write_processed(found, tmp_path / "out")
     with rasterio.open(tmp_path / "out" / "dem_sigma.tif") as file:
         np.testing.assert_array_equal(file.read(1)[::-1], found.dem_sigma.height_m.astype(np.float32))
-    assert {"points.laz", "dem.tif", "echoes.csv"} <= {file.name for file in (tmp_path / "out").iterdir()}
+    assert {"points.laz", "dem.tif", "echoes.csv", "report.html"} <= {
+        file.name for file in (tmp_path / "out").iterdir()
+    }
 
 
 @pytest.mark.parametrize(

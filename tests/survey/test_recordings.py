@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 from rich.console import Console
 
+from packed_pages import array_of, numbers_of
 from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
 from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
@@ -142,6 +143,13 @@ def test_products_of_both_are_the_same_files(flown, tmp_path):
     assert document["points_sha256"] == survey.points.sha256()
     assert document["lit_error"]["rms_m"] == survey.lit_error.rms_m
     assert (tmp_path / "again" / "figures" / "dem.png").stat().st_size > 5000
+    of_survey, of_recording = ((tmp_path / name / "report.html").read_text() for name in ("flown", "again"))
+    cell = f'data-key="lit_error.rms_m" data-value="{survey.lit_error.rms_m}"'
+    assert cell in of_survey
+    assert cell in of_recording
+    shown, arrays = numbers_of(of_recording)
+    maps = {one["name"]: array_of(one["z"], arrays) for one in shown["maps"]}
+    np.testing.assert_allclose(maps["DEM"], survey.dem.height_m, atol=0.00051)
 
 
 def test_neither_the_terrain_nor_the_ray_tracer_is_needed(flown, tmp_path):

@@ -1,11 +1,16 @@
 """Contents of a folder of results: kinds of files and their selection, JSON and text."""
 
 import json
+import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum, StrEnum
 from pathlib import Path
 from typing import Any
+
+from sionna_radar.foundation.errors import OutputError
+
+logger = logging.getLogger("sionna_radar")
 
 # The file that identifies such a folder.
 MARKER = "summary.json"
@@ -60,6 +65,14 @@ def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
 def write_text(path: Path, text: str) -> None:
     """Write text as UTF-8 with line feeds on every system."""
     path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_page(path: Path, page: Callable[[], str]) -> None:
+    """Write a page; one that cannot be made does not keep the results from being written."""
+    try:
+        write_text(path, page())
+    except OutputError as error:
+        logger.warning("no %s: %s", path.name, error)
 
 
 def strict_json(document: Any) -> str:

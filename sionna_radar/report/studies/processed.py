@@ -1,5 +1,7 @@
 """A processed recording as files, table and figures."""
 
+import json
+import shlex
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,8 @@ from rich.table import Table
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.progress import peak_memory_mb
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.points import Points
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
@@ -22,6 +26,7 @@ from sionna_radar.report.drawing import (
     ORANGE,
     RED,
     Coordinates,
+    Frame,
     ReportFigure,
     colour_bar,
     finish_map,
@@ -33,11 +38,41 @@ from sionna_radar.report.drawing import (
     save_figures,
     show_raster,
 )
-from sionna_radar.report.files.contents import COSTS, costs_json, strict_json, without_nan, write_text
+from sionna_radar.report.files.contents import (
+    COSTS,
+    Report,
+    costs_json,
+    strict_json,
+    without_nan,
+    write_page,
+    write_text,
+)
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_csv, write_points_csv
-from sionna_radar.report.survey.products import provenance, write_rasters
+from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.scene_data import (
+    HEIGHT_STEP_M,
+    MAX_RELIEF_CELLS,
+    Pack,
+    packed_points,
+    packed_relief,
+    points_to_draw,
+    spread_pulses,
+    thinned,
+)
+from sionna_radar.report.page.sections import (
+    chirps_that_fit,
+    colour_scales,
+    errors_section,
+    frame_of_page,
+    histogram_of,
+    limit_of,
+    maps_of,
+    packed_chirps,
+    span_of,
+)
+from sionna_radar.report.survey.products import other_side, provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import console, number
 from sionna_radar.survey.result import Processed
@@ -115,7 +150,13 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
 MARKER = "processed.json"
 
 
-def write_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+def write_processed(
+    processed: Processed,
+    directory: Path,
+    coordinates: Coordinates = Coordinates.MAP,
+    *,
+    report: Report = Report.PAGE,
+) -> list[Path]:
     """Write the results of processing into a directory, completely or not at all, and return the files.
 
     Points and rasters are identical to those of the survey itself if the settings are the same.
@@ -128,6 +169,8 @@ def write_processed(processed: Processed, directory: Path, coordinates: Coordina
         Output folder; files of an earlier result of `process` are replaced.
     coordinates:
         Coordinates of the figures.
+    report:
+        Selects the page, `report.html`.
 
     Raises
     ------
@@ -135,14 +178,13 @@ def write_processed(processed: Processed, directory: Path, coordinates: Coordina
         The directory holds other files, or cannot be written; see `write_folder`.
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, processed, coordinates))
+    return write_folder(directory, MARKER, partial(_write_all, processed, coordinates, report))
 
 
-def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) -> None:
+def _write_all(processed: Processed, coordinates: Coordinates, report: Report, directory: Path) -> None:
     write_text(directory / MARKER, strict_json(_document(processed)))
     write_text(directory / COSTS, costs_json(processed.timing_s, peak_memory_mb()))
-    settings = processed.settings.model_dump(mode="json", exclude_none=True)
-    write_text(directory / "settings.toml", tomli_w.dumps(settings))
+    write_text(directory / "settings.toml", _settings(processed))
     write_csv(directory / "echoes.csv", len(processed.echoes), partial(_echo_columns, processed))
     place = processed.georeference
     if processed.points is not None and processed.measured is not None:
@@ -156,8 +198,134 @@ def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) 
         "error": (comparison.error if comparison else None, "DEM minus truth"),
     }
     if processed.points is not None:
+        rasters |= other_side(processed.dem, processed.uncertainty)
         write_rasters(directory, rasters, provenance(processed.scenario, processed.points))
     draw_processed(processed, directory / "figures", coordinates)
+    if report is Report.PAGE:
+        write_page(directory / "report.html", lambda: recording_page(processed, coordinates))
+
+
+# Pulses whose chirps are offered, positions of the flight, and cells of the surface in three dimensions.
+PULSES, TRACK = 240, 2_000
+
+
+def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> str:
+    """Return the page of a processed recording as HTML: its errors and maps if known, and its chirps.
+
+    Raises OutputError if it would be too large, or plotly is not installed.
+    """
+    frame, pack, scenario = frame_of(processed.georeference, coordinates), Pack(), processed.scenario
+    relative = scenario is not None and scenario.radar.snr_db is not None
+    beat_unit, power_unit = "as recorded", "dB of the recording's unit squared"
+    if scenario is not None:
+        beat_unit, power_unit = ("of the transmitted", "dB rel. to transmitted") if relative else ("√W", "dBW")
+    index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(processed.chirp)))
+    records = processed.record_chirps(index)
+    dem, points, compared = processed.dem, processed.points, processed.comparison
+    world: dict[str, Any] | None = None
+    maps: list[dict[str, Any]] = []
+    notes: list[str] = []
+    if dem is not None and points is not None and dem.filled.any():
+        maps, notes = maps_of(pack, frame, dem, processed.dem_sigma, points, compared, power_unit)
+        world = _world(processed, dem, points, pack, frame)
+    histogram = None if compared is None else histogram_of({"lit cells": compared.error.within(compared.lit).height_m})
+    numbers = {
+        "frame": frame_of_page(frame),
+        "scales": colour_scales(),
+        "chosen": len(index) // 2,
+        "world": world,
+        "maps": maps,
+        "chirps": packed_chirps(pack, records, index, beat_unit, power_unit),
+        "histogram": histogram,
+    }
+    breakdown = processed.breakdown
+    errors: dict[str, Any] = {"error_rows": []}
+    if compared is not None and breakdown is not None:
+        errors = errors_section(compared, breakdown, processed.dem_uncertainty)
+    return document(
+        "recording.html",
+        pack.text(numbers),
+        ("world.js", "maps.js", "chirps.js"),
+        title=processed.source.name,
+        warnings=processed.warnings,
+        tiles=_tiles(processed),
+        flown=_recorded(processed) | _mapped(processed),
+        command=_command(processed),
+        lidar=False,
+        beams=False,
+        shapes=[shape["name"] for shape in world["shapes"]] if world else [],
+        paints=[paint["name"] for paint in world["paints"]] if world else [],
+        pulses=len(index),
+        world_notes=[],
+        maps=[entry["name"] for entry in maps],
+        map_notes=notes,
+        chirps=len(records),
+        points_sha256=None if points is None else points.sha256(),
+        versions={name: version or "not installed" for name, version in versions().items()},
+        settings_title="The resolved settings",
+        scenario=_settings(processed),
+        **errors,
+    )
+
+
+def _tiles(processed: Processed) -> list[tuple[str, str, str]]:
+    """Return the key figures of the page: value, name and remark."""
+    peak_m, _ = processed.spectrum.peak
+    tiles = [
+        (f"{len(processed.echoes):,}", "echoes", f"of {len(processed.time_s):,} pulses"),
+        (f"{peak_m:.2f} m", "peak of the mean spectrum", "range, not corrected for Doppler"),
+    ]
+    if processed.dem is not None:
+        tiles.append(
+            (f"{int(processed.dem.filled.sum()):,}", "cells", f"of {processed.dem.grid.spacing_m:g} m, filled")
+        )
+    if processed.comparison is not None:
+        lit = processed.comparison.lit_error
+        tiles += [
+            (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
+            (number(lit.mean_m, "+.3f", " m"), "mean error", "bias"),
+            (f"{lit.coverage:.1%}", "coverage", "of lit cells"),
+        ]
+    return tiles
+
+
+def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame: Frame) -> dict[str, Any]:
+    """Return the view in three dimensions: the DEM and the truth if known, the echoes, and the measured positions."""
+    assert processed.measured is not None
+    thin, compared = thinned(dem.grid, MAX_RELIEF_CELLS), processed.comparison
+    surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}
+    thinner = {name: Raster(grid=thin.cells, height_m=thin.of(r.height_m)) for name, r in surfaces.items()}
+    low, high = span_of(*(surface.height_m for surface in thinner.values()))
+    up = frame.origin_m[2]
+    paints: list[dict[str, Any]] = [{"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up}]
+    if compared is not None:
+        error_m = thin.of(compared.error.height_m)
+        limit = limit_of(error_m)
+        packed = pack.rounded(error_m, HEIGHT_STEP_M)
+        paints.append({"name": "Error (m)", "scale": "error", "low": -limit, "high": limit, "z": packed})
+    flown = np.unique(np.linspace(0, len(processed.time_s) - 1, TRACK).astype(np.int64))
+    track_m = processed.measured(flown).position_m
+    west, east, south, north = map_bounds(dem.grid.extent_m, track_m)
+    bottom, top = min(low, float(track_m[:, 2].min())), max(high, float(track_m[:, 2].max()))
+    pad = 0.04 * (top - bottom) + 0.1
+    return {
+        "shapes": [packed_relief(pack, surface, name) for name, surface in thinner.items()],
+        "paints": paints,
+        "track": {"position": pack.exact(track_m), "time_s": pack.exact(processed.time_s[flown])},
+        "points": packed_points(pack, points, points_to_draw(len(points))),
+        "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
+    }
+
+
+def _command(processed: Processed) -> str:
+    """Return the command that processes the recording again."""
+    changes = (f"{key}={json.dumps(value)}" for key, value in processed.overrides.items())
+    changed = [word for change in changes for word in ("--set", change)]
+    return shlex.join(["sionna-radar", "process", processed.source.name, *changed, "-o", "again"])
+
+
+def _settings(processed: Processed) -> str:
+    return tomli_w.dumps(processed.settings.model_dump(mode="json", exclude_none=True))
 
 
 def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:

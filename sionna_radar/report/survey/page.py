@@ -132,6 +132,8 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         | {"Coordinates": crs_name(survey.georeference)}
         | {f"{key} replaced by": part for key, part in survey.replaced.items()},
         lidar=survey.scenario.sensor == "lidar",
+        beams=True,
+        shapes=["true surface", "DEM"],
         paints=[paint["name"] for paint in world["paints"]],
         pulses=len(index),
         world_notes=omissions,
@@ -141,6 +143,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         replaced=survey.replaced,
         points_sha256=survey.points.sha256(),
         versions={name: version or "not installed" for name, version in versions().items()},
+        settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
         **errors_section(survey, survey.breakdown, survey.dem_uncertainty, paper.rows, paper.conditions),
     )

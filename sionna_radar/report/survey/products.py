@@ -1,6 +1,5 @@
 """The folder of a survey's results: numbers, scenario, points, rasters, flight and figures."""
 
-import logging
 import shutil
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
@@ -10,13 +9,22 @@ import numpy as np
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
-from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
+from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.report.drawing import Coordinates
-from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, PointsFile, Report, costs_json, write_text
+from sionna_radar.report.files.contents import (
+    COSTS,
+    MARKER,
+    POINTS_FILES,
+    PointsFile,
+    Report,
+    costs_json,
+    write_page,
+    write_text,
+)
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_points_csv, write_points_parquet
@@ -29,7 +37,6 @@ from sionna_radar.survey.result import Survey
 
 # GPS receivers log about this often.
 GPX_STEP_S = 0.2
-logger = logging.getLogger("sionna_radar")
 
 
 def write_survey(
@@ -86,13 +93,14 @@ def _write_all(
     recordings: Mapping[str, Path],
     directory: Path,
 ) -> None:
+    page = partial(survey_page, survey, coordinates)
     products: list[Callable[[], object]] = [
         partial(_write_numbers, survey, directory),
         *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
         partial(_write_rasters, survey, directory),
         partial(_write_trajectory, survey, directory),
         partial(draw_all, survey, directory / "figures", coordinates),
-        *([partial(_write_page, survey, coordinates, directory / "report.html")] if report is Report.PAGE else []),
+        *([partial(write_page, directory / "report.html", page)] if report is Report.PAGE else []),
         *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
     ]
     with stage("writing", len(products)):
@@ -124,21 +132,27 @@ def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
 
 
 def _write_rasters(survey: Survey, directory: Path) -> None:
-    rasters = {
+    rasters: dict[str, tuple[Raster | None, str]] = {
         "dem": (survey.dem, "DEM height"),
         "truth": (survey.truth, "true height"),
         "error": (survey.error, "DEM minus truth"),
         "dem_sigma": (survey.dem_sigma, "standard deviation of the DEM height"),
         "dem_sigma_navigation": (survey.dem_sigma_navigation, "standard deviation of the DEM height from navigation"),
     }
-    if isinstance(survey.uncertainty, SteppedUncertainty):
-        other_side = np.where(survey.dem.filled, survey.uncertainty.other_side, np.nan)
-        raster = Raster(grid=survey.dem.grid, height_m=other_side, quantity="probability")
-        rasters["dem_other_side"] = (raster, "probability that the cell is of the other side of a step")
+    rasters |= other_side(survey.dem, survey.uncertainty)
     if survey.no_echo is not None and survey.no_echo.any():
         silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan), quantity="mask")
         rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back")
     write_rasters(directory, rasters, provenance(survey.scenario, survey.points))
+
+
+def other_side(dem: Raster | None, uncertainty: Uncertainty | None) -> dict[str, tuple[Raster | None, str]]:
+    """Return the raster of a `stepped` DEM's gross errors by name, with its description; nothing for other methods."""
+    if dem is None or not isinstance(uncertainty, SteppedUncertainty):
+        return {}
+    probability = np.where(dem.filled, uncertainty.other_side, np.nan)
+    raster = Raster(grid=dem.grid, height_m=probability, quantity="probability")
+    return {"dem_other_side": (raster, "probability that the cell is of the other side of a step")}
 
 
 def write_rasters(
@@ -148,14 +162,6 @@ def write_rasters(
     for name, (raster, description) in rasters.items():
         if raster is not None:
             raster.to_geotiff(directory / f"{name}.tif", description, made_by)
-
-
-def _write_page(survey: Survey, coordinates: Coordinates, path: Path) -> None:
-    """Write the page; one that cannot be made does not keep the results from being written."""
-    try:
-        write_text(path, survey_page(survey, coordinates))
-    except OutputError as error:
-        logger.warning("no report.html: %s", error)
 
 
 def _write_trajectory(survey: Survey, directory: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from packed_pages import array_of, unpacked
+from packed_pages import array_of, numbers_of
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page import markup as document_module
 from sionna_radar.report.survey.page import survey_page
@@ -20,10 +20,6 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 
 HOSTILE = "</script></title><script>window.stolen = 1</script><img src=x onerror='window.stolen=2'> & \"quoted\""
-
-
-def numbers_of(page: str) -> tuple[dict, dict]:
-    return unpacked(re.search(r'<script id="numbers" type="text/plain">([^<]*)</script>', page)[1])
 
 
 @pytest.fixture(scope="module")
