@@ -15,3 +15,4 @@ from .randomness import pulse_uniforms as pulse_uniforms
 from .raster import Georeference as Georeference
 from .raster import Grid as Grid
 from .raster import Raster as Raster
+from .world import World as World

@@ -103,7 +103,7 @@ def half_power_width_rad(cosine: Float[np.ndarray, " n"], power: Float[np.ndarra
     return float(np.arcsin(high) - np.arcsin(low))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Antenna:
     """An antenna: separable, or with a pattern of its own for transmission and perhaps another for reception.
 

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
@@ -17,10 +16,9 @@ from sionna_radar.radar.main_lobe import reach_of_power
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.radar.second_receiver import UNAMBIGUOUS, SideReceiver, baseline_of, difference_pattern
 from sionna_radar.scenario.bases import AntennaParameters
-from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
-from sionna_radar.scenario.registry import PACKAGE, Builder, registers, require
+from sionna_radar.scenario.registry import Builder, registers, require
 
 
 @registers(ANTENNAS, "[radar.antenna]")
@@ -50,18 +48,11 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 
 def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario; the last one is cached, with its computed properties."""
+    """Return the antenna of a scenario."""
     entry = ANTENNAS.entry(table.kind)
-    key = content_key({"antenna": table}) if entry.origin == PACKAGE else None
-    if key is not None:
-        cached: Antenna = _LAST.once(key, lambda: entry(table))
-        return cached
     antenna: Antenna = entry(table)
     require(antenna, Antenna, str(entry))
     return antenna
-
-
-_LAST = KeptValues(1)
 
 
 AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}

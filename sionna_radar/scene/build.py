@@ -1,7 +1,4 @@
-"""Building the scene of a scenario: terrain or city, buildings, targets, materials.
-
-The ground with the objects on it is kept for the next survey of the same scene.
-"""
+"""Building the scene of a scenario: terrain or city, buildings, targets, materials."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,10 +10,10 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.world import World
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.loading import content_key
@@ -62,8 +59,9 @@ def build_scene(
     window_m: tuple[float, float, float, float],
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     materials: Mapping[str, Backscatter] | None = None,
+    world: World | None = None,
 ) -> BuiltScene:
-    """Build the scene of a scenario, or reuse parts of the last survey's scene; see `shared_ground`.
+    """Build the scene of a scenario.
 
     Parameters
     ----------
@@ -73,6 +71,8 @@ def build_scene(
         Extent visible to the survey (west, south, east, north); files are read only within it.
     terrain, materials:
         A custom terrain and custom materials instead of the scenario's.
+    world:
+        Of an earlier survey, for what is the same in this one.
 
     Raises
     ------
@@ -83,9 +83,11 @@ def build_scene(
     """
     radar = scenario.radar
     inputs = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
-    scene_materials = _materials(scenario, materials or {})
-    share = terrain is None and not materials
-    ground = shared_ground(scenario, inputs) if share else build_ground(scenario, inputs, terrain)
+    world = world or World()
+    materials_key = None if materials else _materials_key(scenario)
+    scene_materials = world.once("materials", materials_key, lambda: _materials(scenario, materials or {}))
+    ground_key = None if terrain is not None or materials else _ground_key(scenario, inputs)
+    ground = world.once("ground", ground_key, lambda: build_ground(scenario, inputs, terrain))
     land = ground.land
     _check_materials(land, scene_materials)
     advance()
@@ -109,11 +111,9 @@ def build_scene(
             motions=motions,
         )
 
-    if contents_key is None:
-        scene = build()
-    else:
-        key = (contents_key, repr((window_m if scenario.vegetation else (), motions)), Same(scene_materials))
-        scene = ground.caster.once("scene", key, build)
+    window = repr((window_m if scenario.vegetation else (), motions))
+    keys = (ground_key, materials_key, contents_key)
+    scene = world.once("scene", None if None in keys else (*keys, window), build)
     advance()
     advance()
     return BuiltScene(
@@ -126,7 +126,7 @@ def build_scene(
 
 
 def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[str, Backscatter]:
-    """Return the materials of a scenario and custom ones; those of the last scenario are cached."""
+    """Return the materials of a scenario and custom ones."""
     for name, model in custom.items():
         if name not in scenario.all_materials:
             message = (
@@ -135,16 +135,15 @@ def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[st
             raise ScenarioError([Problem(f"materials.{name}", message)])
         check_backscatter(model, f"materials.{name}")
     tables = {name: table for name, table in scenario.all_materials.items() if name not in custom}
-    radar = scenario.radar
-    key = None
-    if not custom and all(MATERIALS.entry(table.model).origin == PACKAGE for table in tables.values()):
-        key = content_key({"materials": tables, "carrier": radar.carrier_hz, "channel": channel_of(radar)})
-    if key is None:
-        return {**build_materials(tables, radar), **custom}
-    return _MATERIALS.once(key, lambda: {**build_materials(tables, radar)})
+    return {**build_materials(tables, scenario.radar), **custom}
 
 
-_MATERIALS = KeptValues(1)
+def _materials_key(scenario: Scenario) -> str | None:
+    """Return the content that the materials are built from; None for custom models, whose inputs are unknown."""
+    tables, radar = scenario.all_materials, scenario.radar
+    if any(MATERIALS.entry(table.model).origin != PACKAGE for table in tables.values()):
+        return None
+    return content_key({"materials": tables, "carrier": radar.carrier_hz, "channel": channel_of(radar)})
 
 
 def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> None:
@@ -179,8 +178,6 @@ def build_ground(
     scenario: Scenario,
     given: TerrainInputs,
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
-    *,
-    shared: bool = False,
 ) -> Ground:
     """Return the ground of a scenario, or a custom one, with the objects on it.
 
@@ -200,31 +197,24 @@ def build_ground(
         raise ScenarioError([Problem("terrain", message)])
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
     surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
-    return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces, shared=shared))
+    return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces))
 
 
-_LAST = KeptValues(1)
+def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:
+    """Return the content that the ground is built from, with the identity of files.
 
-
-def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
-    """Return the ground of a scenario, the same object for consecutive surveys with equal inputs.
-
-    Its key is the content of all its inputs, including the identity of files and, if it depends on them, the survey's
-    window, carrier and channel. Only the last one is cached; custom registered terrains, with unknown dependencies,
-    are not.
+    The survey's window, carrier and channel are part of it where the terrain depends on them. None for a custom
+    registered terrain, whose inputs are unknown, and for files without an identity.
     """
-    kind = scenario.terrain.kind
-    if TERRAINS.entry(kind).origin != PACKAGE:
-        return build_ground(scenario, given)
+    entry = TERRAINS.entry(scenario.terrain.kind)
+    if entry.origin != PACKAGE:
+        return None
     # Footprints are read within the window.
-    fields = set(TERRAINS.entry(kind).facts.uses) | ({"window_m"} if scenario.footprints else set())
-    key = content_key(
+    fields = set(entry.facts.uses) | ({"window_m"} if scenario.footprints else set())
+    return content_key(
         {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
         | {name: getattr(given, name) for name in sorted(fields)}
     )
-    if key is None:
-        return build_ground(scenario, given)
-    return _LAST.once(key, lambda: build_ground(scenario, given, shared=True))
 
 
 def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:

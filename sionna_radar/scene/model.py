@@ -79,7 +79,7 @@ class Target:
     body: Body | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
     """Everything visible to the radar.
 

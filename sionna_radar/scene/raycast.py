@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
-from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Surface
@@ -70,13 +69,10 @@ class _Meshes:
 
 
 class RayCaster:
-    """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba.
+    """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba."""
 
-    shared: between the surveys of a scene; values derived from the surfaces are then cached, see `once`.
-    """
-
-    def __init__(self, surfaces: Sequence[Surface], *, shared: bool = False) -> None:
-        self._kept: dict[str, KeptValues] | None = {} if shared else None
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        self._derived: dict[str, tuple[Hashable, Any]] = {}
         self._surfaces = dict(enumerate(surfaces))
         self._reliefs = {n: Relief(s.relief) for n, s in self._surfaces.items() if s.relief is not None}
 
@@ -102,10 +98,14 @@ class RayCaster:
         return self._whole.surface_of_shape
 
     def once(self, what: str, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return a value derived from the surfaces and the key; the last one is cached if they are shared."""
-        if self._kept is None:
-            return make()
-        return self._kept.setdefault(what, KeptValues(1)).once(key, make)
+        """Return a value derived from the surfaces and the key; the latest one of each name is cached."""
+        known, value = self._derived.get(what, (None, None))
+        if known != key:
+            self._derived.pop(what, None)
+            value = make()
+            self._derived[what] = key, value
+        derived: Value = value
+        return derived
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""

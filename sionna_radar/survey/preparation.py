@@ -23,10 +23,10 @@ from sionna_radar.flight.route import Route
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Trajectory
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
-from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.world import LogCapture, World
 from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
@@ -35,9 +35,10 @@ from sionna_radar.radar.build import build_antenna, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.loading import content_key
+from sionna_radar.scenario.parts import ANTENNAS, SENSORS
 from sionna_radar.scenario.radar import speckle_looks
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, box_of, build_scene
 from sionna_radar.scene.terrains.build import map_frame
 from sionna_radar.signal.analog_filters import HighPass
@@ -264,8 +265,12 @@ class Prepared:
         return replace(self, flight=replace(self.flight, navigation=navigation))
 
 
+# What surveys of this process share unless another world is given.
+LATEST = World()
+
+
 @on_one_thread
-def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
+def prepare(scenario: Scenario, parts: CustomParts | None = None, *, world: World | None = None) -> Prepared:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
@@ -274,6 +279,9 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
         The survey.
     parts:
         What replaces parts of it.
+    world:
+        What an earlier survey has built, where this one needs the same; takes what this one builds. None: that of the
+        surveys of this process.
 
     Raises
     ------
@@ -294,17 +302,17 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
     with named_after(scenario.source), LogCapture() as said, stage("preparing", BUILDING_STEPS + 3):
         if isinstance(custom.terrain, str | Path):
             scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
-        prepared = _prepare(scenario, custom)
+        prepared = _prepare(scenario, custom, world or LATEST)
     return replace(prepared, warnings=said.warnings)
 
 
-def _prepare(scenario: Scenario, custom: CustomParts) -> Prepared:
+def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared:
     local = in_local_frame(scenario)
-    radar = _radar(local, custom)
+    radar = _radar(local, custom, shared)
     route = _route(scenario, local, radar)
     processing = _processing(local, radar, route, custom)
     advance()
-    world = _world(local, route.window_m(radar.chirp.max_range_m), custom)
+    world = _world(local, route.window_m(radar.chirp.max_range_m), custom, shared)
     flight = _flight(local, radar, route, world, custom)
     advance()
     mapper = _map(local, radar, processing, world, flight, custom)
@@ -346,10 +354,12 @@ class _Radar:
         return self.sweeps[0]
 
 
-def _radar(local: Scenario, custom: CustomParts) -> _Radar:
+def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
     """Return the radar; ScenarioError for vegetation and rotors that it cannot show."""
     scan = custom.scan or build_scan(local.radar.scan)
-    antenna = custom.antenna or build_antenna(local.radar.antenna)
+    table = local.radar.antenna
+    key = content_key({"antenna": table}) if ANTENNAS.entry(table.kind).origin == PACKAGE else None
+    antenna = custom.antenna or shared.once("antenna", key, lambda: build_antenna(table))
     radar = _Radar(
         sweeps=build_sweeps(local.radar),
         scan=scan,
@@ -391,10 +401,10 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     return _Processing(detector=detector, angle=angle)
 
 
-def _world(local: Scenario, window_m: Extent, custom: CustomParts) -> BuiltScene:
+def _world(local: Scenario, window_m: Extent, custom: CustomParts, shared: World) -> BuiltScene:
     """Return the scene: terrain, objects and their materials."""
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
-    world = build_scene(local, window_m, custom.terrain, custom.materials)
+    world = build_scene(local, window_m, custom.terrain, custom.materials, shared)
     check_bounces(local, world)
     return world
 

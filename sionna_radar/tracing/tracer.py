@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.kept_values import Same
 from sionna_radar.foundation.progress import HoldsMemory
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
@@ -55,8 +54,9 @@ class Tracer:
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
         corners = []
         if bounces > 1:
-            key = (Same(scene), chirp.carrier_hz)
-            corners = caster.once("dihedrals", key, lambda: dihedrals_of(plane_mirrors(scene, chirp)))
+            corners = caster.once(
+                "dihedrals", (scene, chirp.carrier_hz), lambda: dihedrals_of(plane_mirrors(scene, chirp))
+            )
         self._dihedrals = DihedralTracer(corners, antenna, chirp, caster)
         self._canopy = canopy
         self._hiding = [target for target in scene.targets if target.body is not None]

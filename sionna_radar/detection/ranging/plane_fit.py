@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 
@@ -50,16 +49,8 @@ class EchoFit:
     sigma: Float[np.ndarray, " echo"]
 
 
-# Consecutive surveys share an antenna.
-_LAST = KeptValues(2)
-
-
 def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
     """Return the profile of an antenna's elevation cut, the plane in which a forward-tilted beam is inclined."""
-    return _LAST.once((Same(antenna), response.tobytes()), lambda: _profile(antenna, response))
-
-
-def _profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
     cut = antenna.elevation
     lobe = cut.cosine[lobe_samples(cut, FOLLOWED)]
     low, high = lobe[0], lobe[-1]

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Int
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.kept_values import Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Scene
@@ -97,6 +96,5 @@ def sionna_scene(scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayC
     """
     if caster is None:
         return SionnaScene(scene, antenna, carrier_hz)
-    key = (Same(scene), carrier_hz)
-    kept = caster.once("scene of Sionna", key, lambda: SionnaScene(scene, antenna, carrier_hz, caster))
+    kept = caster.once("scene of Sionna", (scene, carrier_hz), lambda: SionnaScene(scene, antenna, carrier_hz, caster))
     return kept.with_antenna(antenna)

@@ -9,12 +9,12 @@ Fixed scatterers fill a part of the beam: an ellipse of direction cosines around
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.two_way_grid import TwoWayGrid
 from sionna_radar.tracing.paths import SampledBeams
@@ -51,16 +51,9 @@ class FilledBeam:
         return float(min(np.pi * self.left * self.up, 2 * np.pi))
 
 
-# Surveys in a row look through the same antenna, and an electronic scan through several.
-_BEAMS, _GRIDS = KeptValues(64), KeptValues(2)
-
-
+@lru_cache(maxsize=64)  # an electronic scan has many antennas
 def filled_beam(antenna: Antenna) -> FilledBeam:
     """Return the part of an antenna's beam that scatterers fill."""
-    return _BEAMS.once(Same(antenna), lambda: _filled_beam(antenna))
-
-
-def _filled_beam(antenna: Antenna) -> FilledBeam:
     grid = power_grid(antenna)
     left, up = grid.reach(SHAPE_SHARE)
     ahead, across, along = grid.direction.T
@@ -74,9 +67,10 @@ def _filled_beam(antenna: Antenna) -> FilledBeam:
 
 def power_grid(antenna: Antenna) -> TwoWayGrid:
     """Return the two-way power in front of an antenna, for a separable one from its cuts."""
-    return _GRIDS.once(Same(antenna), lambda: _separable_grid(antenna)) if antenna.separable else antenna.two_way
+    return _separable_grid(antenna) if antenna.separable else antenna.two_way
 
 
+@lru_cache(maxsize=2)
 def _separable_grid(antenna: Antenna) -> TwoWayGrid:
     (left, across), (up, along) = (_cells(cut) for cut in (antenna.azimuth, antenna.elevation))
     middle = ((left[1:] + left[:-1]) / 2) ** 2 + (((up[1:] + up[:-1]) / 2) ** 2)[:, None]

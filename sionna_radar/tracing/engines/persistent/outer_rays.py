@@ -4,10 +4,11 @@ Half of them follow the antenna's two-way power outside the part of the beam tha
 spread evenly. They are drawn anew in each pulse: they carry the right power, but no history of phase.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.numerics import halton
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
@@ -35,7 +36,7 @@ class OuterRays:
 
     def __init__(self, antenna: Antenna, filled: FilledBeam, rays: int, seed: int) -> None:
         self._grid = power_grid(antenna)
-        self._power, self._below = _POWERS.once((Same(antenna), filled), lambda: _outside(self._grid, filled))
+        self._power, self._below = _outside(antenna, filled)
         self._ahead = antenna.separable
         following = round(rays * FOLLOWING) if self._below[-1] > 0 else 0
         self.rays, self._share, self._seed = rays, following / rays, seed
@@ -85,14 +86,12 @@ class OuterRays:
         return np.where(whole, self._share * following + (1 - self._share) * anywhere, 0.0)
 
 
-# Surveys in a row look through the same antenna.
-_POWERS = KeptValues(2)
-
-
+@lru_cache(maxsize=2)
 def _outside(
-    grid: TwoWayGrid, filled: FilledBeam
+    antenna: Antenna, filled: FilledBeam
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " cell"]]:
     """Return each cell's share of the power outside a part of a beam, and the sums of those up to each."""
+    grid = power_grid(antenna)
     power = np.where(_within(grid, filled), 0.0, grid.power_sr)
     power /= max(power.sum(), 1e-300)
     return power, np.cumsum(power.ravel())

@@ -1,0 +1,73 @@
+"""What surveys over the same ground share, and the messages that were logged while it was built."""
+
+import logging
+import threading
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
+
+Value = TypeVar("Value")
+
+logger = logging.getLogger("sionna_radar")
+
+
+class World:
+    """Terrain, scene, materials and antenna of the latest survey, which the next one takes where its own are equal.
+
+    A value is never changed by a survey that takes it. What was logged while it was built is logged again for each
+    such survey, so that a survey's warnings do not depend on what was flown before. Not for several threads at once.
+
+    Examples
+    --------
+    >>> world = World()
+    >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
+    >>> first, second = (prepare(scenario.replace({"seed": seed}), world=world) for seed in (1, 2))
+    >>> first.scene.caster is second.scene.caster
+    True
+
+    """
+
+    def __init__(self) -> None:
+        self._latest: dict[str, tuple[Hashable, Any, list[logging.LogRecord]]] = {}
+
+    def once(self, name: str, key: Hashable, build: Callable[[], Value]) -> Value:
+        """Return the latest value of this name if its key is equal, else a new one; with key None always a new one."""
+        if key is None:
+            return build()
+        known, value, records = self._latest.get(name, (None, None, []))
+        if known == key:
+            for record in records:
+                logger.handle(record)
+        else:
+            self._latest.pop(name, None)
+            with LogCapture() as said:
+                value = build()
+            self._latest[name] = key, value, said.records
+        latest: Value = value
+        return latest
+
+
+class LogCapture(logging.Filter):
+    """Record this thread's log messages, and let them pass: a handler would silence the one of last resort."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.records: list[logging.LogRecord] = []
+        self._thread = threading.get_ident()
+
+    def __enter__(self) -> "LogCapture":
+        logger.addFilter(self)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        logger.removeFilter(self)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings among them, each once."""
+        return tuple(dict.fromkeys(r.getMessage() for r in self.records if r.levelno >= logging.WARNING))
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Keep a record, and let it pass."""
+        if threading.get_ident() == self._thread:
+            self.records.append(record)
+        return True
