@@ -245,7 +245,7 @@ class Raster:
 
         Raises OutputError for a file that exists, or a folder that cannot be written.
         """
-        from sionna_radar.foundation.geotiff import write_pixels
+        from sionna_radar.foundation.raster_file import write_pixels
 
         path, place, metadata = Path(path), self.grid.georeference, metadata or {}
         if path.exists():
