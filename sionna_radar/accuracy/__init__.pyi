@@ -14,4 +14,9 @@ from .compare import summarise as summarise
 from .edges import half_footprint_m as half_footprint_m
 from .edges import near_buildings as near_buildings
 from .illumination import shadowed as shadowed
+from .reference import Checkpoints as Checkpoints
+from .reference import ReferenceCheck as ReferenceCheck
+from .reference import ReferenceSurface as ReferenceSurface
+from .reference import Shift as Shift
+from .reference import compare_with_reference as compare_with_reference
 from .truth import GroundTruth as GroundTruth

@@ -66,13 +66,15 @@ def by_class(
     return tuple(classes)
 
 
-def incidence_deg(truth: Raster, points: Points, cells: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, " cell"]:
+def incidence_deg(
+    truth: Raster, points: Points | None, cells: Bool[np.ndarray, "row column"]
+) -> Float[np.ndarray, " cell"]:
     """Return the incidence angle of some cells: between their normals and the direction to the radar.
 
     The radar is at its measured position of the nearest point. NaN where the slope is undefined, or without points.
     """
     count = int(cells.sum())
-    if len(points) == 0 or count == 0:
+    if points is None or len(points) == 0 or count == 0:
         return np.full(count, np.nan)
     chosen = cells.ravel()
     place = np.column_stack([truth.grid.centres_m[chosen], truth.height_m.ravel()[chosen]])
@@ -209,10 +211,11 @@ def break_down(
     error: Raster,
     truth: Raster,
     lit: Bool[np.ndarray, "row column"],
-    points: Points,
+    points: Points | None,
     walls: Walls | None,
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
+    own_error_m: float | None = None,
 ) -> Breakdown:
     """Return the breakdown of a DEM's error by slope, incidence and wall distance, with checkpoints and variogram.
 
@@ -221,12 +224,12 @@ def break_down(
     error, truth, lit:
         DEM minus truth, the truth, and the cells that the main beam reached.
     points:
-        Located echoes, for the radar's positions.
+        Located echoes, for the radar's positions; None if they are not known.
     walls:
         Walls of the scene; None if they are not known.
     seed:
         Seed of the scenario, for checkpoints and pairs.
-    covered:
+    covered, own_error_m:
         See `checkpoint_test`.
 
     """
@@ -238,7 +241,7 @@ def break_down(
         place = error.grid.centres_m[sample.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
     return Breakdown(
-        checkpoints=checkpoint_test(error, truth, lit, seed, covered),
+        checkpoints=checkpoint_test(error, truth, lit, seed, covered, own_error_m),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
         by_incidence=by_class(error_m, incidence_deg(truth, points, sample), INCIDENCES_DEG),
         by_wall_distance=distances,

@@ -3,8 +3,8 @@
 American Society for Photogrammetry and Remote Sensing, "Positional Accuracy Standards for Digital Geospatial Data",
 Edition 2 (2023): at least 30 checkpoints, 10 more for each 1000 km2 beyond the first, at most 120 (annex C);
 spread over the whole area; on even ground no steeper than 10 %, so that their horizontal error does not count; and the
-accuracy is their RMSE, no multiple of it. The checkpoints' own survey error, which the standard adds in quadrature, is
-zero here. Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls cover more of the map than
+accuracy is their RMSE, no multiple of it. The checkpoints' own survey error is added in quadrature; simulated ones have
+none. Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls cover more of the map than
 `MAX_COVERED` such a class is not representative, and none is stated.
 
 Slopes are third-order finite differences of Horn (1981), as in GDAL and xDEM.
@@ -92,6 +92,7 @@ def checkpoint_test(
     lit: Bool[np.ndarray, "row column"],
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
+    own_error_m: float | None = None,
 ) -> CheckpointTest:
     """Return the test of a DEM with seeded checkpoints on lit cells that it fills.
 
@@ -105,6 +106,8 @@ def checkpoint_test(
         Seed of the scenario.
     covered:
         Shares of the cells covered by anything but open ground, by kind of cover.
+    own_error_m:
+        Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
 
     """
     cells = error.filled & lit
@@ -118,7 +121,8 @@ def checkpoint_test(
     if len(values) == 0:
         rms_m = mean_m = std_m = greatest_m = float("nan")
     else:
-        rms_m, mean_m, std_m = float(np.sqrt(np.mean(values**2))), float(values.mean()), float(values.std())
+        rms_m = float(np.sqrt(np.mean(values**2) + (own_error_m or 0.0) ** 2))
+        mean_m, std_m = float(values.mean()), float(values.std())
         greatest_m = float(np.abs(values).max())
     hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MAX_COVERED]
     tested = len(values) >= wanted and not hidden
@@ -134,7 +138,7 @@ def checkpoint_test(
         greatest_m=greatest_m,
         class_cm=class_cm,
         where=_where(even),
-        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden),
+        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden, own_error_m),
     )
 
 
@@ -181,13 +185,25 @@ def _where(even: bool) -> str:
     return "slopes up to 10 %" if even else "lit cells of any slope, as too few are no steeper than 10 %"
 
 
-def _statement(count: int, required: int, where: str, rms_m: float, class_cm: int | None, hidden: Sequence[str]) -> str:
+def _statement(
+    count: int,
+    required: int,
+    where: str,
+    rms_m: float,
+    class_cm: int | None,
+    hidden: Sequence[str],
+    own_error_m: float | None,
+) -> str:
     standard = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2 (2023)"
     if hidden:
         return f"not tested by the {standard}, whose checkpoints lie in the open: {' and '.join(hidden)} of the cells"
     if class_cm is None:
         return f"not tested by the {standard}: it asks for {required} checkpoints, and there are {count} cells for them"
+    kind, own = "simulated", "without error"
+    if own_error_m is not None:
+        kind = "measured"
+        own = f"with an error of {100 * own_error_m:.1f} cm, included" if own_error_m else "with an error unknown"
     return (
         f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
-        f"{100 * rms_m:.1f} cm of {count} simulated checkpoints on {where}, themselves without error"
+        f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {own}"
     )

@@ -14,7 +14,7 @@ tiles need only be independent, so they are three correlation lengths wide. The 
 the true pairing is the probability of a false alarm.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -88,15 +88,22 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
 
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
+    found = statistics(values, len(values))
+    mappable = int(illuminated.sum())
+    coverage = float((error.filled & illuminated).sum() / mappable) if mappable else 0.0
+    return replace(found, coverage=coverage)
+
+
+def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
+    """Return the statistics of finite errors among a number of mappable cells."""
     if len(values) == 0:
         unknown = {name: float("nan") for name in DemError.__annotations__ if name.endswith("_m")}
         return DemError(count=0, coverage=0.0, **unknown)
-    mappable = int(illuminated.sum())
     le68, le90, le95 = np.percentile(np.abs(values), [ONE_SIGMA_PERCENT, 90, 95])
     low, high = np.percentile(values, [5, 95])
     return DemError(
         count=len(values),
-        coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0,
+        coverage=len(values) / mappable,
         min_m=float(values.min()),
         max_m=float(values.max()),
         std_m=float(values.std()),

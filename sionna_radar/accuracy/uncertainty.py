@@ -89,7 +89,7 @@ def check_uncertainty(
     sigma: Raster,
     truth: Raster,
     lit: Bool[np.ndarray, "row column"],
-    points: Points,
+    points: Points | None,
     uncertainty: Uncertainty | None,
 ) -> UncertaintyCheck | None:
     """Return the comparison of a DEM's stated uncertainty with its errors; None without a lit cell.
@@ -101,7 +101,7 @@ def check_uncertainty(
     lit:
         Cells that the main beam reached.
     points:
-        The located echoes.
+        The located echoes; None if they are not known.
     uncertainty:
         Uncertainty of means over cells; None if the method does not provide it.
 
@@ -111,16 +111,21 @@ def check_uncertainty(
         return None
     error_m, sigma_m = error.height_m[cells], sigma.height_m[cells]
     place = error.grid.centres_m[cells.ravel()]
-    nearest = KDTree(points.position_m[:, :2]).query(place)[0] if len(points) else np.full(len(place), np.inf)
+    nearest = (
+        KDTree(points.position_m[:, :2]).query(place)[0]
+        if points is not None and len(points)
+        else np.full(len(place), np.inf)
+    )
     return UncertaintyCheck(
-        cells=_calibration(error_m, sigma_m),
+        cells=calibration(error_m, sigma_m),
         by_slope=_by_class(error_m, sigma_m, slope_deg(truth)[cells], SLOPES_DEG),
         by_echo_distance=_by_class(error_m, sigma_m, nearest, ECHO_DISTANCES_M),
         means=() if uncertainty is None else tuple(_means(error, cells, uncertainty)),
     )
 
 
-def _calibration(error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"]) -> Calibration:
+def calibration(error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"]) -> Calibration:
+    """Return the calibration of stated standard deviations."""
     z = error_m / np.maximum(sigma_m, np.finfo(float).tiny)
     bounds = ndtri(0.5 + np.array(INTERVALS_PERCENT) / 200)
     return Calibration(
@@ -147,8 +152,8 @@ def _by_class(
     for low, high in pairwise(bounds):
         members = (value >= low) & (value < high)
         if members.any():
-            calibration = _calibration(error_m[members], sigma_m[members])
-            classes.append(CalibrationClass(low=low, high=high, calibration=calibration))
+            own = calibration(error_m[members], sigma_m[members])
+            classes.append(CalibrationClass(low=low, high=high, calibration=own))
     return tuple(classes)
 
 

@@ -14,12 +14,16 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import (
+    ApplyShiftOption,
     BackendOption,
     BlockOption,
     MapOption,
+    MeasuredHeights,
     OutputOption,
     PointsOption,
     QuietOption,
+    ReferenceOption,
+    ReferenceSigmaOption,
     ReportOption,
     ResumeOption,
     Session,
@@ -33,9 +37,11 @@ from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES,
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
+    from sionna_radar.scenario import Scenario
     from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck import CrossCheck
     from sionna_radar.studies.sweep import Sweep
+    from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
 
 DEMO = "san_francisco"
@@ -64,12 +70,16 @@ def run_command(
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
+    reference: ReferenceOption = None,
+    reference_sigma: ReferenceSigmaOption = 0.0,
+    apply_shift: ApplyShiftOption = False,
 ) -> None:
     """Simulate a scenario, and write its DEM, points, errors and figures."""
     if record and (session.workers is not None or session.scheduler is not None):
         problem = Problem("--record", "recording works in one process only; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
-    _fly(session, block_size, map_coordinates, report, points, record, record_as)
+    heights = MeasuredHeights(reference, reference_sigma, apply_shift)
+    _fly(session, block_size, map_coordinates, report, points, record, record_as, heights)
 
 
 def _fly(
@@ -80,14 +90,16 @@ def _fly(
     points: list[PointsFile] | None = None,
     record: list[str] | None = None,
     record_as: str = "float64",
+    heights: MeasuredHeights | None = None,
 ) -> None:
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.survey.summary import print_survey
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
+    from sionna_radar.survey.preparation import prepare
 
-    checked = session.load_and_precompile()
+    checked, heights = session.load_and_precompile(), heights or MeasuredHeights()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
@@ -104,11 +116,18 @@ def _fly(
 
     def fly(keep: "OpenCheckpoints") -> "Survey":
         files, size = outside | inside, block_size or BLOCK_SIZE
+        survey: Scenario | Prepared = checked
+        if heights.path is not None:
+            # A reference that does not fit is refused before a long flight.
+            survey = prepare(checked)
+            heights.check(survey.mapper.grid)
         if files:
-            return run(checked, recordings=files, sample_type=sample_type, execution=Execution(block_size=size))
+            execution = Execution(block_size=size)
+            return heights.beside(run(survey, recordings=files, sample_type=sample_type, execution=execution))
         with session.team() as team:
             checkpoints = keep(identity(checked, size))
-            return run(checked, execution=Execution(block_size=size, workers=team, checkpoints=checkpoints))
+            execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)
+            return heights.beside(run(survey, execution=execution))
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
@@ -119,7 +138,7 @@ def _fly(
             marker=MARKER,
             write=write,
             show=print_survey,
-            products=[coordinates, page.name, *files],
+            products=[coordinates, page.name, *files, *heights.products],
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")

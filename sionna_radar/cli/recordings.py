@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from sionna_radar.cli.session import (
+    ApplyShiftOption,
     BlockOption,
     MapOption,
+    MeasuredHeights,
     OutputOption,
     QuietOption,
+    ReferenceOption,
+    ReferenceSigmaOption,
     ReportOption,
     ResumeOption,
     SchedulerOption,
@@ -112,6 +116,9 @@ def process_command(
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    reference: ReferenceOption = None,
+    reference_sigma: ReferenceSigmaOption = 0.0,
+    apply_shift: ApplyShiftOption = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
@@ -126,13 +133,15 @@ def process_command(
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
     page = Report.PAGE if report else Report.NONE
+    heights = MeasuredHeights(reference, reference_sigma, apply_shift)
     session = Session.of(str(recording), output, set_, set_file, None, quiet, resume=resume, team=(workers, scheduler))
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
         with session.team() as team:
             checkpoints = keep(identity_of(recording, session.overrides, size))
             execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)
-            return process(recording, session.overrides, execution=execution)
+            processed = process(recording, session.overrides, execution=execution)
+        return heights.beside(processed)
 
     session.produce(
         fly,
@@ -140,4 +149,5 @@ def process_command(
         marker=MARKER,
         write=lambda processed, folder: write_processed(processed, folder, coordinates, report=page),
         show=print_processed,
+        products=[coordinates, page.name, *heights.products],
     )

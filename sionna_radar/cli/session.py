@@ -14,14 +14,17 @@ import typer
 
 from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError, named_after
-from sionna_radar.foundation.input_file import allow_network, shown
+from sionna_radar.foundation.input_file import allow_network, regular_file, shown
 from sionna_radar.report.files.contents import PointsFile
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.execution.workers import Workers
+    from sionna_radar.foundation.raster import Grid
     from sionna_radar.scenario import Scenario
+    from sionna_radar.survey.result import Processed, Survey
 
+    Flown = TypeVar("Flown", Survey, Processed)
 
 Result = TypeVar("Result")
 # Opens or resumes the checkpoints of a run described by a JSON document.
@@ -30,6 +33,38 @@ OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
 WORKER_MODULES = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
+MAX_REFERENCE_BYTES = 200_000_000_000
+
+
+@dataclass(frozen=True)
+class MeasuredHeights:
+    """The options of a comparison with measured heights; raises InputFileError at once for a missing file."""
+
+    path: Path | None = None
+    sigma_m: float = 0.0
+    apply_shift: bool = False
+
+    def __post_init__(self) -> None:
+        if self.path is not None:
+            regular_file(self.path, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
+
+    @property
+    def products(self) -> list[str]:
+        """What the result depends on."""
+        return [] if self.path is None else [str(self.path), str(self.sigma_m), str(self.apply_shift)]
+
+    def check(self, grid: "Grid") -> None:
+        """Raise InputFileError if the heights cannot be compared with a DEM on a grid."""
+        if self.path is not None:
+            from sionna_radar.accuracy.reference import read_reference
+
+            read_reference(self.path, grid, self.sigma_m)
+
+    def beside(self, result: "Flown") -> "Flown":
+        """Return a result with the comparison, if it is asked for."""
+        if self.path is None:
+            return result
+        return result.with_reference(self.path, sigma_m=self.sigma_m, apply_shift=self.apply_shift)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,6 +332,21 @@ ReportOption = Annotated[
     typer.Option(
         "--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."
     ),
+]
+ReferenceOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--reference",
+        metavar="FILE",
+        help="Measured heights to compare the DEM with: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma].",
+    ),
+]
+ReferenceSigmaOption = Annotated[
+    float,
+    typer.Option("--reference-sigma", metavar="M", min=0.0, help="Standard deviation of the reference's heights, m."),
+]
+ApplyShiftOption = Annotated[
+    bool, typer.Option("--apply-shift", help="Take the estimated shift against the reference out before comparing.")
 ]
 PointsOption = Annotated[
     list[PointsFile] | None,

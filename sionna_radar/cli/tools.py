@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.session import (
+    ApplyShiftOption,
     MapOption,
+    MeasuredHeights,
     NetworkOption,
     OutputOption,
     QuietOption,
+    ReferenceOption,
+    ReferenceSigmaOption,
     ScenarioArgument,
     SeedOption,
     Session,
@@ -281,15 +285,32 @@ def compare(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for compare.html (default: none).")
     ] = None,
+    reference: ReferenceOption = None,
+    reference_sigma: ReferenceSigmaOption = 0.0,
+    apply_shift: ApplyShiftOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Compare several results: errors, differing settings, and maps side by side."""
+    """Compare several results: errors, differing settings, and maps side by side, or with measured heights."""
     from sionna_radar.report.files.folder import check_output
-    from sionna_radar.report.page.compare import MARKER, print_comparison, read_results, write_comparison
+    from sionna_radar.report.page.compare import (
+        MARKER,
+        compare_folder,
+        print_comparison,
+        print_references,
+        read_results,
+        write_comparison,
+    )
     from sionna_radar.studies.comparison import compare_results
 
     log_to_stderr(quiet)
     directory = check_output(output, MARKER) if output else None
+    heights = MeasuredHeights(reference, reference_sigma, apply_shift)
+    if heights.path is not None:
+        checks = [compare_folder(folder, heights.path, reference_sigma, apply_shift) for folder in folders]
+        if not quiet:
+            print_references(folders, checks)
+        if len(folders) == 1 and directory is None:
+            return
     result = compare_results(read_results(folders))
     written = write_comparison(result, directory) if directory else []
     if not quiet:

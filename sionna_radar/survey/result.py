@@ -1,7 +1,7 @@
 """Results of a survey, and of the processing of recorded beat signals."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.breakdown import Breakdown, CanopyReading, break_down, read_canopy
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
+from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
@@ -57,6 +59,7 @@ class Survey:
     sensor: kept so that single pulses can be simulated again; None if the survey ran on workers.
     no_echo: empty lit cells illuminated by pulses without any echo, as over calm water.
     saturation: what the converter of the receiver clipped; None without a full scale.
+    reference: the DEM against measured heights, from `with_reference`.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class Survey:
     sensor: Sensor | None = None
     no_echo: Bool[np.ndarray, "row column"] | None = None
     saturation: Saturation | None = None
+    reference: ReferenceCheck | None = None
 
     @property
     def scenario(self) -> Scenario:
@@ -155,6 +159,24 @@ class Survey:
             return None
         return check_uncertainty(self.error, self.dem_sigma, self.truth, self.lit, self.points, self.uncertainty)
 
+    def with_reference(self, path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False) -> "Survey":
+        """Return the result with its comparison with measured heights, `reference`; see `compare_with_reference`.
+
+        Raises InputFileError for a file that cannot be used.
+        """
+        check = compare_with_reference(
+            path,
+            self.dem,
+            self.dem_sigma,
+            sigma_m=sigma_m,
+            apply_shift=apply_shift,
+            lit=self.lit,
+            points=self.points,
+            uncertainty=self.uncertainty,
+            seed=self.scenario.seed,
+        )
+        return replace(self, reference=check)
+
     def __repr__(self) -> str:
         lit, description = self.lit_error, self.scenario.description
         lines = [
@@ -212,6 +234,7 @@ class Processed:
     dem, dem_sigma, uncertainty: see `Survey`; None without points.
     comparison: None where the truth is not known on this grid.
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle.
+    reference: the DEM against measured heights, from `with_reference`.
     record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
@@ -244,6 +267,7 @@ class Processed:
     record_chirps: Callable[[Int[np.ndarray, " pulse"]], list[ChirpRecord]]
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    reference: ReferenceCheck | None = None
 
     @property
     def scenario(self) -> Scenario | None:
@@ -277,6 +301,26 @@ class Processed:
         return check_uncertainty(
             compared.error, self.dem_sigma, compared.truth, compared.lit, self.points, self.uncertainty
         )
+
+    def with_reference(self, path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False) -> "Processed":
+        """Return the result with its comparison with measured heights, `reference`; see `compare_with_reference`.
+
+        Raises InputFileError for a file that cannot be used, and for a recording without a DEM.
+        """
+        if self.dem is None:
+            message = f"{self.source.name} has no poses, so that there is no DEM to compare; leave the reference out"
+            raise InputFileError(message)
+        check = compare_with_reference(
+            path,
+            self.dem,
+            self.dem_sigma,
+            sigma_m=sigma_m,
+            apply_shift=apply_shift,
+            points=self.points,
+            uncertainty=self.uncertainty,
+            seed=self.scenario.seed if self.scenario else 0,
+        )
+        return replace(self, reference=check)
 
     def __repr__(self) -> str:
         lines = [f"Processed: {self.source.name}", f"  {len(self.time_s):,} pulses, {len(self.echoes):,} echoes"]

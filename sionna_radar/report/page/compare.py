@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference, georeferenced
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
@@ -19,7 +20,7 @@ from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
-from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, span_of
+from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, reference_rows, span_of
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
@@ -80,6 +81,25 @@ def print_comparison(result: ResultsComparison) -> None:
     for key, row in setting_rows(result).items():
         settings.add_row(key, *row)
     console().print(settings)
+
+
+def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: bool) -> ReferenceCheck:
+    """Compare the DEM of a folder of results, `dem.tif`, with measured heights; see `compare_with_reference`."""
+    crs, dem = _raster(folder / "dem.tif")
+    sigma = _raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
+    return compare_with_reference(reference, georeferenced(dem, crs), sigma, sigma_m=sigma_m, apply_shift=apply_shift)
+
+
+def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) -> None:
+    """Print the DEMs of some folders against the same measured heights."""
+    table = Table(title="Against measured heights", title_justify="left")
+    table.add_column("")
+    for name in _names(folders):
+        table.add_column(name, overflow="fold")
+    shown_rows = [reference_rows(check) for check in checks]
+    for key in shown_rows[0]:
+        table.add_row(key, *(rows[key] for rows in shown_rows))
+    console().print(table)
 
 
 MARKER = "compare.html"

@@ -1,7 +1,7 @@
 """Sections that the pages of surveys, recordings and comparisons share: errors, maps and chirps of a result."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.colors import to_hex
 
 from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
 from sionna_radar.accuracy.compare import DemError, nmad
+from sionna_radar.accuracy.reference import ReferenceCheck
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Grid, Raster
@@ -122,6 +123,59 @@ def errors_section(
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": _stated_rows(check),
     }
+
+
+def reference_section(check: ReferenceCheck | None) -> dict[str, Any] | None:
+    """Return the section on measured heights: shift, statistics, classes of cells, and errors against stated ones."""
+    if check is None:
+        return None
+    whole = check.calibration.cells if isinstance(check.calibration, UncertaintyCheck) else check.calibration
+    classes = {} if check.breakdown is None else {"Slope of the reference (deg)": _class_rows(check.breakdown.by_slope)}
+    row = _error_row("reference.statistics", "Checkpoints" if check.error is None else "Cells", check.statistics)
+    return {
+        "name": check.name,
+        "shift": reference_rows(check),
+        "errors": list(STATISTICS),
+        "rows": [row],
+        "classes": classes,
+        "checkpoints": "" if check.breakdown is None else check.breakdown.checkpoints.statement,
+        "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
+        "stated": [] if whole is None else [["all", *_calibration_row(whole)]],
+    }
+
+
+def reference_rows(check: ReferenceCheck) -> dict[str, str]:
+    """Return the estimated shift of a DEM against measured heights, and its errors, by their names."""
+    shift, error = check.shift, check.statistics
+    horizontal = "not told by the relief" if check.error is not None else "not estimated from single points"
+    if shift.east_m is not None and shift.north_m is not None:
+        east = f"{shift.east_m:+.2f} ± {shift.east_sigma_m:.2f} m east"
+        horizontal = f"{east}, {shift.north_m:+.2f} ± {shift.north_sigma_m:.2f} m north"
+    tilts = {"east": (shift.tilt_east, shift.tilt_east_sigma), "north": (shift.tilt_north, shift.tilt_north_sigma)}
+    tilt = [
+        f"{1e3 * value:+.2f} ± {1e3 * sigma:.2f} mm/m toward {way}"
+        for way, (value, sigma) in tilts.items()
+        if value is not None and sigma is not None
+    ]
+    rms, mean, spread = (
+        number(value, form, " m")
+        for value, form in ((error.rms_m, ".3f"), (error.mean_m, "+.3f"), (error.nmad_m, ".3f"))
+    )
+    own = f"{check.sigma_m:.3f} m" if check.sigma_m else "unknown"
+    return {
+        "reference": f"{check.name} ({check.kind}), own standard deviation {own}",
+        "DEM against reference": horizontal,
+        "vertical shift": f"{shift.up_m:+.3f} ± {shift.up_sigma_m:.3f} m",
+        "tilt": ", ".join(tilt) or "not estimated",
+        "RMS without outliers": f"{shift.rms_m:.3f} m, {shift.shifted_rms_m:.3f} m after the shift",
+        "RMSE against reference": f"{rms}, bias {mean}, NMAD {spread} of {error.count:,}, shift "
+        + ("taken out" if check.applied else "left in"),
+    }
+
+
+def reference_document(check: ReferenceCheck | None) -> dict[str, Any] | None:
+    """Return the comparison with measured heights for `summary.json`; None without one."""
+    return None if check is None else asdict(replace(check, error=None))
 
 
 def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:

@@ -70,6 +70,9 @@ from sionna_radar.report.page.sections import (
     limit_of,
     maps_of,
     packed_chirps,
+    reference_document,
+    reference_rows,
+    reference_section,
     span_of,
 )
 from sionna_radar.report.survey.products import other_side, provenance, write_rasters
@@ -196,6 +199,7 @@ def _write_all(processed: Processed, coordinates: Coordinates, report: Report, d
         "dem_sigma": (processed.dem_sigma, "standard deviation of the DEM height"),
         "truth": (comparison.truth if comparison else None, "true height"),
         "error": (comparison.error if comparison else None, "DEM minus truth"),
+        "reference_error": (processed.reference.error if processed.reference else None, "DEM minus reference"),
     }
     if processed.points is not None:
         rasters |= other_side(processed.dem, processed.uncertainty)
@@ -262,6 +266,7 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
         chirps=len(records),
         points_sha256=None if points is None else points.sha256(),
         versions={name: version or "not installed" for name, version in versions().items()},
+        reference=reference_section(processed.reference),
         settings_title="The resolved settings",
         scenario=_settings(processed),
         **errors,
@@ -365,6 +370,7 @@ def _document(processed: Processed) -> dict[str, Any]:
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
         "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
+        "reference": reference_document(processed.reference),
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
@@ -417,4 +423,6 @@ def _mapped(processed: Processed) -> dict[str, str]:
         if off_wall is not None:
             rows["RMSE away from walls"] = number(off_wall.rms_m, ".3f", " m")
         rows["coverage"] = f"{lit.coverage:.1%}"
+    if processed.reference is not None:
+        rows |= reference_rows(processed.reference)
     return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

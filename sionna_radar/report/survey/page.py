@@ -42,6 +42,7 @@ from sionna_radar.report.page.sections import (
     limit_of,
     maps_of,
     packed_chirps,
+    reference_section,
     span_of,
 )
 from sionna_radar.report.survey.summary import crs_name, reference_for, summary
@@ -143,6 +144,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         replaced=survey.replaced,
         points_sha256=survey.points.sha256(),
         versions={name: version or "not installed" for name, version in versions().items()},
+        reference=reference_section(survey.reference),
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
         **errors_section(survey, survey.breakdown, survey.dem_uncertainty, paper.rows, paper.conditions),

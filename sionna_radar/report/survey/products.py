@@ -136,6 +136,7 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
         "dem": (survey.dem, "DEM height"),
         "truth": (survey.truth, "true height"),
         "error": (survey.error, "DEM minus truth"),
+        "reference_error": (survey.reference.error if survey.reference else None, "DEM minus reference"),
         "dem_sigma": (survey.dem_sigma, "standard deviation of the DEM height"),
         "dem_sigma_navigation": (survey.dem_sigma_navigation, "standard deviation of the DEM height from navigation"),
     }

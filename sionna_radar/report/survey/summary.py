@@ -14,6 +14,7 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import strict_json, without_nan
+from sionna_radar.report.page.sections import reference_document, reference_rows
 from sionna_radar.report.terminal import console
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
@@ -40,6 +41,9 @@ MEANING = {
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
     "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
+    "reference": "the DEM against the measured heights of --reference: the shift of the DEM against them with standard "
+    "deviations (sigma), whether it was applied, statistics, breakdown, and errors over the standard deviations of "
+    "both; null without",
     "dem_uncertainty": "lit cells' errors over their stated standard deviations (dem_sigma.tif): the share of cells in "
     "the intervals of 50, 68, 90 and 95 %, NMAD, RMS and mean of z = error / sigma, by classes of the true slope and "
     "of the distance from the nearest echo; means: mean errors over windows against the standard deviations stated for "
@@ -70,6 +74,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
         "breakdown": asdict(survey.breakdown),
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
+        "reference": reference_document(survey.reference),
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
         "no_echo": _no_echo(survey),
@@ -305,6 +310,8 @@ def _notes(survey: Survey) -> dict[str, str]:
             f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
             f"{reading.share:.0%} of the plants' height"
         )
+    if survey.reference is not None:
+        rows |= reference_rows(survey.reference)
     record = survey.prepared.flown.record
     if record is not None:
         rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"

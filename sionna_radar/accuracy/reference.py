@@ -1,0 +1,538 @@
+"""Comparison of a DEM with measured heights: an elevation raster, a point cloud, or checkpoints.
+
+The shift between the two is estimated first. With the DEM h and the reference z,
+
+    h(x) = z(x - d) + u + t . (x - x0) + errors,
+
+d being the horizontal shift of the DEM against the reference, u the vertical one, t a tilt and x0 the middle of the
+DEM. It is linearised by the slopes, as by Nuth and Kaeaeb (2011, "Co-registration and bias corrections of satellite
+elevation data sets for quantifying glacier thickness change", The Cryosphere 5, 271-290), and iterated.
+
+The slopes contain noise, from which least squares derive a shift even of flat ground. So the slopes of the DEM are the
+instruments of those of the reference, whose errors are independent of them: theta = (Z'X)^-1 Z'r. Where the two have no
+relief in common, the standard deviation of d grows without bound. Neighbouring errors are alike: standard deviations
+come from the sums of Z'r over square tiles, wider than the correlation length of the errors (Liang and Zeger 1986,
+"Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
+"""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+from rasterio.transform import Affine
+from rasterio.warp import Resampling, reproject
+
+from sionna_radar.accuracy.breakdown import Breakdown, break_down, variogram
+from sionna_radar.accuracy.checkpoints import gradient
+from sionna_radar.accuracy.compare import DemError, nmad, statistics
+from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
+from sionna_radar.elevation.local_frame import MapFrame
+from sionna_radar.elevation.placed_raster import height_system, horizontal_part
+from sionna_radar.elevation.point_cloud import Piece, gridded, open_cloud
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.foundation.raster_file import open_raster, require_cells
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.terrain.uncertainty import Uncertainty
+
+KEY = "reference"
+REMEDY = "give a GeoTIFF, a LAS or LAZ file, or a CSV file with the columns x, y, z and, if known, sigma"
+# Largest shift that is searched, m, and the number of trial shifts to each side of none.
+SEARCHED_M, TRIALS = 20.0, 5
+MAX_ITERATIONS = 20
+# Residuals beyond this many NMAD do not take part in the estimate of the shift.
+OUTLIERS = 4.0
+# Width of a tile in correlation lengths of the errors; cells along its side, at least; fewest tiles.
+TILE_LENGTHS, MIN_TILE_CELLS, MIN_TILES = 6, 5, 12
+# Fewest checkpoints from which a tilt is estimated, and an offset.
+TILT_CHECKPOINTS, OFFSET_CHECKPOINTS = 10, 3
+# Share of cells with points from which a cloud is a surface.
+SURFACE_SHARE = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shift:
+    """Shift of a DEM against a reference, with standard deviations; None where it was not estimated.
+
+    east_m, north_m: horizontal; None for checkpoints, and where the relief does not tell.
+    up_m: vertical, in the middle of the DEM.
+    tilt_east, tilt_north: slopes of the difference, m per m.
+    rms_m, shifted_rms_m: of DEM minus reference, without outliers, before and after the shift is taken out.
+    """
+
+    up_m: float
+    up_sigma_m: float
+    east_m: float | None = None
+    north_m: float | None = None
+    east_sigma_m: float | None = None
+    north_sigma_m: float | None = None
+    tilt_east: float | None = None
+    tilt_north: float | None = None
+    tilt_east_sigma: float | None = None
+    tilt_north_sigma: float | None = None
+    rms_m: float
+    shifted_rms_m: float
+
+    def trend_m(self, place_m: Float[np.ndarray, "n 2"], middle_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, " n"]:
+        """Return the vertical shift and tilt at places."""
+        tilt = np.array([self.tilt_east or 0.0, self.tilt_north or 0.0])
+        return self.up_m + (place_m - middle_m) @ tilt
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSurface:
+    """Measured heights on cells of their own.
+
+    height_m: heights over the local origin, rows from north to south; transform: from columns and rows to `crs`.
+    sigma_m: their standard deviation; 0 if unknown.
+    """
+
+    kind: Literal["raster", "cloud"]
+    height_m: Float[np.ndarray, "row column"]
+    transform: Affine
+    crs: str
+    sigma_m: float
+
+    def on(self, grid: Grid, east_m: float = 0.0, north_m: float = 0.0) -> Raster:
+        """Return the heights on a grid, moved by a horizontal shift; bilinear, NaN next to empty cells."""
+        a, b, c, d, e, f = grid.transform
+        out = np.full(grid.shape, np.nan)
+        reproject(
+            self.height_m,
+            out,
+            src_transform=self.transform,
+            src_crs=self.crs,
+            dst_transform=Affine(a, b, c - east_m, d, e, f - north_m),
+            dst_crs=_crs_of(grid),
+            src_nodata=np.nan,
+            dst_nodata=np.nan,
+            resampling=Resampling.bilinear,
+        )
+        return Raster(grid=grid, height_m=out[::-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoints:
+    """Measured heights of single places, in local metres: of a table, or of a cloud too sparse for a surface.
+
+    sigma_m: standard deviation of each height; 0 if unknown.
+    """
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+    kind: Literal["checkpoints", "sparse cloud"] = "checkpoints"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceCheck:
+    """A DEM against measured heights.
+
+    name: of the reference's file. sigma_m: its standard deviation, RMS; 0 if unknown.
+    shift: as estimated; applied: whether it was taken out before the comparison.
+    error: DEM minus reference, None for checkpoints. statistics: of lit cells, or of checkpoints.
+    breakdown: None for checkpoints. calibration: errors over the stated standard deviations of DEM and reference
+    together; None if the DEM states none.
+    """
+
+    name: str
+    kind: str
+    sigma_m: float
+    shift: Shift
+    applied: bool
+    error: Raster | None
+    statistics: DemError
+    breakdown: Breakdown | None
+    calibration: UncertaintyCheck | Calibration | None
+
+
+def compare_with_reference(
+    path: str | Path,
+    dem: Raster,
+    sigma: Raster | None = None,
+    *,
+    sigma_m: float = 0.0,
+    apply_shift: bool = False,
+    lit: Bool[np.ndarray, "row column"] | None = None,
+    points: Points | None = None,
+    uncertainty: Uncertainty | None = None,
+    seed: int = 0,
+) -> ReferenceCheck:
+    """Compare a DEM with the measured heights of a file.
+
+    Parameters
+    ----------
+    path:
+        An elevation raster, a LAS or LAZ cloud, or a CSV file with the columns x, y, z and, if known, sigma, in m.
+    dem, sigma:
+        The DEM and its stated standard deviation. A DEM in map coordinates needs a reference with a CRS; checkpoints
+        have those of the DEM.
+    sigma_m:
+        Standard deviation of the reference's heights; the column sigma of checkpoints comes first.
+    apply_shift:
+        Whether the estimated shift is taken out before the comparison.
+    lit:
+        Cells that the main beam reached; None takes all filled ones.
+    points, uncertainty:
+        The located echoes, and the uncertainty of means, for classes of view and windows.
+    seed:
+        Of the random choice of checkpoints among cells.
+
+    Raises
+    ------
+    InputFileError
+        The file cannot be read, does not fit the DEM's coordinates, or has no height where the DEM has any.
+
+    Examples
+    --------
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey.truth.to_geotiff("surveyed.tif")
+    >>> check = compare_with_reference("surveyed.tif", survey.dem, survey.dem_sigma, lit=survey.lit)
+    >>> abs(check.statistics.rms_m - survey.lit_error.rms_m) < 1e-4
+    True
+
+    """
+    path = Path(path)
+    reference = read_reference(path, dem.grid, sigma_m)
+    if isinstance(reference, Checkpoints):
+        return _check_at(path.name, reference, dem, sigma, apply_shift)
+    reached = dem.filled if lit is None else lit
+    shift = _shift_of(dem, reference, dem.filled & reached, seed, path)
+    surface = reference.on(dem.grid)
+    if apply_shift:
+        surface = reference.on(dem.grid, shift.east_m or 0.0, shift.north_m or 0.0)
+        trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
+        surface = replace(surface, height_m=surface.height_m + trend)
+    error = Raster(grid=dem.grid, height_m=dem.height_m - surface.height_m, quantity="height error")
+    known = reached & surface.filled
+    total = None if sigma is None else replace(sigma, height_m=np.hypot(sigma.height_m, reference.sigma_m))
+    return ReferenceCheck(
+        name=path.name,
+        kind=reference.kind,
+        sigma_m=reference.sigma_m,
+        shift=shift,
+        applied=apply_shift,
+        error=error,
+        statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
+        breakdown=break_down(error, surface, known, points, None, seed, own_error_m=reference.sigma_m),
+        calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
+    )
+
+
+def _check_at(
+    name: str, reference: Checkpoints, dem: Raster, sigma: Raster | None, apply_shift: bool
+) -> ReferenceCheck:
+    """Compare a DEM with checkpoints."""
+    height_m = dem.at(reference.place_m)
+    inside = np.isfinite(height_m)
+    error_m = (height_m - reference.height_m)[inside]
+    if len(error_m) < OFFSET_CHECKPOINTS:
+        message = (
+            f"{KEY} = {name}: {len(error_m)} of {len(inside)} places lie on filled cells of the DEM; "
+            f"give at least {OFFSET_CHECKPOINTS}"
+        )
+        raise InputFileError(message)
+    place_m, own_m = reference.place_m[inside], reference.sigma_m[inside]
+    shift = _trend_of(error_m, place_m, _middle_m(dem.grid))
+    if apply_shift:
+        error_m = error_m - shift.trend_m(place_m, _middle_m(dem.grid))
+    stated = None if sigma is None else np.hypot(sigma.at(place_m), own_m)
+    known = None if stated is None else np.isfinite(stated)
+    return ReferenceCheck(
+        name=name,
+        kind=reference.kind,
+        sigma_m=float(np.sqrt(np.mean(own_m**2))),
+        shift=shift,
+        applied=apply_shift,
+        error=None,
+        statistics=statistics(error_m, len(inside)),
+        breakdown=None,
+        calibration=None if stated is None or known is None else calibration(error_m[known], stated[known]),
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------- shift
+def _shift_of(
+    dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], seed: int, path: Path
+) -> Shift:
+    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not tell it."""
+    known = int((cells & reference.on(dem.grid).filled).sum())
+    if known < MIN_TILES * MIN_TILE_CELLS:
+        message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give one of its ground"
+        raise InputFileError(message)
+    shift = _fitted(dem, reference, cells, seed, _coarse_shift(dem, reference, cells))
+    assert shift.east_sigma_m is not None
+    assert shift.north_sigma_m is not None
+    # Within its interval another trial shift fits as well.
+    if 2 * max(shift.east_sigma_m, shift.north_sigma_m) > SEARCHED_M / TRIALS:
+        return _fitted(dem, reference, cells, seed, None)
+    return shift
+
+
+def _fitted(
+    dem: Raster,
+    reference: ReferenceSurface,
+    cells: Bool[np.ndarray, "row column"],
+    seed: int,
+    start_m: Float[np.ndarray, "2"] | None,
+) -> Shift:
+    """Return the fitted shift, beginning with a horizontal one; without a horizontal one for None."""
+    moved = start_m is not None
+    shift_m = np.zeros(2) if start_m is None else start_m
+    place = dem.grid.centres_m - _middle_m(dem.grid)
+    constant = np.column_stack([np.ones(len(place)), place])
+    slopes = [-component.ravel() for component in gradient(dem)]
+    for _ in range(MAX_ITERATIONS if moved else 1):
+        surface = reference.on(dem.grid, *shift_m)
+        residual = (dem.height_m - surface.height_m).ravel()
+        own = [-component.ravel() for component in gradient(surface)]
+        model = np.column_stack([*own, constant]) if moved else constant
+        instruments = np.column_stack([*slopes, constant]) if moved else constant
+        usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
+        usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
+        solved = np.linalg.pinv(instruments[usable].T @ model[usable]) @ instruments[usable].T @ residual[usable]
+        if not moved:
+            break
+        step_m = np.clip(solved[:2], -dem.grid.spacing_m, dem.grid.spacing_m)
+        shift_m = np.clip(shift_m + step_m, -SEARCHED_M, SEARCHED_M)
+        if np.abs(step_m).max() < 1e-3 * dem.grid.spacing_m:
+            break
+    left = residual - model @ solved
+    sigma = _sandwich(model[usable], instruments[usable], left[usable], _tiles(dem, left, usable, seed))
+    horizontal: dict[str, float] = {}
+    if moved:
+        names = ("east_m", "north_m", "east_sigma_m", "north_sigma_m")
+        horizontal = dict(zip(names, map(float, [*shift_m, *sigma[:2]]), strict=True))
+    up_m, tilt_east, tilt_north = map(float, solved[-3:])
+    up_sigma_m, tilt_east_sigma, tilt_north_sigma = map(float, sigma[-3:])
+    return Shift(
+        up_m=up_m,
+        up_sigma_m=up_sigma_m,
+        tilt_east=tilt_east,
+        tilt_north=tilt_north,
+        tilt_east_sigma=tilt_east_sigma,
+        tilt_north_sigma=tilt_north_sigma,
+        rms_m=_rms((dem.height_m - reference.on(dem.grid).height_m)[cells]),
+        shifted_rms_m=_rms(left[usable]),
+        **horizontal,
+    )
+
+
+def _coarse_shift(
+    dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]
+) -> Float[np.ndarray, "2"]:
+    """Return the trial shift after which DEM and surface differ least, by NMAD."""
+    trials = SEARCHED_M / TRIALS * np.arange(-TRIALS, TRIALS + 1)
+    spreads = {}
+    for east_m, north_m in product(trials, trials):
+        difference = (dem.height_m - reference.on(dem.grid, east_m, north_m).height_m)[cells]
+        finite = difference[np.isfinite(difference)]
+        if len(finite) > len(difference) / 2:
+            spreads[east_m, north_m] = nmad(finite)
+    return np.array(min(spreads, key=lambda trial: spreads[trial])) if spreads else np.zeros(2)
+
+
+def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], middle_m: np.ndarray) -> Shift:
+    """Return the vertical shift of a DEM against checkpoints, and its tilt if there are enough."""
+    model = np.ones((len(error_m), 1))
+    if len(error_m) >= TILT_CHECKPOINTS:
+        model = np.column_stack([model, place_m - middle_m])
+    solved = np.linalg.lstsq(model, error_m, rcond=None)[0]
+    left = error_m - model @ solved
+    sigma = _sandwich(model, model, left, np.arange(len(left)))
+    tilt: dict[str, float] = {}
+    if len(solved) == 3:
+        names = ("tilt_east", "tilt_north", "tilt_east_sigma", "tilt_north_sigma")
+        tilt = dict(zip(names, map(float, [*solved[1:], *sigma[1:]]), strict=True))
+    return Shift(
+        up_m=float(solved[0]), up_sigma_m=float(sigma[0]), rms_m=_rms(error_m), shifted_rms_m=_rms(left), **tilt
+    )
+
+
+def _sandwich(
+    model: Float[np.ndarray, "n parameter"],
+    instruments: Float[np.ndarray, "n parameter"],
+    left: Float[np.ndarray, " n"],
+    tile: Int[np.ndarray, " n"],
+) -> Float[np.ndarray, " parameter"]:
+    """Return the standard deviations of the parameters from residuals that are independent between tiles only."""
+    tiles = int(tile.max()) + 1
+    scores = np.column_stack([np.bincount(tile, left * column, minlength=tiles) for column in instruments.T])
+    bread = np.linalg.pinv(instruments.T @ model)
+    # From few tiles an estimate over its standard deviation has Student's distribution, of the variance nu / (nu - 2).
+    inflation = tiles / max(tiles - model.shape[1] - 2, 1)
+    return np.sqrt(np.diag(bread @ (inflation * scores.T @ scores) @ bread.T))
+
+
+def _tiles(
+    dem: Raster, left: Float[np.ndarray, " cell"], usable: Bool[np.ndarray, " cell"], seed: int
+) -> Int[np.ndarray, " used"]:
+    """Return the tile of each used cell."""
+    grid = dem.grid
+    shape = grid.shape
+    errors = Raster(grid=grid, height_m=np.where(usable, left, np.nan).reshape(shape))
+    known = variogram(errors, usable.reshape(shape), seed)
+    length_m = known.correlation_length_m if known and known.correlation_length_m else 0.0
+    side = max(MIN_TILE_CELLS, round(TILE_LENGTHS * length_m / grid.spacing_m))
+    side = min(side, max(1, int(np.sqrt(usable.sum() / MIN_TILES))))
+    row, column = np.divmod(np.flatnonzero(usable), grid.columns)
+    _, tile = np.unique(np.column_stack([row // side, column // side]), axis=0, return_inverse=True)
+    return np.asarray(tile).ravel()
+
+
+def _middle_m(grid: Grid) -> Float[np.ndarray, "2"]:
+    west, east, south, north = grid.extent_m
+    return np.array([(west + east) / 2, (south + north) / 2])
+
+
+def _rms(values: Float[np.ndarray, " n"]) -> float:
+    """Return the RMS of values without outliers."""
+    values = values[np.isfinite(values)]
+    kept = values[np.abs(values - np.median(values)) <= OUTLIERS * max(nmad(values), 1e-6)] if len(values) else values
+    return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan")
+
+
+# --------------------------------------------------------------------------------------------------------- reading
+def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSurface | Checkpoints:
+    """Return the measured heights of a file, on and around a grid; see `compare_with_reference`."""
+    read = {".las": _read_cloud, ".laz": _read_cloud, ".csv": _read_checkpoints, ".txt": _read_checkpoints}
+    reference = read.get(path.suffix.lower(), _read_raster)(path, grid, sigma_m)
+    if isinstance(reference, Checkpoints):
+        inside = int(grid.cell_of(reference.place_m)[2].sum())
+        if inside < OFFSET_CHECKPOINTS:
+            message = (
+                f"{KEY} = {shown(path)}: {inside} of {len(reference.place_m)} places lie within the DEM; "
+                f"give at least {OFFSET_CHECKPOINTS}, x and y in its coordinates"
+            )
+            raise InputFileError(message)
+    elif not reference.on(grid).filled.any():
+        message = f"{KEY} = {shown(path)}: has no height within the DEM; give one of its ground"
+        raise InputFileError(message)
+    return reference
+
+
+def _read_raster(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface:
+    named = f"{KEY} = {shown(path)}"
+    with open_raster(path, KEY) as file:
+        require_cells(file, named, "heights")
+        crs = _same_kind_of_crs(file.crs.to_wkt() if file.crs else None, grid, named)
+        unit_m = height_system(file, CRS.from_wkt(crs), None, None).unit_m
+        height = file.read(1, masked=True, out_dtype="float64").filled(np.nan) * unit_m
+        return ReferenceSurface(
+            kind="raster",
+            height_m=height - _base_m(grid),
+            transform=file.transform,
+            crs=horizontal_part(CRS.from_wkt(crs)).to_wkt(),
+            sigma_m=sigma_m,
+        )
+
+
+def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Checkpoints:
+    """Return the mean heights of the first returns in the cells of a grid, with a margin for the shift.
+
+    Where fewer than half of the cells within the cloud's bounds have a point, its points are checkpoints.
+    """
+    margin = int(np.ceil(SEARCHED_M / grid.spacing_m))
+    wide = replace(
+        grid,
+        west_m=grid.west_m - margin * grid.spacing_m,
+        south_m=grid.south_m - margin * grid.spacing_m,
+        columns=grid.columns + 2 * margin,
+        rows=grid.rows + 2 * margin,
+    )
+    with open_cloud(path, KEY) as cloud:
+        crs = CRS.from_wkt(_same_kind_of_crs(cloud.crs_wkt, grid, cloud.name))
+        east_m, north_m = _origin_m(grid)[:2]
+        frame = MapFrame(crs=horizontal_part(CRS.from_wkt(_crs_of(grid))), origin_m=(east_m, north_m))
+        vertical = crs.axis_info[2].unit_conversion_factor if len(crs.axis_info) == 3 else 1.0
+
+        def pieces() -> Iterator[Piece]:
+            return cloud.pieces("first", lambda x, y: frame.local_of(horizontal_part(crs), x, y), vertical)
+
+        raster = gridded(pieces, wide, "mean", 0.5)
+        cells = np.argwhere(raster.filled)
+        if len(cells) < SURFACE_SHARE * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):
+            place_m, height_m = (np.concatenate(part) for part in zip(*pieces(), strict=True))
+            own_m = np.full(len(height_m), sigma_m)
+            height_m = height_m - _base_m(grid)
+            return Checkpoints(place_m=place_m, height_m=height_m, sigma_m=own_m, kind="sparse cloud")
+    return ReferenceSurface(
+        kind="cloud",
+        height_m=raster.height_m[::-1] - _base_m(grid),
+        transform=Affine(*wide.transform),
+        crs=_crs_of(grid),
+        sigma_m=sigma_m,
+    )
+
+
+def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
+    rows = list(csv.reader(read_text(path, f"{KEY} =", REMEDY).splitlines()))
+    header = [name.strip().lower() for name in rows[0]] if rows else []
+    if not {"x", "y", "z"} <= set(header):
+        message = f"{KEY} = {shown(path)}: line 1 names the columns {header}; name x, y, z and, if known, sigma"
+        raise InputFileError(message)
+    columns = [header.index(name) for name in ("x", "y", "z", "sigma") if name in header]
+    table = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue
+        try:
+            values = [float(row[column]) for column in columns]
+        except (ValueError, IndexError):
+            values = [np.nan]
+        if not np.isfinite(values).all() or (len(values) == 4 and values[3] < 0):
+            message = f"{KEY} = {shown(path)}: line {number}, {','.join(row)!r}: give finite numbers, sigma at least 0"
+            raise InputFileError(message)
+        table.append(values)
+    given = np.array(table).reshape(len(table), len(columns))
+    position_m = given[:, :3] - np.array(_origin_m(grid))
+    own_m = given[:, 3] if len(columns) == 4 else np.full(len(given), sigma_m)
+    return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=own_m)
+
+
+# Local metres have no CRS; rasterio asks for one, and the same for both leaves coordinates as they are.
+LOCAL = CRS.from_epsg(3857).to_wkt()
+
+
+def _crs_of(grid: Grid) -> str:
+    place = grid.georeference
+    return LOCAL if place is None else horizontal_part(CRS.from_wkt(place.crs_wkt)).to_wkt()
+
+
+def _origin_m(grid: Grid) -> tuple[float, float, float]:
+    return (0.0, 0.0, 0.0) if grid.georeference is None else grid.georeference.origin_m
+
+
+def _base_m(grid: Grid) -> float:
+    return _origin_m(grid)[2]
+
+
+def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
+    """Return the CRS of a file; InputFileError if only one of file and DEM has one."""
+    if wkt is None and grid.georeference is not None:
+        message = f"{named}: has no CRS, and the DEM has one; add it with gdal_translate -a_srs, or las2las"
+        raise InputFileError(message)
+    if wkt is not None and grid.georeference is None:
+        message = f"{named}: has a CRS, and the DEM is in local metres; give a file in the same metres without a CRS"
+        raise InputFileError(message)
+    try:
+        return CRS.from_wkt(wkt).to_wkt() if wkt else LOCAL
+    except CRSError as error:
+        message = f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}"
+        raise InputFileError(message) from error
+
+
+def georeferenced(raster: Raster, crs_wkt: str) -> Raster:
+    """Return a raster that is read from a file with the CRS of its map coordinates; unchanged for local metres."""
+    if not crs_wkt:
+        return raster
+    place = Georeference(crs_wkt=crs_wkt, origin_m=(0.0, 0.0, 0.0))
+    return replace(raster, grid=replace(raster.grid, georeference=place))

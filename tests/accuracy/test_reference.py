@@ -1,0 +1,232 @@
+"""DEMs against measured heights: the shift within its stated intervals, the statistics, and files that do not fit."""
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from pyproj import CRS
+from scipy.ndimage import gaussian_filter
+from typer.testing import CliRunner
+
+from sionna_radar import Survey, load_scenario, run
+from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
+from sionna_radar.cli.app import app
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
+
+GRID = Grid(west_m=-40.0, south_m=-35.0, spacing_m=1.0, columns=81, rows=71)
+
+
+@pytest.fixture(scope="module")
+def survey() -> Survey:
+    return run(load_scenario("hills", {"platform.length_m": 6.0}))
+
+
+def relief(seed: int) -> Raster:
+    """Hills of 3 m, some 12 m apart, on cells of 0.5 m over 150 m."""
+    z = gaussian_filter(np.random.default_rng(seed).normal(size=(300, 300)), 12)
+    return Raster.from_array(3.0 * z / z.std(), 0.5)
+
+
+def noise(rng: np.random.Generator, shape: tuple[int, int], rms_m: float, cells: float = 2.0) -> np.ndarray:
+    """Errors that neighbouring cells share."""
+    z = gaussian_filter(rng.normal(size=shape), cells)
+    return rms_m * z / z.std()
+
+
+def seen(surface: Raster, shift_m: tuple[float, float], up_m: float, tilt: tuple[float, float], rng) -> Raster:
+    """A DEM of a surface, shifted, tilted, and with errors of 0.08 m."""
+    place = GRID.centres_m
+    height = surface.at(place - shift_m) + up_m + (place - [0.0, 0.0]) @ tilt
+    return Raster(grid=GRID, height_m=height.reshape(GRID.shape) + noise(rng, GRID.shape, 0.08))
+
+
+def written(raster: Raster, path: Path) -> Path:
+    raster.to_geotiff(path)
+    return path
+
+
+def test_the_shift_lies_in_its_stated_intervals(tmp_path):
+    z = []
+    for seed in range(700, 730):
+        rng = np.random.default_rng(seed)
+        surface = relief(seed)
+        shift, up, tilt = rng.uniform(-15, 15, 2), rng.normal(0, 0.3), rng.normal(0, 0.002, 2)
+        measured = replace(surface, height_m=surface.height_m + rng.normal(0, 0.03, surface.grid.shape))
+        path = written(measured, tmp_path / f"{seed}.tif")
+        found = compare_with_reference(path, seen(surface, tuple(shift), up, tuple(tilt), rng)).shift
+        true = (*shift, up, *tilt)
+        estimate = (found.east_m, found.north_m, found.up_m, found.tilt_east, found.tilt_north)
+        sigma = (found.east_sigma_m, found.north_sigma_m, found.up_sigma_m)
+        sigma += (found.tilt_east_sigma, found.tilt_north_sigma)
+        z.append((np.array(estimate) - true) / sigma)
+        assert max(sigma[:2]) < 0.05
+    # Of 150 intervals of 95 %, fewer than 132 or all hold the truth with a probability below 0.001.
+    assert (np.abs(z) < 1.96).sum() >= 132
+    assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_flat_ground_tells_no_horizontal_shift(tmp_path):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        flat = Raster.from_array(noise(rng, (300, 300), 0.03, 1.0), 0.5)
+        dem = Raster(grid=GRID, height_m=0.1 + noise(rng, GRID.shape, 0.08))
+        found = compare_with_reference(written(flat, tmp_path / f"{seed}.tif"), dem).shift
+        assert found.east_m is None
+        assert found.north_sigma_m is None
+        assert abs(found.up_m - 0.1) < 4 * found.up_sigma_m < 0.1
+
+
+def test_the_shift_is_that_of_xdem(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        xdem = pytest.importorskip("xdem")
+        surface, rng = relief(3), np.random.default_rng(3)
+        place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(500_000.0, 4_000_000.0, 0.0))
+        at = lambda raster: replace(raster, grid=replace(raster.grid, georeference=place))  # noqa: E731
+        dem = at(seen(surface, (1.3, -0.7), 0.4, (0.0, 0.0), rng))
+        ours = compare_with_reference(written(at(surface), tmp_path / "reference.tif"), dem).shift
+        dem.to_geotiff(tmp_path / "dem.tif")
+        coreg = xdem.coreg.NuthKaab()
+        coreg.fit(xdem.DEM(str(tmp_path / "reference.tif")), xdem.DEM(str(tmp_path / "dem.tif")), random_state=1)
+        theirs = coreg.meta["outputs"]["affine"]
+    # xDEM gives what moves the DEM onto the reference.
+    np.testing.assert_allclose((-theirs["shift_x"], -theirs["shift_y"]), (ours.east_m, ours.north_m), atol=0.05)
+    np.testing.assert_allclose(-theirs["shift_z"], ours.up_m, atol=0.03)
+
+
+def test_a_shift_that_is_applied_is_gone_from_the_errors(tmp_path):
+    surface, rng = relief(1), np.random.default_rng(1)
+    dem = seen(surface, (2.0, 1.0), 0.5, (0.001, -0.002), rng)
+    path = written(surface, tmp_path / "surface.tif")
+    raw, shifted = (compare_with_reference(path, dem, apply_shift=apply) for apply in (False, True))
+    assert raw.shift == shifted.shift
+    assert raw.statistics.rms_m > 0.6
+    assert 0.07 < shifted.statistics.rms_m < 0.09
+    assert shifted.error is not None
+    assert not raw.applied
+
+
+def test_the_true_surface_as_reference_gives_the_errors_of_a_survey(survey, tmp_path):
+    path = written(survey.truth, tmp_path / "truth.tif")
+    check = survey.with_reference(path).reference
+    assert isinstance(check, ReferenceCheck)
+    # The file has 32-bit heights.
+    np.testing.assert_allclose(check.statistics.rms_m, survey.lit_error.rms_m, atol=1e-5)
+    np.testing.assert_allclose(check.statistics.coverage, survey.lit_error.coverage, atol=1e-3)
+    ours, theirs = check.calibration.cells.coverage, survey.dem_uncertainty.cells.coverage
+    np.testing.assert_allclose(list(ours.values()), list(theirs.values()), atol=0.01)
+    assert "with an error unknown" in check.breakdown.checkpoints.statement
+    wider = survey.with_reference(path, sigma_m=0.1).reference
+    assert wider.calibration.cells.sigma_rms_m > check.calibration.cells.sigma_rms_m
+    assert "an error of 10.0 cm" in wider.breakdown.checkpoints.statement
+
+
+@pytest.mark.parametrize("every", [1, 9])
+def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(tmp_path, every):
+    surface, rng = relief(5), np.random.default_rng(5)
+    cloud = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    place = surface.grid.centres_m.reshape(*surface.grid.shape, 2)[::every, ::every].reshape(-1, 2)
+    cloud.header.scales = [0.001] * 3
+    cloud.x, cloud.y, cloud.z = *place.T, surface.height_m[::every, ::every].ravel()
+    cloud.return_number = np.ones(len(place), dtype=np.uint8)
+    cloud.write(tmp_path / "cloud.laz")
+    check = compare_with_reference(tmp_path / "cloud.laz", seen(surface, (0.0, 0.0), 0.25, (0.0, 0.0), rng))
+    assert check.kind == ("cloud" if every == 1 else "sparse cloud")
+    assert (check.shift.east_m is None) == (every == 9)
+    assert abs(check.shift.up_m - 0.25) < 3 * check.shift.up_sigma_m + 0.01
+    np.testing.assert_allclose(check.statistics.mean_m, 0.25, atol=0.03)
+
+
+def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp_path):
+    rng = np.random.default_rng(8)
+    surface = relief(8)
+    dem = seen(surface, (0.0, 0.0), 0.2, (0.003, 0.0), rng)
+    place = rng.uniform([-39, -34], [39, 34], (400, 2))
+    measured = surface.at(place) + rng.normal(0, 0.05, len(place))
+    rows = [f"{x:.3f},{y:.3f},{z:.4f},0.05" for (x, y), z in zip(place, measured, strict=True)]
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join(["X, Y, Z, Sigma", *rows, ""]))
+    sigma = Raster(grid=GRID, height_m=np.full(GRID.shape, 0.08))
+    check = compare_with_reference(path, dem, sigma, apply_shift=True)
+    assert check.kind == "checkpoints"
+    assert check.statistics.count == 400
+    assert check.statistics.coverage == 1.0
+    assert abs(check.shift.up_m - 0.2) < 4 * check.shift.up_sigma_m < 0.05
+    assert abs(check.shift.tilt_east - 0.003) < 4 * check.shift.tilt_east_sigma < 0.002
+    assert abs(check.calibration.coverage["95"] - 0.95) < 0.04
+    assert abs(check.calibration.coverage["68"] - 0.68) < 0.08
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2,3\n", "line 1 names the columns ['1', '2', '3']; name x, y, z"),
+        ("x,y\n1,2\n", "name x, y, z"),
+        ("x,y,z\n0,0,1\n0,1,high\n", "line 3, '0,1,high': give finite numbers"),
+        ("x,y,z\n0,0\n", "line 2, '0,0'"),
+        ("x,y,z,sigma\n0,0,1,-1\n", "sigma at least 0"),
+        ("x,y,z\n900,0,1\n901,0,1\n902,0,1\n", "0 of 3 places lie within the DEM"),
+        ("", "line 1 names the columns []"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused_by_its_line(tmp_path, text, words):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(InputFileError) as refused:
+        compare_with_reference(path, seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1)))
+    assert words in str(refused.value)
+    assert str(path) in str(refused.value) or path.name in str(refused.value)
+
+
+def test_a_reference_elsewhere_or_in_other_coordinates_is_refused(tmp_path):
+    dem = seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1))
+    far = replace(relief(1), grid=replace(relief(1).grid, west_m=5000.0))
+    with pytest.raises(InputFileError, match="has no height within the DEM"):
+        compare_with_reference(written(far, tmp_path / "far.tif"), dem)
+    place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(500_000.0, 4_000_000.0, 0.0))
+    mapped = replace(relief(1), grid=replace(relief(1).grid, georeference=place))
+    with pytest.raises(InputFileError, match="has a CRS, and the DEM is in local metres"):
+        compare_with_reference(written(mapped, tmp_path / "mapped.tif"), dem)
+    placed = replace(dem, grid=replace(dem.grid, georeference=place))
+    with pytest.raises(InputFileError, match="has no CRS, and the DEM has one"):
+        compare_with_reference(written(relief(1), tmp_path / "local.tif"), placed)
+
+
+@pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
+def test_a_reference_in_another_projection_is_the_same_ground(tmp_path):
+    place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(500_000.0, 4_000_000.0, 100.0))
+    surface, rng = relief(2), np.random.default_rng(2)
+    at = lambda raster: replace(raster, grid=replace(raster.grid, georeference=place))  # noqa: E731
+    written(at(surface), tmp_path / "utm.tif")
+    import rasterio
+    from rasterio.warp import calculate_default_transform, reproject
+
+    with rasterio.open(tmp_path / "utm.tif") as file:
+        size = file.width, file.height
+        transform, width, height = calculate_default_transform(file.crs, "EPSG:4326", *size, *file.bounds)
+        profile = {**file.profile, "driver": "GTiff", "crs": "EPSG:4326", "transform": transform, "width": width}
+        with rasterio.open(tmp_path / "degrees.tif", "w", **{**profile, "height": height}) as out:
+            reproject(rasterio.band(file, 1), rasterio.band(out, 1), resampling=rasterio.warp.Resampling.bilinear)
+    dem = at(seen(surface, (1.0, -2.0), 0.1, (0.0, 0.0), rng))
+    shift = compare_with_reference(tmp_path / "degrees.tif", dem).shift
+    np.testing.assert_allclose((shift.east_m, shift.north_m, shift.up_m), (1.0, -2.0, 0.1), atol=0.06)
+
+
+def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_before_the_flight(survey, tmp_path):
+    reference = written(survey.truth, tmp_path / "truth.tif")
+    short = ["--set", "platform.length_m=6", "--no-report", "-q"]
+    done = CliRunner().invoke(app, ["run", "hills", *short, "--reference", str(reference), "-o", str(tmp_path / "a")])
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    np.testing.assert_allclose(summary["reference"]["statistics"]["rms_m"], summary["lit_error"]["rms_m"], atol=1e-4)
+    assert (tmp_path / "a" / "reference_error.tif").is_file()
+    done = CliRunner().invoke(app, ["compare", str(tmp_path / "a"), "--reference", str(reference)])
+    assert done.exit_code == 0, done.output
+    assert "RMSE against reference" in done.output
+    with pytest.raises(InputFileError, match="does not exist"):
+        CliRunner().invoke(app, ["run", "hills", "--reference", str(tmp_path / "none.tif")], catch_exceptions=False)
