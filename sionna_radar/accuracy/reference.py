@@ -271,8 +271,11 @@ def _shift_of(
     shift = _fitted(dem, reference, cells, seed, _coarse_shift(dem, reference, cells))
     assert shift.east_sigma_m is not None
     assert shift.north_sigma_m is not None
-    # Within its interval another trial shift fits as well.
-    if 2 * max(shift.east_sigma_m, shift.north_sigma_m) > SEARCHED_M / TRIALS:
+    assert shift.east_m is not None
+    assert shift.north_m is not None
+    at_the_limit = max(abs(shift.east_m), abs(shift.north_m)) >= SEARCHED_M
+    # Within a wider interval another trial shift fits as well.
+    if at_the_limit or 2 * max(shift.east_sigma_m, shift.north_sigma_m) > SEARCHED_M / TRIALS:
         return _fitted(dem, reference, cells, seed, None)
     return shift
 
@@ -337,7 +340,7 @@ def _coarse_shift(
         finite = difference[np.isfinite(difference)]
         if len(finite) > len(difference) / 2:
             spreads[east_m, north_m] = nmad(finite)
-    return np.array(min(spreads, key=lambda trial: spreads[trial])) if spreads else np.zeros(2)
+    return np.array(min(spreads, key=lambda trial: (spreads[trial], np.hypot(*trial)))) if spreads else np.zeros(2)
 
 
 def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], middle_m: np.ndarray) -> Shift:
@@ -363,10 +366,17 @@ def _sandwich(
     left: Float[np.ndarray, " n"],
     tile: Int[np.ndarray, " n"],
 ) -> Float[np.ndarray, " parameter"]:
-    """Return the standard deviations of the parameters from residuals that are independent between tiles only."""
+    """Return the standard deviations of the parameters from residuals that are independent between tiles only.
+
+    Infinite where the model is singular, as over a plane.
+    """
+    size = np.outer(np.linalg.norm(instruments, axis=0), np.linalg.norm(model, axis=0))
+    product = instruments.T @ model
+    if size.min() == 0 or np.linalg.matrix_rank(product / size, tol=1e-9) < len(product):
+        return np.full(len(product), np.inf)
     tiles = int(tile.max()) + 1
     scores = np.column_stack([np.bincount(tile, left * column, minlength=tiles) for column in instruments.T])
-    bread = np.linalg.pinv(instruments.T @ model)
+    bread = np.linalg.inv(product)
     # From few tiles an estimate over its standard deviation has Student's distribution, of the variance nu / (nu - 2).
     inflation = tiles / max(tiles - model.shape[1] - 2, 1)
     return np.sqrt(np.diag(bread @ (inflation * scores.T @ scores) @ bread.T))

@@ -81,6 +81,21 @@ def test_flat_ground_tells_no_horizontal_shift(tmp_path):
         assert abs(found.up_m - 0.1) < 4 * found.up_sigma_m < 0.1
 
 
+def test_a_plane_tells_no_horizontal_shift(tmp_path):
+    surface = Raster.from_array(np.zeros((300, 300)), 0.5)
+    dem = Raster(grid=GRID, height_m=np.full(GRID.shape, -0.006))
+    found = compare_with_reference(written(surface, tmp_path / "plane.tif"), dem).shift
+    assert found.east_m is None
+    assert found.north_m is None
+    np.testing.assert_allclose(found.up_m, -0.006, atol=1e-6)
+
+
+def test_a_shift_beyond_what_is_searched_is_not_told(tmp_path):
+    rng = np.random.default_rng(4)
+    path = written(relief(4), tmp_path / "reference.tif")
+    assert compare_with_reference(path, seen(relief(4), (30.0, 0.0), 0.0, (0.0, 0.0), rng)).shift.east_m is None
+
+
 def test_the_shift_is_that_of_xdem(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

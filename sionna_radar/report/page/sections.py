@@ -147,7 +147,7 @@ def reference_section(check: ReferenceCheck | None) -> dict[str, Any] | None:
 def reference_rows(check: ReferenceCheck) -> dict[str, str]:
     """Return the estimated shift of a DEM against measured heights, and its errors, by their names."""
     shift, error = check.shift, check.statistics
-    horizontal = "not told by the relief" if check.error is not None else "not estimated from single points"
+    horizontal = "not told by the relief within 20 m" if check.error is not None else "not estimated from single points"
     if shift.east_m is not None and shift.north_m is not None:
         east = f"{shift.east_m:+.2f} ± {shift.east_sigma_m:.2f} m east"
         horizontal = f"{east}, {shift.north_m:+.2f} ± {shift.north_sigma_m:.2f} m north"
