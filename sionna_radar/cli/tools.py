@@ -78,7 +78,7 @@ def plan(
     scenario = planned_scenario(planned, taken)
     with progress_shown(quiet=False):
         checked = check_plan(planned, scenario)
-    PLAN_FILE.write(output, to_toml(scenario))
+    PLAN_FILE.write(output, to_toml(scenario, defaults=False))
     print_plan(planned)
     print_check(checked)
     typer.echo(f"scenario in {shown(output)}")
@@ -90,8 +90,9 @@ def validate(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    every: Annotated[bool, typer.Option("--all", help="Print every key, those with their defaults too.")] = False,
 ) -> None:
-    """Check a scenario with its terrain and flight, and print it with all values resolved."""
+    """Check a scenario with its terrain and flight, and print what differs from the defaults."""
     from sionna_radar.scenario import to_toml
     from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
@@ -100,9 +101,15 @@ def validate(
     checked = session.load()
     with session.reach():
         prepared = prepare(checked)
-    typer.echo(to_toml(checked), nl=False)
+    typer.echo(to_toml(checked, defaults=every), nl=False)
     for key, box in placed_boxes(prepared.scene.scene.surfaces).items():
         typer.echo(f"# {key} stands at {box}")
+    grid, (start_s, end_s) = prepared.mapper.grid, prepared.flight.trajectory.cruise_s()
+    warnings = f"{len(prepared.warnings)} warning{'s' if len(prepared.warnings) != 1 else ''}"
+    typer.echo(
+        f"# {scenario} can be flown: {len(prepared):,} pulses in {end_s - start_s:.1f} s, DEM of {grid.columns} x "
+        f"{grid.rows} cells of {grid.spacing_m:g} m, {warnings}"
+    )
 
 
 def scenes() -> None:
@@ -187,10 +194,23 @@ def fit(
 
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
+    sources: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--from",
+            metavar="SOURCE",
+            help="Elevation raster, point cloud, mesh, flight log, or a preset's name; repeat for several.",
+        ),
+    ] = None,
 ) -> None:
-    """Write a commented scenario to start from."""
-    text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
+    """Write a scenario to start from: a commented one, or one over your terrain, along your log, with your radar."""
     path = file.expanduser()
+    if sources:
+        from sionna_radar.scenario.loading import scenario_from
+
+        text = scenario_from(sources, path.absolute().parent)
+    else:
+        text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
     try:
         with path.open("x", encoding="utf-8", newline="\n") as new:
             new.write(text)

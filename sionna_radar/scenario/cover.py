@@ -57,7 +57,7 @@ class CoverVector(Table):
     """Polygons with a class, each class mapped to a material: GeoJSON, GeoPackage or Shapefile.
 
     Where polygons overlap the later one in the file covers the earlier. They are transformed from the file's CRS; over
-    ground that is on no map their coordinates are local metres.
+    terrain without a georeference they are local metres.
     """
 
     path: InputPath

@@ -4,7 +4,8 @@ Identifies the input files of a scenario as well, so that a resumed run can dete
 """
 
 import copy
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,10 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
-from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, shown, why_not
+from sionna_radar.foundation.errors import UNNAMED, InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, regular_file, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_paths
+from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import Table
@@ -139,13 +141,15 @@ def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
         raise ScenarioError(translate(error.errors(), Scenario), source) from error
 
 
-def to_toml(scenario: Scenario) -> str:
+def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
     """Return the resolved scenario as TOML that loads to an equal scenario.
 
     Parameters
     ----------
     scenario:
         The scenario; its parameters of custom parts are written, too.
+    defaults:
+        Whether keys that have their default are written.
 
     Raises
     ------
@@ -156,15 +160,70 @@ def to_toml(scenario: Scenario) -> str:
     --------
     >>> "altitude_m = 50.0" in to_toml(load_scenario("hills"))
     True
+    >>> "window" in to_toml(load_scenario("hills"), defaults=False)
+    False
 
     """
     try:
-        return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+        return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True) if defaults else scenario.differing())
     except (PydanticSerializationError, ValueError) as error:
         message = f"the scenario holds a value that TOML cannot: {error}"
         raise TypeError(message) from error
 
 
+# Tables of a scenario by the ending of the file that they name.
+SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
+    **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2"), ("terrain", {"kind": "raster"})),
+    **dict.fromkeys((".las", ".laz"), ("terrain", {"kind": "points"})),
+    **dict.fromkeys((".obj", ".ply", ".stl", ".glb", ".gltf", ".xml"), ("terrain", {"kind": "mesh"})),
+    **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv"), ("platform", {})),
+}
+
+
+def scenario_from(sources: Sequence[str], folder: Path) -> str:
+    """Return a scenario, TOML, that uses files and a radar preset of the user's, with paths relative to a folder.
+
+    Raises
+    ------
+    ScenarioError
+        A source is neither a preset nor a file of a known kind, or two are of one kind.
+    InputFileError
+        A file does not exist.
+
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for source in sources:
+        path = Path(source).expanduser()
+        if source in PRESETS:
+            table, given = "radar", {"preset": source}
+        elif path.suffix.lower() in SOURCES:
+            regular_file(path, "--from", "give a file that exists, or the name of a preset", MAX_SOURCE_BYTES)
+            table, kind = SOURCES[path.suffix.lower()]
+            given = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
+        else:
+            message = (
+                f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
+            )
+            raise ScenarioError([Problem("--from", message)], "command line")
+        if table in tables:
+            message = f"{source!r} is a second [{table}]; give one"
+            raise ScenarioError([Problem("--from", message)], "command line")
+        tables[table] = given
+    if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
+        tables["platform"]["log_shift"] = "to_terrain"
+    if "platform" not in tables:
+        tables["platform"] = {"altitude_m": 50.0, "speed_mps": 10.0, "height": "terrain_following"}
+    tables.setdefault("radar", {"snr_db": 30.0})
+    document = {"description": f"Made from {', '.join(Path(source).name for source in sources)}", **tables}
+    parse_scenario(document)
+    return FROM_HEADER + tomli_w.dumps(document)
+
+
+MAX_SOURCE_BYTES = 200_000_000_000
+FROM_HEADER = """\
+# Check it with `sionna-radar validate FILE`, which prints with --all every key that could be set, and fly it with
+# `sionna-radar run FILE`. Paths count from this file; keys that are not here have their defaults.
+"""
 # Formats whose files refer to other files.
 NAMES_OTHERS = {".obj", ".gltf", ".xml", ".dae", ".vrt"}
 

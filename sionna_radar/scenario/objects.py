@@ -46,7 +46,7 @@ class MeshObject(MeshFile):
 class Footprints(Table):
     """Buildings from the outlines of a vector file: GeoJSON, GeoPackage or Shapefile, such as OpenStreetMap's.
 
-    Outlines are transformed from the file's CRS; over ground that is on no map their coordinates are local metres.
+    Outlines are transformed from the file's CRS; over terrain without a georeference they are local metres.
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
     beyond the terrain are left out with a warning.
@@ -113,7 +113,7 @@ class TargetMesh(MeshShape):
 class PointTarget(Table):
     """A point of given mean radar cross-section, constant or by Swerling's cases, or a body, above the ground.
 
-    It stands, or moves along a way at one speed; a point does not hide anything.
+    It stands, or moves along waypoints at a constant speed; a point does not hide anything.
     """
 
     position_m: Point2

@@ -12,10 +12,10 @@ from sionna_radar.foundation.input_file import shown
 
 # By the type of pydantic's error; the fields are those of its context.
 WORDS = {
-    "greater_than": "it must be greater than {gt:g}",
-    "greater_than_equal": "it must be at least {ge:g}",
-    "less_than": "it must be less than {lt:g}",
-    "less_than_equal": "it must be at most {le:g}",
+    "greater_than": "must be > {gt:g}",
+    "greater_than_equal": "must be >= {ge:g}",
+    "less_than": "must be < {lt:g}",
+    "less_than_equal": "must be <= {le:g}",
     "finite_number": "give a finite number",
     "float_type": "give a number, without quotes",
     "float_parsing": "give a number, without quotes",

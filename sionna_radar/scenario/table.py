@@ -6,8 +6,9 @@ The meaning of a key is the string under its field, or the field's description. 
 import inspect
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
+import tomli_w
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
@@ -27,7 +28,7 @@ def refuse(field: str, message: str) -> PydanticCustomError:
 
 def _not_vanishing(value: float) -> float:
     if value < SMALLEST:
-        raise refuse("", f"{value:g} is refused: it must be at least {SMALLEST:g}")
+        raise refuse("", f"{value:g} is refused: must be >= {SMALLEST:g}")
     return value
 
 
@@ -74,6 +75,41 @@ class Table(BaseModel):
 
         # Tables inside tables are validated by pydantic itself, which so collects the problems of all of them.
         __init__.__pydantic_base_init__ = True
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            message = (
+                f"{type(self).__name__}.{name} cannot be set: a scenario does not change; "
+                f"scenario.replace({{'...{name}': {value!r}}}) with the dotted key returns a changed copy"
+            )
+            raise AttributeError(message)
+
+    def differing(self) -> dict[str, Any]:
+        """Return the keys that differ from their defaults, and those that name a kind, in their JSON form."""
+        dumped, differing = self.model_dump(mode="json", exclude_none=True), {}
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            names_a_kind = get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+            default = None if field.is_required() else field.get_default(call_default_factory=True)
+            if value is None or (value == default and not names_a_kind):
+                continue
+            shortened = _differing(value, dumped[name])
+            if shortened != {}:
+                differing[name] = shortened
+        return differing
+
+    def __str__(self) -> str:
+        return tomli_w.dumps(self.differing()).rstrip()
+
+
+def _differing(value: Any, dumped: Any) -> Any:
+    """Return the JSON form of a value, its tables without defaults."""
+    if isinstance(value, Table):
+        return value.differing()
+    if isinstance(value, tuple) and any(isinstance(entry, Table) for entry in value):
+        return [_differing(entry, own) for entry, own in zip(value, dumped, strict=True)]
+    if isinstance(value, dict):
+        return {key: _differing(entry, dumped[key]) for key, entry in value.items() if key in dumped}
+    return dumped
 
 
 class Parameters(Table):

@@ -232,7 +232,7 @@ def _check_chirps(plan: FlightPlan) -> None:
 
 def _check(wanted: Wanted) -> None:
     problems = [
-        Problem(name, f"{value:g} must be greater than {lower:g} and less than {upper:g}; change it")
+        Problem(name, f"{value:g} must be > {lower:g} and < {upper:g}")
         for name, value, lower, upper in (
             ("area, east", wanted.size_m[0], 0.0, 1e5),
             ("area, north", wanted.size_m[1], 0.0, 1e5),

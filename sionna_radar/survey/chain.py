@@ -1,5 +1,7 @@
 """The whole chain, from a scenario to a DEM and its error: this file is its table of contents."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace

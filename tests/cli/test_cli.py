@@ -45,7 +45,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     assert set(summary) == {
         "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
         "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "dem_uncertainty", "overhang", "meaning",
-        "points_sha256", "versions", "canopy", "no_echo", "receiver",
+        "reference", "points_sha256", "versions", "canopy", "no_echo", "receiver",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
         "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
@@ -173,8 +173,13 @@ def test_own_dem_of_1_m_in_utm(cli, tmp_path):
 def test_validate_prints_a_scenario_that_loads(cli, small, tmp_path):
     done = cli("validate", small)
     assert done.returncode == 0, done.stderr
+    *shown, verdict = done.stdout.splitlines()
+    assert re.search(r" can be flown: \d+ pulses in [\d.]+ s, DEM of \d+ x \d+ cells of 1 m, 0 warnings$", verdict)
     (tmp_path / "resolved.toml").write_text(done.stdout)
-    assert cli("validate", tmp_path / "resolved.toml").stdout == done.stdout
+    again = cli("validate", tmp_path / "resolved.toml", "--all")
+    assert again.stdout.count("\n") > 2 * len(shown)
+    (tmp_path / "whole.toml").write_text(again.stdout)
+    assert cli("validate", tmp_path / "whole.toml").stdout.splitlines()[:-1] == shown
 
 
 def test_scenes_lists_the_shipped_scenarios(cli):
@@ -336,7 +341,7 @@ def test_a_log_is_shown_and_drawn_before_any_scenario_exists(cli, tmp_path):
     done = cli("log", path, "-o", tmp_path / "shown")
     assert done.returncode == 0
     assert "east_m,north_m,up_m, with velocities" in done.stdout
-    assert "nothing in it would be refused" in done.stdout
+    assert "the whole log can be flown" in done.stdout
     numbers = json.loads((tmp_path / "shown" / "log.json").read_text())
     assert numbers["speed_mps"][1] == pytest.approx(10.0, abs=0.2)
     assert numbers["sources"][0] == {"name": "east_m,north_m,up_m", "rows": 51, "rate_hz": pytest.approx(10.0)}
@@ -348,7 +353,7 @@ def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(c
     path = write_csv(tmp_path / "flight.csv", flight, on_map=True)
     done = cli("log", path, "--over", "hills", "-o", tmp_path / "shown")
     assert done.returncode == 0
-    assert "would be refused at 2.90 s: no position for 3.1 s" in done.stdout
+    assert "cannot be flown: at 2.90 s: no position for 3.1 s" in done.stdout
     assert "moved to the terrain" in done.stdout
     assert cli("log", path, "--over", "hills", "--terrain", "dem.tif").stderr.count("contradicts --over") == 1
     missing = cli("log", tmp_path / "none.csv")

@@ -266,4 +266,4 @@ def test_a_vehicle_s_clock_that_begins_anew_is_set_to_the_station_s(tmp_path):
     path.write_bytes(telemetry_bytes(early) + telemetry_bytes(shifted, start_ms=-8000))
     log = read_log(path)
     np.testing.assert_allclose(log.positions.time_s, np.concatenate([early.time_s, late.time_s]), atol=2e-3)
-    assert "began anew 1 times" in log.notes[0]
+    assert "clock restarted (1 times)" in log.notes[0]

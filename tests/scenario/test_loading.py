@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.loading import find_scenario, scenes_directory
+from sionna_radar.scenario.loading import find_scenario, scenario_from, scenes_directory, shipped_scenarios, to_toml
 from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
 
@@ -217,3 +217,49 @@ def test_a_changed_copy_leaves_the_scenario_and_the_changes_alone():
 def test_a_change_that_does_not_fit_names_its_key():
     with pytest.raises(ScenarioError, match=r"hills: 1 problem\n  radar.snr_db: -1000 is refused"):
         load_scenario("hills").replace({"radar.snr_db": -1000})
+
+
+@pytest.mark.parametrize("name", sorted(shipped_scenarios()))
+def test_a_scenario_without_its_defaults_loads_as_the_same(name):
+    scenario = load_scenario(name)
+    short = to_toml(scenario, defaults=False)
+    assert parse_scenario(tomllib.loads(short)) == scenario
+    assert len(short.splitlines()) < len(to_toml(scenario).splitlines()) / 2
+
+
+def test_a_scenario_is_printed_by_what_differs_from_its_defaults_and_says_how_to_change_it():
+    scenario = load_scenario("hills", {"radar.snr_db": 12.5})
+    assert "snr_db = 12.5" in str(scenario)
+    assert "carrier_hz" not in str(scenario)
+    assert str(scenario.radar.antenna) == 'kind = "taylor"'
+    with pytest.raises(
+        AttributeError, match=r"RadarTable.snr_db cannot be set.*scenario.replace\(\{'...snr_db': 3.0\}\)"
+    ):
+        scenario.radar.snr_db = 3.0
+    assert scenario.replace({"radar.snr_db": 3.0}).radar.snr_db == 3.0
+
+
+def test_a_scenario_is_made_from_the_users_own_files(tmp_path):
+    raster, log = tmp_path / "own.tif", tmp_path / "flight.gpx"
+    for file in (raster, log):
+        file.write_bytes(b"")
+    (tmp_path / "surveys").mkdir()
+    text = scenario_from([str(raster), "ti_awr1843", str(log)], tmp_path / "surveys")
+    given = tomllib.loads(text)
+    assert given["terrain"] == {"kind": "raster", "path": "../own.tif"}
+    assert given["platform"] == {"log": "../flight.gpx"}
+    assert given["radar"] == {"preset": "ti_awr1843"}
+    assert tomllib.loads(scenario_from([str(log)], tmp_path))["platform"]["log_shift"] == "to_terrain"
+
+
+@pytest.mark.parametrize(
+    ("sources", "words"),
+    [
+        (["none.tif"], "none.tif does not exist"),
+        (["a.docx"], "neither a preset"),
+        (["ti_awr1843", "avtis2"], "a second \\[radar\\]"),
+    ],
+)
+def test_a_source_that_makes_no_scenario_is_refused(tmp_path, sources, words):
+    with pytest.raises((ScenarioError, InputFileError), match=words):
+        scenario_from(sources, tmp_path)

@@ -3,7 +3,6 @@
 import tomllib
 
 import pytest
-from pydantic import ValidationError
 
 from scenario_keys import keys_of
 from sionna_radar.foundation.errors import ScenarioError
@@ -85,7 +84,7 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"platform__altitude_m": True}, "platform.altitude_m", "True is refused"),
         ({"platform__altitude_m": float("nan")}, "platform.altitude_m", "nan is refused"),
         ({"platform__altitude_m": float("inf")}, "platform.altitude_m", "inf is refused"),
-        ({"platform__altitude_m": -5.0}, "platform.altitude_m", "-5.0 is refused: it must be greater than 0"),
+        ({"platform__altitude_m": -5.0}, "platform.altitude_m", "-5.0 is refused: must be > 0"),
         ({"platform__speed_mps": 0.0}, "platform.speed_mps", "0.0 is refused"),
         ({"platform__start_m": [1.0]}, "platform.start_m.1", "required"),
         ({"platform__waypoints_m": [[0.0, 0.0]]}, "platform.waypoints_m", "at least two"),
@@ -176,7 +175,7 @@ def test_a_wrong_entry_of_a_list_is_told_once():
 @pytest.mark.parametrize(
     ("widths", "field", "said"),
     [
-        ([2.0, 90.0], "radar.antenna.beamwidth_deg.1", "at most 60"),
+        ([2.0, 90.0], "radar.antenna.beamwidth_deg.1", "must be <= 60"),
         ([2.0, 3.0, 4.0], "radar.antenna.beamwidth_deg", "3 entries and may have at most 2"),
         ("2 deg", "radar.antenna.beamwidth_deg", "give a number, without quotes"),
     ],
@@ -199,9 +198,9 @@ def test_whole_numbers_are_numbers():
 
 def test_a_scenario_is_frozen():
     scenario = parse_scenario(MIN)
-    with pytest.raises(ValidationError):
+    with pytest.raises(AttributeError, match=r"Scenario\.seed cannot be set"):
         scenario.seed = 3
-    with pytest.raises(ValidationError):
+    with pytest.raises(AttributeError, match="returns a changed copy"):
         scenario.radar.snr_db = 3.0
 
 

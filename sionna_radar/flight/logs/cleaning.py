@@ -129,7 +129,7 @@ def _in_order(
     if np.any(lag_s > MAX_OUT_OF_ORDER_S):
         row = int(np.argmax(lag_s > MAX_OUT_OF_ORDER_S))
         message = (
-            f"time runs back by {lag_s[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
+            f"time runs back by {lag_s[row]:.3g} s in row {row + 1} of the {name}; start after it with log_start_s = "
             f"{time_s[row] + lag_s[row] + 0.01:.2f}, or keep one flight in the file"
         )
         findings.append(Finding(time_s=float(time_s[row]), message=message))
@@ -157,7 +157,7 @@ def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[
     count_note = f" ({len(gaps) - 1:,} more, the longest of all {step.max():.3g} s)" if len(gaps) > 1 else ""
     message = (
         f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}{count_note}; end before it with "
-        f"log_stop_s, begin behind it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
+        f"log_stop_s, start after it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
     )
     return [Finding(time_s=float(time_s[row]), message=message)]
 
@@ -187,7 +187,7 @@ def _jumps(positions: Positions) -> list[Finding]:
     count_note = f" ({len(jumps) - 1:,} more)" if len(jumps) > 1 else ""
     message = (
         f"the position jumps by {np.linalg.norm(step[row]):.1f} m in {step_s[row]:.2g} s, a reset of the receiver or "
-        f"the filter{count_note}; end before it with log_stop_s, or begin behind it with log_start_s"
+        f"the filter{count_note}; end before it with log_stop_s, or start after it with log_start_s"
     )
     return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
 
@@ -235,7 +235,7 @@ def _attitude_findings(
         count_note = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
         message = (
             f"the attitude turns by {np.rad2deg(angle[row]):.0f} deg within {time_s[row + 1] - time_s[row]:.2g} s, a "
-            f"reset of the filter{count_note}; end before it with log_stop_s, or begin behind it with log_start_s"
+            f"reset of the filter{count_note}; end before it with log_stop_s, or start after it with log_start_s"
         )
         findings.append(Finding(time_s=float(time_s[row + 1]), message=message))
     return findings

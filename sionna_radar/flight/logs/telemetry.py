@@ -159,7 +159,9 @@ def _on_one_clock(tables: dict[int, Columns], notes: list[str]) -> tuple[dict[in
     received_s, boot_s = received_s[order], boot_s[order]
     restarts = np.flatnonzero(np.diff(boot_s) < -MIN_RESTART_S) + 1
     if len(restarts):
-        notes.append(f"the vehicle's clock began anew {len(restarts)} times; the time between is the station's")
+        notes.append(
+            f"the vehicle's clock restarted ({len(restarts)} times); the time in between is the ground station's"
+        )
     starts_s = np.concatenate([[-np.inf], received_s[restarts]])
     offsets_s = np.array([np.median(part) for part in np.split(received_s - boot_s, restarts)])
     clocked: dict[int, Columns] = {}

@@ -91,5 +91,5 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
                 message = f"{name}: {error}"
                 raise InputFileError(message) from error
     first_line = text.split("\n", 1)[0].strip()
-    message = f"{name} is no pattern of a known format: its first line is {first_line[:60]!r}; {REMEDY}"
+    message = f"{name}: unknown pattern format; its first line is {first_line[:60]!r}; {REMEDY}"
     raise InputFileError(message)

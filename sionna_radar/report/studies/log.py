@@ -82,11 +82,11 @@ def print_log(inspection: LogInspection) -> None:
         out.print(f"note: {note}", soft_wrap=True)
     refused = numbers["refused"]
     for refusal in refused[:MAX_SHOWN]:
-        out.print(f"would be refused {refusal}", soft_wrap=True)
+        out.print(f"cannot be flown: {refusal}", soft_wrap=True)
     if len(refused) > MAX_SHOWN:
         out.print(f"... and {len(refused) - MAX_SHOWN:,} more")
     if not refused:
-        out.print("nothing in it would be refused")
+        out.print("the whole log can be flown")
         return
     for start_s, stop_s in numbers["stretches_s"]:
         out.print(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
@@ -105,7 +105,7 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
         "errors": numbers["errors"] or "none stated",
         "streams": ", ".join(f"{s['name']} {s['rate_hz']:.3g} Hz" for s in numbers["sources"]),
         "extent": f"{east:.0f} m east x {north:.0f} m north",
-        "heights": f"{low:.1f} to {high:.1f} m, half above {middle:.1f} (from {numbers['heights_count_from']})",
+        "heights": f"{low:.1f} to {high:.1f} m, median {middle:.1f} (datum: {numbers['heights_count_from']})",
         "speed": f"{slow:.1f} to {fast:.1f} m/s, mean {mean:.1f}",
     }
     if numbers["lon_deg"]:
@@ -113,7 +113,7 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
         rows["place"] = f"{west:.6f} to {east:.6f} deg east, {south:.6f} to {north:.6f} deg north"
     if numbers["height_above_ground_m"]:
         low, middle, high = numbers["height_above_ground_m"]
-        rows["above the terrain"] = f"{low:.1f} to {high:.1f} m, half above {middle:.1f}"
+        rows["above the terrain"] = f"{low:.1f} to {high:.1f} m, median {middle:.1f}"
     if numbers["moved_to_terrain_m"]:
         east, north = numbers["moved_to_terrain_m"]
         rows["moved to the terrain"] = f"{east:+.1f} m east, {north:+.1f} m north"

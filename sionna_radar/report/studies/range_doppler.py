@@ -123,8 +123,8 @@ def print_frames(frames: Frames) -> None:
     )
     out.print(f"still ground in the beam changes by {frames.smear_cells:.2g} cells of range rate during a frame")
     out.print(
-        f"detected: {frames.detected.mean():.3%} of the cells over their ring, {frames.changed.mean():.3%} over "
-        f"earlier frames; {len(frames.movers)} peaks",
+        f"detected: {frames.detected.mean():.3%} of the cells against their CFAR ring, {frames.changed.mean():.3%} "
+        f"against earlier frames; {len(frames.movers)} peaks",
         soft_wrap=True,
     )
     if frames.targets:

@@ -82,7 +82,7 @@ def repair(parts: Sequence[MeshPart], name: str) -> RepairedMesh:
     counts["faces that are there twice"] = len(faces) - len(single)
     faces, owner, merged = faces[single], owner[single], merged[single]
     flip, closed = _outward(vertices, faces, merged)
-    counts["faces turned inside out"] = int(np.count_nonzero(flip))
+    counts["faces with reversed winding"] = int(np.count_nonzero(flip))
     faces[flip] = faces[flip][:, ::-1]
     if any(counts.values()):
         logger.warning("%s: repaired %s, of %s faces", name, _count_text(counts), f"{len(usable):,}")

@@ -42,6 +42,7 @@ KEYS = [
     "off_wall_error",
     "breakdown",
     "dem_uncertainty",
+    "reference",
     "overhang",
     "canopy",
     "no_echo",
