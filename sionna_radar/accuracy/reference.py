@@ -17,10 +17,10 @@ come from the sums of Z'r over square tiles, wider than the correlation length o
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -152,6 +152,10 @@ class ReferenceCheck:
     statistics: DemError
     breakdown: Breakdown | None
     calibration: UncertaintyCheck | Calibration | None
+
+    def document(self) -> dict[str, Any]:
+        """Return all but the raster as nested tables."""
+        return asdict(replace(self, error=None))
 
 
 def compare_with_reference(

@@ -18,6 +18,8 @@ from sionna_radar.foundation.progress import TimeLeft, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from sionna_radar.accuracy.reference import ReferenceCheck
+
 # Shown for an undefined number.
 NONE = "-"
 PLAIN = {"±": "+-", "→": "->", "–": "-", "…": "...", "²": "2", "°": " deg", "µ": "u", "×": "x"}
@@ -84,3 +86,32 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
             write(", ".join(filter(None, [f"{stage}: {done:,} of {total:,}" if total else stage, until_end])))
 
     return report
+
+
+def reference_rows(check: "ReferenceCheck") -> dict[str, str]:
+    """Return the estimated shift of a DEM against measured heights, and its errors, by their names."""
+    shift, error = check.shift, check.statistics
+    horizontal = "not told by the relief within 20 m" if check.error is not None else "not estimated from single points"
+    if shift.east_m is not None and shift.north_m is not None:
+        east = f"{shift.east_m:+.2f} ± {shift.east_sigma_m:.2f} m east"
+        horizontal = f"{east}, {shift.north_m:+.2f} ± {shift.north_sigma_m:.2f} m north"
+    tilts = {"east": (shift.tilt_east, shift.tilt_east_sigma), "north": (shift.tilt_north, shift.tilt_north_sigma)}
+    tilt = [
+        f"{1e3 * value:+.2f} ± {1e3 * sigma:.2f} mm/m toward {way}"
+        for way, (value, sigma) in tilts.items()
+        if value is not None and sigma is not None
+    ]
+    rms, mean, spread = (
+        number(value, form, " m")
+        for value, form in ((error.rms_m, ".3f"), (error.mean_m, "+.3f"), (error.nmad_m, ".3f"))
+    )
+    own = f"{check.sigma_m:.3f} m" if check.sigma_m else "unknown"
+    return {
+        "reference": f"{check.name} ({check.kind}), own standard deviation {own}",
+        "DEM against reference": horizontal,
+        "vertical shift": f"{shift.up_m:+.3f} ± {shift.up_sigma_m:.3f} m",
+        "tilt": ", ".join(tilt) or "not estimated",
+        "RMS without outliers": f"{shift.rms_m:.3f} m, {shift.shifted_rms_m:.3f} m after the shift",
+        "RMSE against reference": f"{rms}, bias {mean}, NMAD {spread} of {error.count:,}, shift "
+        + ("taken out" if check.applied else "left in"),
+    }

@@ -11,10 +11,10 @@ import unicodedata
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
@@ -65,6 +65,12 @@ def _literal(text: str) -> str:
     return text
 
 
+def _known_version(version: Any) -> Any:
+    if isinstance(version, int) and not isinstance(version, bool) and version > 1:
+        raise refuse("", f"{version} is newer than this program, which reads version 1; take a newer sionna-radar")
+    return version
+
+
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
 
@@ -86,6 +92,8 @@ class Scenario(Table):
 
     """
 
+    version: Annotated[Literal[1], BeforeValidator(_known_version)] = 1
+    """of the format of this file; a program that does not know it refuses the file."""
     description: Annotated[str, AfterValidator(_literal)] = ""
     """in a line; it stands over tables and figures."""
     seed: Seed = 1

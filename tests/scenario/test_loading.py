@@ -263,3 +263,12 @@ def test_a_scenario_is_made_from_the_users_own_files(tmp_path):
 def test_a_source_that_makes_no_scenario_is_refused(tmp_path, sources, words):
     with pytest.raises((ScenarioError, InputFileError), match=words):
         scenario_from(sources, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("version", "words"), [(2, "2 is newer than this program, which reads version 1"), (0, "give one of 1"), ("1", "give one of 1")]
+)
+def test_a_scenario_of_another_format_is_refused(version, words):
+    with pytest.raises(ScenarioError, match="version: ") as refused:
+        load_scenario("hills", {"version": version})
+    assert words in str(refused.value)

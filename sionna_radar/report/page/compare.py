@@ -20,8 +20,8 @@ from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
-from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, reference_rows, span_of
-from sionna_radar.report.terminal import console
+from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, span_of
+from sionna_radar.report.terminal import console, reference_rows
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
 MAX_KEYS = 200

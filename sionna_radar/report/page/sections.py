@@ -1,7 +1,7 @@
 """Sections that the pages of surveys, recordings and comparisons share: errors, maps and chirps of a result."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -19,7 +19,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
 from sionna_radar.report.page.markup import TableCell
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
-from sionna_radar.report.terminal import number
+from sionna_radar.report.terminal import number, reference_rows
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 STOPS = 17
@@ -142,40 +142,6 @@ def reference_section(check: ReferenceCheck | None) -> dict[str, Any] | None:
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": [] if whole is None else [["all", *_calibration_row(whole)]],
     }
-
-
-def reference_rows(check: ReferenceCheck) -> dict[str, str]:
-    """Return the estimated shift of a DEM against measured heights, and its errors, by their names."""
-    shift, error = check.shift, check.statistics
-    horizontal = "not told by the relief within 20 m" if check.error is not None else "not estimated from single points"
-    if shift.east_m is not None and shift.north_m is not None:
-        east = f"{shift.east_m:+.2f} ± {shift.east_sigma_m:.2f} m east"
-        horizontal = f"{east}, {shift.north_m:+.2f} ± {shift.north_sigma_m:.2f} m north"
-    tilts = {"east": (shift.tilt_east, shift.tilt_east_sigma), "north": (shift.tilt_north, shift.tilt_north_sigma)}
-    tilt = [
-        f"{1e3 * value:+.2f} ± {1e3 * sigma:.2f} mm/m toward {way}"
-        for way, (value, sigma) in tilts.items()
-        if value is not None and sigma is not None
-    ]
-    rms, mean, spread = (
-        number(value, form, " m")
-        for value, form in ((error.rms_m, ".3f"), (error.mean_m, "+.3f"), (error.nmad_m, ".3f"))
-    )
-    own = f"{check.sigma_m:.3f} m" if check.sigma_m else "unknown"
-    return {
-        "reference": f"{check.name} ({check.kind}), own standard deviation {own}",
-        "DEM against reference": horizontal,
-        "vertical shift": f"{shift.up_m:+.3f} ± {shift.up_sigma_m:.3f} m",
-        "tilt": ", ".join(tilt) or "not estimated",
-        "RMS without outliers": f"{shift.rms_m:.3f} m, {shift.shifted_rms_m:.3f} m after the shift",
-        "RMSE against reference": f"{rms}, bias {mean}, NMAD {spread} of {error.count:,}, shift "
-        + ("taken out" if check.applied else "left in"),
-    }
-
-
-def reference_document(check: ReferenceCheck | None) -> dict[str, Any] | None:
-    """Return the comparison with measured heights for `summary.json`; None without one."""
-    return None if check is None else asdict(replace(check, error=None))
 
 
 def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:

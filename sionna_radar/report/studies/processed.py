@@ -70,14 +70,12 @@ from sionna_radar.report.page.sections import (
     limit_of,
     maps_of,
     packed_chirps,
-    reference_document,
-    reference_rows,
     reference_section,
     span_of,
 )
 from sionna_radar.report.survey.products import other_side, provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
-from sionna_radar.report.terminal import console, number
+from sionna_radar.report.terminal import console, number, reference_rows
 from sionna_radar.survey.result import Processed
 
 # Quantile of |error| beyond which colours saturate.
@@ -370,7 +368,7 @@ def _document(processed: Processed) -> dict[str, Any]:
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
         "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
-        "reference": reference_document(processed.reference),
+        "reference": processed.reference.document() if processed.reference else None,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }

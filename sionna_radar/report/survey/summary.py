@@ -14,8 +14,7 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import strict_json, without_nan
-from sionna_radar.report.page.sections import reference_document, reference_rows
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, reference_rows
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
 
@@ -74,7 +73,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
         "breakdown": asdict(survey.breakdown),
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
-        "reference": reference_document(survey.reference),
+        "reference": survey.reference.document() if survey.reference else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
         "no_echo": _no_echo(survey),
