@@ -1,13 +1,13 @@
-"""Range spectra of beat signals, on a calibrated power scale."""
+"""Range spectra of beat signals, on a calibrated power scale, with NumPy or, on a GPU, CuPy."""
 
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float, Inexact
+import scipy.fft
+from jaxtyping import Complex, Float, Inexact, Num
 
-from sionna_radar.foundation.array_library import HOST, ArrayLibrary
 from sionna_radar.foundation.numerics import window
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
@@ -15,6 +15,42 @@ from sionna_radar.signal.analog_filters import HighPass
 
 # Half-length of the window's response, in range cells, and its steps per cell.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4
+
+
+@dataclass(frozen=True)
+class ArrayLibrary:
+    """A library of arrays.
+
+    arrays, fft: modules with the interfaces of `numpy` and `scipy.fft`.
+    """
+
+    arrays: Any
+    fft: Any
+
+    def taken(self, tensor: Any) -> Any:
+        """Return a Dr.Jit tensor as an array of this library, on a GPU without a copy."""
+        return tensor.numpy() if self.arrays is np else self.arrays.from_dlpack(tensor)
+
+    def given(self, array: Num[np.ndarray, "..."]) -> Any:
+        """Return a host array as an array of this library."""
+        return self.arrays.asarray(array)
+
+    def fetched(self, array: Any) -> Num[np.ndarray, "..."]:
+        """Return an array of this library as a host array."""
+        return np.asarray(array) if self.arrays is np else np.asarray(self.arrays.asnumpy(array))
+
+
+HOST = ArrayLibrary(np, scipy.fft)
+
+
+def gpu_library() -> ArrayLibrary | None:
+    """Return CuPy; None where it is not installed."""
+    try:
+        import cupy
+        import cupyx.scipy.fft
+    except ImportError:
+        return None
+    return ArrayLibrary(cupy, cupyx.scipy.fft)
 
 
 @dataclass(frozen=True)

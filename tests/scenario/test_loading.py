@@ -266,7 +266,8 @@ def test_a_source_that_makes_no_scenario_is_refused(tmp_path, sources, words):
 
 
 @pytest.mark.parametrize(
-    ("version", "words"), [(2, "2 is newer than this program, which reads version 1"), (0, "give one of 1"), ("1", "give one of 1")]
+    ("version", "words"),
+    [(2, "2 is newer than this program, which reads version 1"), (0, "give one of 1"), ("1", "give one of 1")],
 )
 def test_a_scenario_of_another_format_is_refused(version, words):
     with pytest.raises(ScenarioError, match="version: ") as refused:

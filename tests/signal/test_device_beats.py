@@ -10,8 +10,7 @@ import scipy.fft
 from beams import make_chirp
 from flights import make_pulses
 from plain_beats import SWEEPS, make_paths, plain_sum, random_paths, relative_error
-from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.foundation.array_library import HOST, gpu_library
+from sionna_radar.detection.spectrum import HOST, SpectrumAnalyser, gpu_library
 from sionna_radar.signal.device_beats import device_beats
 from sionna_radar.tracing.paths import DevicePaths, Paths
 from sionna_radar.tracing.sionna.material import mi

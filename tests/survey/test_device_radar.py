@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from sionna_radar import load_scenario, prepare, run
+from sionna_radar.detection.spectrum import HOST
 from sionna_radar.execution.execution import BLOCK_SIZE, Execution
-from sionna_radar.foundation.array_library import HOST
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.sensors import device_radar
 from sionna_radar.survey.sensors.device_radar import DeviceRadar

@@ -16,7 +16,7 @@ The file is netCDF-4. What it must have, and what it may:
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -161,8 +161,7 @@ class SignalFile:
             later = int(np.argmin(np.diff(time_s) > 0)) + 1
             self._file.fail(f"time of pulse {later} is not after that of the one before; sort the pulses by time")
         return RecordedPulses(
-            file=self,
-            located=bool(given),
+            poses=self.pose if given else None,
             time_s=np.arange(len(self), dtype=np.float64) if time_s is None else time_s,
             scan_rad=np.zeros(len(self)) if scan_rad is None else scan_rad,
             scan_number=None if number is None else number.astype(np.int64),
@@ -305,12 +304,11 @@ class SignalFile:
 class RecordedPulses(PulseSequence):
     """The pulses of a recording; processing knows only what was measured, so true poses are left in the file.
 
-    time_s: of each chirp. located: whether the poses are known.
+    poses: returns the measured poses of pulses; None if they are not known. time_s: of each chirp.
     scan_number, beam, scan_rad: see `Pulses`.
     """
 
-    file: SignalFile
-    located: bool
+    poses: Callable[[Int[np.ndarray, " pulse"]], Pose] | None
     time_s: Float[np.ndarray, " pulse"]
     scan_rad: Float[np.ndarray, " pulse"]
     scan_number: Int[np.ndarray, " pulse"] | None
@@ -320,13 +318,18 @@ class RecordedPulses(PulseSequence):
         return len(self.time_s)
 
     @property
+    def located(self) -> bool:
+        """Whether the poses are known."""
+        return self.poses is not None
+
+    @property
     def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
         """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
         return self.scan_number
 
     def pulses(self, index: Int[np.ndarray, " pulse"]) -> Pulses:
         """Return some of the pulses; poses that are not known are NaN."""
-        pose = self.file.pose(index) if self.located else _unknown(len(index))
+        pose = self.poses(index) if self.poses else _unknown(len(index))
         return Pulses(
             index=index,
             time_s=self.time_s[index],

@@ -13,8 +13,8 @@ from typing import Any, overload
 import numpy as np
 from jaxtyping import Float, Inexact
 
+from sionna_radar.detection.spectrum import HOST, ArrayLibrary, gpu_library
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_library
 from sionna_radar.foundation.progress import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
