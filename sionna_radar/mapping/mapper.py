@@ -48,6 +48,7 @@ class MapInputs:
     progress: a method that takes long calls it with "mapping", the steps done and their number.
     look: computes `looks` on first use.
     each_piece: evaluates the tiles of a map, in this process or on workers.
+    uncertain: whether the errors of the heights are asked for; a method may leave out what only they need.
     """
 
     points: Points
@@ -57,6 +58,7 @@ class MapInputs:
     shadow_incidence_rad: float
     look: Callable[[], Looks | None] = lambda: None
     each_piece: EachPiece = pieces_here
+    uncertain: bool = True
 
     @cached_property
     def looks(self) -> Looks | None:
@@ -130,6 +132,7 @@ class Mapper:
     memory: temporal decorrelation of speckle.
     microrelief_m: standard deviation of relief finer than the footprint.
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
+    uncertain: see `MapInputs`.
     """
 
     method: DemMethod
@@ -143,6 +146,7 @@ class Mapper:
     memory: SpeckleMemory = STILL
     microrelief_m: float = 0.0
     min_confidence_m: float | None = None
+    uncertain: bool = True
 
     @property
     def keeps_profiles(self) -> bool:
@@ -243,6 +247,7 @@ class Mapper:
             shadow_incidence_rad=self.shadow_incidence_rad,
             look=look,
             each_piece=each_piece,
+            uncertain=self.uncertain,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:

@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module, metadata
 from typing import Any, Literal, TypeVar
 
@@ -271,7 +271,7 @@ _loaded: dict[str, str] = {}
 
 def load_plugins() -> list[str]:
     """Load installed plug-ins not loaded yet, and return the problems of those that fail."""
-    for point in metadata.entry_points(group=GROUP):
+    for point in _installed(tuple(sys.path)):
         if point.value in _loaded or point.value in _loading:
             continue
         distribution = point.dist
@@ -291,6 +291,12 @@ def load_plugins() -> list[str]:
         finally:
             _loading.pop()
     return [problem for problem in _loaded.values() if problem]
+
+
+@cache
+def _installed(search_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
+    """Return the plug-ins on the search path of modules; listing a hundred packages takes 5 ms."""
+    return tuple(metadata.entry_points(group=GROUP))
 
 
 def _origin(build: Callable[..., Any]) -> str:

@@ -129,6 +129,8 @@ class Linear:
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options)
+        if not given.uncertain:
+            return Estimate(dem=found.dem)
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
         uncertainty = linear_uncertainty(found, given.heights(), spread)
