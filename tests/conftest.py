@@ -1,5 +1,6 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -25,7 +26,7 @@ size_m = [300.0, 300.0]
 [platform]
 altitude_m = 50.0
 speed_mps = 10.0
-length_m = 10.0
+length_m = 5.0
 start_m = [-60.0, 0.0]
 [radar]
 snr_db = 30.0
@@ -38,6 +39,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # How long an example takes says more of the machine than of the code.
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays: the collector of cycles would look through it again and again."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -11,13 +11,14 @@ one window it would take as long as many a survey.
 """
 
 import math
+import sys
 from collections.abc import Callable
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import ParamSpec, TypeVar
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 
 def from_db(value_db: float) -> float:
@@ -51,10 +52,16 @@ def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
     @wraps(function)
     def limited(*given: Given.args, **named: Given.kwargs) -> Result:
-        with threadpool_limits(limits=1):
+        with _thread_pools(len(sys.modules)).limit(limits=1):
             return function(*given, **named)
 
     return limited
+
+
+@lru_cache(maxsize=1)
+def _thread_pools(modules: int) -> ThreadpoolController:
+    """Return the thread pools of the libraries loaded so far; to look for them takes 3 ms."""
+    return ThreadpoolController()
 
 
 def solve_lower(root: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n ..."]) -> Float[np.ndarray, "n ..."]:

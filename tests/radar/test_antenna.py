@@ -1,5 +1,7 @@
 """Antennas by their gain alone, the end of the main lobe, patterns of the whole sphere, and arrays by sums by hand."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.special import erf
@@ -39,8 +41,13 @@ def measure(gain: np.ndarray, angle_rad: np.ndarray) -> tuple[float, float, floa
     return width, 10 * np.log10(level[rising[0] :].max()), float(angle_rad[rising[0]])
 
 
-@pytest.mark.parametrize("side_lobe_db", [-15.0, -20.0, -25.0, -30.0, -40.0])
-@pytest.mark.parametrize("beamwidth_deg", [0.5, 1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 30.0, 40.0])
+@pytest.mark.parametrize(
+    ("beamwidth_deg", "side_lobe_db"),
+    [
+        *((0.5, level) for level in (-15.0, -40.0)),  # a second each: hundreds of elements
+        *product([1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 30.0, 40.0], [-15.0, -20.0, -25.0, -30.0, -40.0]),
+    ],
+)
 def test_beamwidth_and_side_lobe_are_the_wanted_ones(beamwidth_deg, side_lobe_db):
     cut = taylor_cut(np.deg2rad(beamwidth_deg), side_lobe_db)
     antenna = Antenna(cut, cut)
@@ -62,8 +69,8 @@ def test_azimuth_and_elevation_have_a_width_each():
 
 def sphere_integral(antenna: Antenna, fine_rad: float) -> float:
     """Integral of the gain over all directions, in azimuth and elevation angles about the boresight."""
-    coarse = np.linspace(-np.pi / 2, np.pi / 2, 721)
-    angle = np.unique(np.concatenate([coarse, np.linspace(-fine_rad, fine_rad, 601)]))
+    coarse = np.linspace(-np.pi / 2, np.pi / 2, 361)
+    angle = np.unique(np.concatenate([coarse, np.linspace(-fine_rad, fine_rad, 301)]))
     azimuth, elevation = np.meshgrid(angle, angle, indexing="ij")
     direction = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1

@@ -73,7 +73,7 @@ def test_blocks_of_any_size_and_wavefronts_give_the_same_bits(monkeypatch):
     "settings",
     [
         {"weather.rain_rate_mm_per_h": 5.0},
-        {"tracing.bounces": 2, "materials.ground": SMOOTH},
+        {"tracing.bounces": 2, "materials.ground": SMOOTH, "terrain.spacing_m": 20.0},
         {"tracing.engine": "gamma"},
         {"radar.sweep": "triangular"},
         {"radar.receiver.high_pass_corner_hz": 20e3},
