@@ -25,7 +25,8 @@ def plane_power(
     """Received over sent power above a plane: the radar equation summed over azimuth and elevation angles.
 
     P = lambda^2 / (4 pi)^3 * integral of G^2 sigma0 / r^4 dA, sigma0 = gamma cos t, dA = r^2 dOmega / cos t.
-    Written apart from `sionna_radar.radar.equation`: other coordinates, other nodes, four times as many of which change it by 1e-5 dB.
+    Written apart from `sionna_radar.radar.equation`: other coordinates, other nodes; four times as many nodes change
+    it by 1e-5 dB.
     """
     width = max(antenna.beamwidths_rad)
     near, far = 3.0 * width, np.pi / 2

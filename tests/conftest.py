@@ -90,6 +90,12 @@ def small(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results without pictures, which take longer to draw than all else to write, and have tests of their own."""
+    monkeypatch.setattr("sionna_radar.report.survey.products.draw_all", lambda *_: [])
+
+
+@pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""
     registries = [thing for thing in vars(parts).values() if isinstance(thing, Registry)]

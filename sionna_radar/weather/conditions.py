@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -11,11 +11,7 @@ from sionna_radar.weather.drops import FLOATING, EchoSpeeds, marshall_palmer
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
 from sionna_radar.weather.obscurants import fog_attenuation_db_per_km, fog_droplets, obscurant
 from sionna_radar.weather.path import wet_radome_loss_db
-from sionna_radar.weather.rain import (
-    drop_echo,
-    rain_attenuations_db_per_km,
-    rain_reflectivity_per_m,
-)
+from sionna_radar.weather.rain import drop_echo, rain_attenuations_db_per_km
 from sionna_radar.weather.rain_map import RainMap
 from sionna_radar.weather.scattering import Aerosol
 from sionna_radar.weather.snow import snow_attenuation_db_per_km, snow_reflectivity_per_m, snow_speeds
@@ -139,9 +135,7 @@ class Weather:
     @cached_property
     def rain_reflectivity_per_m(self) -> float:
         """Radar cross-section of a cubic metre of rain (m2/m3)."""
-        return rain_reflectivity_per_m(
-            self.carrier_hz, rain_rate_mm_per_h=self.rain_rate_mm_per_h, temperature_k=self.temperature_k
-        )
+        return self.rain_echo(self.rain_rate_mm_per_h)[0] if self.rain_rate_mm_per_h else 0.0
 
     def rain_speeds(self) -> EchoSpeeds:
         """Return the echo-weighted fall speeds of the drops; the rain rate must be positive."""
@@ -149,7 +143,7 @@ class Weather:
 
     def rain_echo(self, rain_rate_mm_per_h: float) -> tuple[float, EchoSpeeds]:
         """Return the reflectivity (m2/m3) and fall speeds of rain at a rate, which must be positive."""
-        return drop_echo(self.carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=self.temperature_k)
+        return _rain_echo(self.carrier_hz, rain_rate_mm_per_h, self.temperature_k)
 
     @cached_property
     def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
@@ -165,3 +159,9 @@ class Weather:
         ]
         floating = [(aerosol.reflectivity_per_m(self.carrier_hz), FLOATING) for aerosol in self._aerosols.values()]
         return (*snow, *floating)
+
+
+@lru_cache(maxsize=16)
+def _rain_echo(carrier_hz: float, rain_rate_mm_per_h: float, temperature_k: float) -> tuple[float, EchoSpeeds]:
+    """Return the echo of rain, which a survey needs several times and takes a fifth of a second to sum."""
+    return drop_echo(carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=temperature_k)

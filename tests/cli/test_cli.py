@@ -30,7 +30,7 @@ def without_crs(tmp_path):
 
 
 def test_run_writes_every_product(cli, small, tmp_path):
-    done = cli("run", small, "-o", tmp_path / "out", "--block-size", 7)
+    done = cli("run", small, "-o", tmp_path / "out", "--block-size", 7, "--set", "platform.length_m=10")
     assert done.returncode == 0, done.stderr
     # Where there is no terminal, no bar but a line for what takes long, as it may on a busy machine.
     plain = r"[a-z]+|[a-z]+: [\d,]+ of [\d,]+(, about [\d,]+ s left)?|compiling, first run only"
@@ -63,6 +63,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_seed_and_set_replace_values(cli, small, tmp_path):
     done = cli("run", small, "-o", tmp_path / "out", "--seed", 9, "--set", "radar.antenna.beamwidth_deg=4", "-q")
     assert done.returncode == 0, done.stderr
@@ -146,6 +147,7 @@ def test_a_place_that_is_no_result_is_left_alone(cli, small, tmp_path):
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["letter.txt"]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_own_dem_of_1_m_in_utm(cli, tmp_path):
     """A slope of known form, flown with no edit but the path; the DEM lies on it and on its coordinates."""
     size, west, north = 300, 500_000.0, 5_040_000.0
@@ -241,6 +243,7 @@ def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
     file = tmp_path / "plan.toml"
     done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
@@ -306,6 +309,7 @@ def test_a_scenario_written_by_hand_is_not_planned_over(cli, tmp_path):
     assert file.read_text() == "seed = 1\n"
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_side_looking_run_points_to_its_image(cli, tmp_path):
     sparse = ("--set", "platform.length_m=3", "--set", "tracing.scatterers_per_m2=2")
     done = cli("run", "slar", "-o", tmp_path / "out", *sparse)
@@ -313,6 +317,7 @@ def test_a_side_looking_run_points_to_its_image(cli, tmp_path):
     assert "sionna-radar image slar" in done.stdout
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
     done = cli("run", "roof_edge", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
@@ -321,6 +326,7 @@ def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
     assert float(ground) == pytest.approx(44.0, abs=0.3)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_another_run_leaves_the_user_s_files_and_refuses_edited_ones(cli, small, tmp_path):
     out = tmp_path / "keep"
     assert cli("run", small, "-o", out, "-q").returncode == 0
@@ -361,6 +367,7 @@ def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(c
     assert "does not exist; give a log of a flight" in missing.stderr
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_control_characters_of_names_reach_no_terminal(cli, small, tmp_path):
     evil = tmp_path / "a\x1b[31m\x07b"
     done = cli("run", small, "-o", evil)

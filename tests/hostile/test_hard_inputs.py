@@ -102,7 +102,7 @@ def many(kind: str, count: int):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_few_hard_inputs(kind, server):
-    many(kind, 6)(server)
+    many(kind, 4)(server)
 
 
 @pytest.mark.study

@@ -82,6 +82,7 @@ def test_ground_is_as_strong_as_the_chain_receives_it(keys):
         "terrain.spacing_m": 4.0,
         "tracing.paths_per_pulse": 128,
         "platform.length_m": 10.0,
+        "processing.cfar.kind": "CA",
     }
     scenario = load_scenario("hills", weak | keys)
     budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)

@@ -96,13 +96,13 @@ def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_pa
 @pytest.mark.parametrize("who", WHO)
 def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
     scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
-    here = run_crosscheck(scenario, execution=Execution(block_size=30))
+    here = run_crosscheck(scenario, execution=Execution(block_size=60))
     with open_checkpoints(tmp_path, {}, resume=False) as parts:
         assert bits(
-            run_crosscheck(scenario, execution=Execution(block_size=60, workers=workers, checkpoints=parts))
+            run_crosscheck(scenario, execution=Execution(block_size=30, workers=workers, checkpoints=parts))
         ) == bits(here)
         assert bits(
-            run_crosscheck(scenario, execution=Execution(block_size=60, workers=Nobody(), checkpoints=parts))
+            run_crosscheck(scenario, execution=Execution(block_size=30, workers=Nobody(), checkpoints=parts))
         ) == bits(here)
         assert len(parts) >= 8
 

@@ -14,7 +14,6 @@ from scipy.ndimage import gaussian_filter
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, MapCells
-from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
@@ -53,11 +52,6 @@ def scenario_over(path: Path, **tables: dict[str, object]) -> Scenario:
     for name, table in tables.items():
         data[name] = {**data.get(name, {}), **table}
     return parse_scenario(data)
-
-
-@pytest.fixture
-def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(products, "draw_all", lambda *_: [])
 
 
 @pytest.mark.usefixtures("no_figures")

@@ -131,6 +131,7 @@ def changed(scenario, settings):
     return data
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_products_of_both_are_the_same_files(flown, tmp_path):
     survey, files = flown
     write_survey(survey, tmp_path / "flown")

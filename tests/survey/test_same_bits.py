@@ -20,7 +20,7 @@ tell("san_francisco", {"platform.length_m": 3.0, "platform.start_m": [180.0, 20.
 small = {"platform.length_m": 2.5, "platform.start_m": [-60.0, 0.0], "dem.spacing_m": 2.0}
 tell("buildings", small | {"dem.method": "refined"})
 tell("buildings", small | {"tracing.speckle": "per_pulse"})
-few = {"platform.length_m": 0.5, "tracing.engine": "path_solver", "tracing.paths_per_pulse": 100000}
+few = {"platform.length_m": 0.3, "tracing.engine": "path_solver", "tracing.paths_per_pulse": 20000}
 tell("buildings", small | few | {"radar.antenna.beamwidth_deg": 20.0})
 """
 

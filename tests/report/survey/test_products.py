@@ -17,7 +17,6 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.files.point_cloud import write_laz
 from sionna_radar.report.files.points_table import write_points_csv
-from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
@@ -70,12 +69,6 @@ FILES = [
 ]
 
 
-@pytest.fixture
-def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures have tests of their own."""
-    monkeypatch.setattr(products, "draw_all", lambda survey, directory, coordinates: [])
-
-
 # ----------------------------------------------------------------------------------------- summary
 
 
@@ -120,6 +113,7 @@ def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
     assert len(write_survey(empty, tmp_path / "out")) == len(FILES)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
     custom = CustomParts(antenna=make_antenna(6.0, 6.0))
     flown = replace(survey, prepared=replace(survey.prepared, custom=custom))

@@ -12,7 +12,7 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import TARGET, VEGETATION, Paths
 
-EVERYWHERE = [[-290, -290], [290, -290], [290, 290], [-290, 290]]
+EVERYWHERE = [[-100, -100], [290, -100], [290, 100], [-100, 100]]
 HEIGHT_M, EXTINCTION_DB_PER_M, BACKSCATTER_DB_PER_M = 6.0, 0.5, -25.0
 KAPPA, ETA = np.log(10) / 10 * EXTINCTION_DB_PER_M, 10 ** (BACKSCATTER_DB_PER_M / 10)
 ALTITUDE_M = 60.0
