@@ -15,6 +15,7 @@ from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 from sionna_radar.signal.beat import synthesise
+from sionna_radar.survey.observed_survey import observe_survey
 from sionna_radar.tracing.paths import Paths
 
 
@@ -33,9 +34,9 @@ def test_fig_10_the_step_is_3_db_through_speckle():
     """Left and right of the track see equal ranges and incidences: the ratio of their mean powers is the step."""
     target_m, step = np.array([0.0, -20.0]), []
     for seed in (1, 2, 3, 4):
-        survey = run(load_scenario("two_fields", {"seed": seed, "tracing.paths_per_pulse": 256}))
-        points = survey.points
-        scan_deg = np.rad2deg(survey.schedule.pulses(points.pulse).scan_rad)
+        survey = observe_survey(load_scenario("two_fields", {"seed": seed, "tracing.paths_per_pulse": 256}))
+        points = survey.points(None)
+        scan_deg = np.rad2deg(survey.prepared.flight.pulses(points.pulse).scan_rad)
         clear = np.linalg.norm(points.position_m[:, :2] - target_m, axis=1) > 12.0
         north = points.position_m[:, 1] > 0
         for angle in np.arange(5.0, 45.0, 2.0):

@@ -163,5 +163,5 @@ class Weather:
 
 @lru_cache(maxsize=16)
 def _rain_echo(carrier_hz: float, rain_rate_mm_per_h: float, temperature_k: float) -> tuple[float, EchoSpeeds]:
-    """Return the echo of rain, which a survey needs several times and takes a fifth of a second to sum."""
+    """Return the echo of rain, which a survey needs several times, summed in 50 ms."""
     return drop_echo(carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=temperature_k)

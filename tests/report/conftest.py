@@ -10,6 +10,7 @@ from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.report.files.contents import Report
 from sionna_radar.report.page.compare import read_results
+from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.studies.comparison import FlownResult
 from sionna_radar.survey.result import Survey
@@ -54,8 +55,10 @@ def folders(survey: Survey, tmp_path_factory) -> list[Path]:
         error=error,
         lit_error=summarise(error, survey.lit),
     )
-    for name, one in (("first", survey), ("second", other)):
-        write_survey(one, parent / name, report=Report.NONE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(products, "draw_all", lambda *_: [])
+        for name, one in (("first", survey), ("second", other)):
+            write_survey(one, parent / name, report=Report.NONE)
     return [parent / "first", parent / "second"]
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from sionna_radar import load_scenario, run
 
-FIXED = {"radar.scan": {"mode": "fixed"}, "platform.heading_deg": 30.0, "platform.length_m": 30.0}
+FIXED = {"radar.scan": {"mode": "fixed"}, "platform.heading_deg": 30.0, "platform.length_m": 10.0}
 
 
 @pytest.mark.parametrize("method", ["smooth", "refined", "stepped"])

@@ -19,6 +19,7 @@ from sionna_radar.survey.custom_parts import CustomParts
 WIDE = {
     "platform.length_m": 150.0,
     "platform.speed_mps": 60.0,
+    "radar.chirp_rate_hz": 180.0,
     "terrain.spacing_m": 2.0,
     "tracing.paths_per_pulse": 48,
     "dem.spacing_m": 2.0,
