@@ -32,7 +32,7 @@ def test_a_beam_that_draws_a_line_makes_no_map():
 
 
 def test_pulses_without_echoes_and_cells_without_heights_are_told():
-    faint = warned({"radar.snr_db": -15.0})
+    faint = warned({"radar.snr_db": -15.0, "terrain.spacing_m": 1.0})
     assert has(faint, "pulses", "have no echo; raise radar.snr_db")
     assert has(faint, "no cell that the beam reached is filled")
     sparse = warned({"radar.scan.rotation_rpm": 60.0, "platform.speed_mps": 20.0, "dem.max_gap_m": 0.5})
