@@ -133,7 +133,7 @@ def test_only_an_array_is_steered():
 
 
 BAD = {
-    "empty": ("", "no pattern of a known format: its first line is ''"),
+    "empty": ("", "unknown pattern format; its first line is ''"),
     "words": ("hello, world\n" * 9, "its first line is 'hello, world'; give a CSV of cuts"),
     "no rows": (
         "angle_deg,azimuth_db,elevation_db\n",

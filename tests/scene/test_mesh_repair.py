@@ -40,7 +40,7 @@ def test_faces_turned_at_random_all_show_their_outside(split, caplog):
     found = repair([broken], "x")
     assert volume(found) == pytest.approx(BALL.volume)
     assert not found.two_sided.any()
-    assert f"{turned.sum()} faces turned inside out, of 320 faces" in caplog.text
+    assert f"{turned.sum()} faces with reversed winding, of 320 faces" in caplog.text
 
 
 def test_a_solid_inside_out_is_turned_and_its_parts_are_one_solid(caplog):
@@ -50,7 +50,7 @@ def test_a_solid_inside_out_is_turned_and_its_parts_are_one_solid(caplog):
     assert volume(found) == pytest.approx(BALL.volume)
     assert not found.two_sided.any()
     np.testing.assert_array_equal(found.owner, np.repeat([0, 1], [100, 220]))
-    assert "320 faces turned" in caplog.text
+    assert "320 faces with reversed winding" in caplog.text
 
 
 def test_ground_that_looks_down_is_turned_up_and_a_ceiling_beside_it_stays():
@@ -110,7 +110,7 @@ def test_a_shell_with_a_gap_is_turned_by_what_it_encloses(caplog):
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     assert np.all(np.einsum("fi,fi->f", normal, corner.mean(axis=1) - [4, 3, 2]) > 0)
     assert found.two_sided.all()
-    assert "10 faces turned" in caplog.text
+    assert "10 faces with reversed winding" in caplog.text
 
 
 def test_corners_that_differ_by_the_rounding_of_a_text_file_are_one():

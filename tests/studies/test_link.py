@@ -125,7 +125,7 @@ def test_what_has_no_link_budget_is_refused(changes, arguments, says):
 
 
 def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
-    done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "40", "-o", tmp_path / "link")
+    done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "100", "-o", tmp_path / "link")
     assert done.returncode in (0, 1), done.stderr  # so few pulses compare with nothing
     names = {path.relative_to(tmp_path / "link").as_posix() for path in (tmp_path / "link").rglob("*.*")}
     assert names == {"link.json", "link.csv", "manifest.json", "figures/link.png", "figures/floors.png"}
