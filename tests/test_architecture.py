@@ -189,7 +189,7 @@ def run(code: str, **environment: str) -> str:
 
 
 def test_what_does_not_trace_loads_no_ray_tracer():
-    """Nor do the engines' names; importing the package loads no NumPy, and validating a scenario no part."""
+    """Nor do the engines' names; importing the package loads nothing but itself, and validating a scenario no part."""
     trace = ("tracing.engines", "tracing.sionna", "signal.device_beats")
     modules = [f"sionna_radar.{name}" for name in MODULES if not name.startswith(trace) and name != "__main__"]
     code = f"""
@@ -207,6 +207,7 @@ for module in {modules}:
 """
     at_first, validating = (line.split() for line in run(code).splitlines())
     assert not {name.split(".")[0] for name in at_first} & (RAY_TRACING | {"numpy", "scipy", "pydantic"})
+    assert [name for name in at_first if name.startswith("sionna_radar")] == ["sionna_radar"]
     loaded = {name.removeprefix("sionna_radar.") for name in validating if name.startswith("sionna_radar.")}
     physics = {name for name in loaded if name.split(".")[0] in PHYSICS and name in MODULES}
     declared = {name for name in physics if name.endswith(".options") or MODULES[name].name == "__init__.py"}

@@ -3,12 +3,10 @@
 import gc
 import weakref
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import sionna_radar
 from sionna_radar import parse_scenario, run
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.execution.execution import Execution
@@ -89,12 +87,6 @@ def test_placing_reads_the_measured_pose_alone(monkeypatch):
 
     monkeypatch.setattr(type(ready.flight), "pulses", without_truth)
     assert place(echoes, sensor, ready.flight).sha256() == points.sha256()
-
-
-def test_no_processing_module_names_the_true_pose():
-    package = Path(sionna_radar.__file__).parent
-    for path in [*package.glob("detection/*.py"), *package.glob("mapping/*.py")]:
-        assert ".true" not in path.read_text(encoding="utf-8"), path
 
 
 def test_errors_of_navigation_spoil_the_dem_but_not_the_echoes(exact):

@@ -185,17 +185,6 @@ def test_run_locates_from_the_measured_pose(monkeypatch):
     np.testing.assert_allclose(moved.position_m - right.position_m, error_m + metres[:, None] * along, atol=1e-9)
 
 
-def test_a_wrong_pose_moves_the_points_by_its_error():
-    ready = prepare(scenario_of(platform__length_m=5.0))
-    pulses = ready.flight.pulses(np.arange(len(ready.flight)))
-    beat = ready.receiver.beat(ready.sensor_inputs().tracer().trace(pulses), pulses)
-    echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
-    error = np.array([0.3, -0.2, 0.5])
-    wrong = replace(pulses.measured, position_m=pulses.measured.position_m + error)
-    moved, right = (locate(echoes, pulses.index, pose).position_m for pose in (wrong, pulses.measured))
-    np.testing.assert_allclose(moved - right, np.tile(error, (len(right), 1)), atol=1e-9)
-
-
 def test_a_scan_and_an_antenna_of_ones_own():
     down = RotatingScan(
         mode="fixed", incidence_rad=0.0, half_swath_rad=np.pi, rotation_rad_s=0.0, start_rad=0.0, stabilised=True
