@@ -9,7 +9,7 @@ window and added to the predicted profile: so a change costs as much as the rays
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Int, Int32
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -138,8 +138,8 @@ class CellViews(NamedTuple):
     meets: Float[np.ndarray, "pulse sample"]
     what: Int32[np.ndarray, "pulse sample"]
     cell: Int32[np.ndarray, "pulse sample"]
-    nearer: Float32[np.ndarray, "pulse sample"]
-    farther: Float32[np.ndarray, "pulse sample"]
+    nearer: Float[np.ndarray, "pulse sample"]
+    farther: Float[np.ndarray, "pulse sample"]
 
 
 class PulseEchoes(NamedTuple):
@@ -177,22 +177,19 @@ def ray(views, pulse, sample):
 @compiled
 @no_type_check
 def landing(views, echoes, pulse, sample, meets, what):
-    """Return the first of the two range cells that a ray falls into, NOTHING outside the profile, and powers in both.
-
-    The powers are in single precision, as they are kept: what is taken away is what was added.
-    """
+    """Return the first of two range cells that a ray falls into, NOTHING outside the profile, and powers in both."""
     if what == NOTHING:
-        return NOTHING, np.float32(0.0), np.float32(0.0)
+        return NOTHING, 0.0, 0.0
     half = len(echoes.response) // 2
     dx, dy, dz = ray(views, pulse, sample)
     velocity = views.velocity[pulse]
     rate = velocity[0] * dx + velocity[1] * dy + velocity[2] * dz
     place = (meets - echoes.doppler * rate) / echoes.cell_m - echoes.first[pulse]
     if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
-        return NOTHING, np.float32(0.0), np.float32(0.0)
+        return NOTHING, 0.0, 0.0
     below = int(np.floor(place))
     power, beyond = views.share[sample] * (echoes.unit_m / meets) ** 2, place - below
-    return below + 2 * half + 1, np.float32(power * (1 - beyond)), np.float32(power * beyond)
+    return below + 2 * half + 1, power * (1 - beyond), power * beyond
 
 
 @compiled

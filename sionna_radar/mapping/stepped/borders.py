@@ -197,6 +197,7 @@ class _Block:
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
         changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
+        moved = np.zeros(part.shape, dtype=bool)
         for _ in range(SWEEPS):
             wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
@@ -205,8 +206,9 @@ class _Block:
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
-            # A ray over a lowered cell may meet cells that it was not listed for.
-            self._cast(crossing.over(changed))
+            # A ray over a lowered cell may meet cells that it was not listed for, which may change after that cell.
+            moved |= binary_dilation(changed)
+            self._cast(crossing.over(moved))
             found, expected = self._update(UPDATES)
         returned = found / np.maximum(expected, np.finfo(float).tiny)
         return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
@@ -324,8 +326,8 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),
         cell=np.empty(shape, dtype=np.int32),
-        nearer=np.empty(shape, dtype=np.float32),
-        farther=np.empty(shape, dtype=np.float32),
+        nearer=np.empty(shape),
+        farther=np.empty(shape),
     )
 
 
