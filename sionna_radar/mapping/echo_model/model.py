@@ -81,6 +81,10 @@ class Sightings:
         """Return the beam's nodes in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
 
+    def corner_directions(self) -> Float[np.ndarray, "pulse 4 3"]:
+        """Return the corners of the main lobe in the world frame."""
+        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
+
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)

@@ -35,15 +35,8 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 ROWS_AT_ONCE = 8
 
 
-def evidence_against(
-    sightings: Sightings,
-    grid: Grid,
-    base_m: Float[np.ndarray, "row column"],
-    level_m: Float[np.ndarray, " level"],
-    in_view_m: Float[np.ndarray, "row column"] | None = None,
-    options: SteppedParameters = STEPPED,
-) -> Float32[np.ndarray, "row column level"]:
-    """Return the evidence against a surface at some heights over the cells of a grid.
+class Evidence:
+    """Evidence against surfaces at some heights over the cells of a grid, from the echoes alone at first.
 
     Parameters
     ----------
@@ -53,39 +46,54 @@ def evidence_against(
         Cells of the map.
     base_m, level_m:
         Base heights of the cells, and the levels above them, increasing.
-    in_view_m:
-        Heights above which the cells are known to be in view; None if unknown.
     options:
         Of the method.
 
-    Returns
-    -------
-    Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
-
     """
-    bright = _reflectivities(sightings, options)
-    if len(bright.step) == 0:
-        return np.zeros((*grid.shape, len(level_m)), dtype=np.float32)
-    against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
-    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
-    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-    spill = options.spill_share * sightings.response / sightings.response.max()
-    spill[len(spill) // 2] = 0.0
-    gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
-    given = (
-        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
-        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
-        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
-        *(gain, _axes(beam)),
-        *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
-        np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
-        *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
-    )
-    for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
-        pass
-    advance(len(sightings))
-    lowest: Float32[np.ndarray, "row column level"] = against.min(axis=-1)
-    return lowest
+
+    def __init__(
+        self,
+        sightings: Sightings,
+        grid: Grid,
+        base_m: Float[np.ndarray, "row column"],
+        level_m: Float[np.ndarray, " level"],
+        options: SteppedParameters = STEPPED,
+    ) -> None:
+        self._rows, self._pulses, bright = grid.rows, len(sightings), _reflectivities(sightings, options)
+        self._against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
+        windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+        beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
+        spill = options.spill_share * sightings.response / sightings.response.max()
+        spill[len(spill) // 2] = 0.0
+        gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+        self._given = (
+            *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+            *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
+            sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
+            *(gain, _axes(beam)),
+            *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
+            *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
+        )
+        self._add(np.empty((0, 0)))
+
+    def know_in_view(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
+        """Add what patches above the heights that are known to be in view say though something brighter is nearer."""
+        self._add(np.ascontiguousarray(in_view_m))
+
+    @property
+    def lowest(self) -> Float32[np.ndarray, "row column level"]:
+        """Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree."""
+        if self._against.shape[-1] == 0:
+            return np.zeros(self._against.shape[:-1], dtype=np.float32)
+        return np.asarray(self._against.min(axis=-1))
+
+    def _add(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
+        def some(low: int, high: int) -> None:
+            add_evidence(*self._given, in_view_m, self._against, low, high)
+
+        if self._against.shape[-1]:
+            list(in_threads(some, parts(self._rows, ROWS_AT_ONCE)))
+        advance(self._pulses)
 
 
 def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
@@ -124,7 +132,7 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
     """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
     position = sightings.pose.position_m[:, None, None]
-    corner = sightings.direction()[:, None, sightings.beam.corners]
+    corner = sightings.corner_directions()[:, None]
     drop = np.array(span_m)[:, None] - position[..., 2]
     reach = np.clip(drop / np.minimum(corner[..., 2], -0.05), 0.0, sightings.reach_m)
     place = (position[..., :2] + reach[..., None] * corner[..., :2]).reshape(len(sightings), -1, 2)
@@ -230,18 +238,45 @@ def levels_between(planes, east, north, base_up, level):
     return max(int((lowest - bottom) / spacing) - 1, 0), min(int((highest - bottom) / spacing) + 3, len(level))
 
 
+# Terms of log((1 + s) / (1 - s)) / s - 2 in s^2, and the logarithm of 2 in two parts (FreeBSD's e_log.c, by Sun 1993).
+LOG_TERMS = (
+    6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
+    1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01,
+)  # fmt: skip
+LOG_2, LOG_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+ROOT_HALF_BITS = 0x3FE6A09E667F3BCD
+
+
+@compiled
+@no_type_check
+def logarithm(x):
+    """Return log x of a positive normal number, within 2^-52: unlike a call of the library, for several at once."""
+    bits = np.float64(x).view(np.int64)
+    exponent = (bits - ROOT_HALF_BITS) >> 52
+    f = np.int64(bits - (exponent << 52)).view(np.float64) - 1.0
+    s = f / (2.0 + f)
+    square, rest = s * s, LOG_TERMS[6]
+    for term in range(5, -1, -1):
+        rest = LOG_TERMS[term] + square * rest
+    half = 0.5 * f * f
+    return exponent * LOG_2 - ((half - (s * (half + square * rest) + exponent * LOG_2_REST)) - f)
+
+
 @compiled
 @no_type_check
 def add_evidence(
     windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
-    base, level, in_view, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
+    base, level, steps, typical, alternatives, widest_for, spread_cells, in_view, against, low, high,
 ):  # fmt: skip
     """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
 
     windows: first and last row and column of the map that each pulse sees, the last excluded.
     gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
-    in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
+    steps: the reflectivities; against: (row, column, level, step).
+    in_view: heights above which cells are in view; only what this adds to the evidence of the echoes alone, where
+    these are not empty, is subtracted.
     """
+    again = len(in_view) > 0
     log_alternatives = np.log(alternatives)
     longest = 0
     for pulse in range(len(windows)):
@@ -264,12 +299,14 @@ def add_evidence(
             north = y[row] - position[pulse, 1]
             for column in range(windows[pulse, 2], windows[pulse, 3]):
                 east = x[column] - position[pulse, 0]
-                flat, view = east * east + north * north, in_view[row, column]
+                flat, view = east * east + north * north, in_view[row, column] if again else -np.inf
                 first_level, last_level = levels_between(
                     planes, east, north, base[row, column] - position[pulse, 2], level
                 )
                 for number in range(first_level, last_level):
                     height = base[row, column] + level[number]
+                    if height <= view:
+                        continue
                     up = height - position[pulse, 2]
                     range_m = np.sqrt(flat + up * up)
                     u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
@@ -286,21 +323,18 @@ def add_evidence(
                     cell = max(int(np.rint(apparent / cell_m)) - first[pulse], -1)
                     place = min(cell, cells) + 2
                     nearer = before[min(cell, cells + spread_cells) + 2]
-                    seen = height > view or nearer < own_noise + typical * w
-                    fits = own[place] and w > widest_for
+                    plain = nearer < own_noise + typical * w
+                    seen, fits = plain != again, own[place] and w > widest_for and not again
                     if not seen and not fits:
                         continue
-                    there, strong = edged[place], most[place]
+                    there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]
                     for step in range(len(steps)):
                         mean = own_noise + steps[step] * w
-                        if not fits and strong >= mean:
-                            continue
-                        log_mean, support = np.log(mean), 0.0
-                        if seen and strong < mean:
-                            support = log_most[place] - log_mean - strong / mean + 1
-                        if fits:
-                            support += max(log_edged[place] - log_mean - there / mean + log_alternatives, 0.0)
-                        against[row, column, number, step] -= support
+                        inverse, log_mean = 1 / mean, logarithm(mean)
+                        short = log_strong - log_mean - strong * inverse + 1
+                        match = max(log_there - log_mean - there * inverse + log_alternatives, 0.0)
+                        support = short if seen and strong < mean else 0.0
+                        against[row, column, number, step] -= support + (match if fits else 0.0)
 
 
 @compiled
