@@ -147,7 +147,7 @@ class Crossing:
     tile_cells: side of tiles of which no pulse sees two that are not neighbours, in cells.
     """
 
-    first: Int[np.ndarray, " cell+1"]
+    first: Int[np.ndarray, " edge"]
     pulse: Int[np.ndarray, " entry"]
     tile_cells: int
 

@@ -32,7 +32,7 @@ from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
 # Rows of the map processed by one core at a time.
-ROWS_AT_ONCE = 8
+ROWS_AT_ONCE = 24
 
 
 class Evidence:
@@ -158,14 +158,13 @@ def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
     """
     cells, half = len(power), len(spill) // 2
     for k in range(cells + 4):
-        edged[k], own[k] = noise, False
+        edged[k], own[k], before[k] = noise, False, 0.0
+    # Until it is written below, `before` holds what leaks into each cell.
+    for tap in range(len(spill)):
+        for c in range(max(tap - half, 0), min(cells + tap - half, cells)):
+            before[c] += spill[tap] * power[c + half - tap]
     for c in range(cells):
-        edged[c + 2] = max(power[c], noise)
-        leaked = 0.0
-        for tap in range(len(spill)):
-            if 0 <= c + half - tap < cells:
-                leaked += spill[tap] * power[c + half - tap]
-        own[c + 2] = power[c] > leaked
+        edged[c + 2], own[c + 2] = max(power[c], noise), power[c] > before[c]
     for k in range(cells + 4):
         most[k] = noise
         for neighbour in range(max(k - 1, 0), min(k + 2, cells + 4)):
@@ -180,9 +179,9 @@ def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
 
 @compiled
 @no_type_check
-def two_way(gain, first_u, step_u, first_v, step_v, u, v):
-    """Return the bilinear two-way gain at direction cosines within the table."""
-    i, j = (u - first_u) / step_u, (v - first_v) / step_v
+def two_way(gain, first_u, each_u, first_v, each_v, u, v):
+    """Return the bilinear two-way gain at direction cosines within the table, of `each` entries for a unit of both."""
+    i, j = (u - first_u) * each_u, (v - first_v) * each_v
     low_i, low_j = min(max(int(i), 0), gain.shape[0] - 2), min(max(int(j), 0), gain.shape[1] - 2)
     a, b = i - low_i, j - low_j
     below = gain[low_i, low_j] * (1 - b) + gain[low_i, low_j + 1] * b
@@ -215,6 +214,26 @@ def planes_around(R, axes, planes):
         steep = abs(planes[k, 2])
         for c in range(3):
             planes[k, c] = planes[k, c] / steep if steep > MIN_SLOPE else 0.0
+
+
+@compiled
+@no_type_check
+def columns_between(planes, north, span, west, spacing, sides):
+    """Return the first and the last column, excluded, of a row of the map that may lie between planes.
+
+    north, west: of the row and of its first column, from the antenna, as the span of heights; sides: all columns.
+    """
+    (bottom, top), (first, last) = span, sides
+    low, high = -np.inf, np.inf
+    for k in range(len(planes)):
+        bound = -planes[k, 1] * north - planes[k, 2] * (bottom if planes[k, 2] > 0 else top)
+        if planes[k, 0] > 0:
+            high = min(high, bound / planes[k, 0])
+        elif planes[k, 0] < 0:
+            low = max(low, bound / planes[k, 0])
+    # One more on both sides, for rounding.
+    low, high = max((low - west) / spacing - 1, float(first)), min((high - west) / spacing + 2, float(last))
+    return (int(low), int(high)) if low < high else (first, first)
 
 
 @compiled
@@ -276,8 +295,13 @@ def add_evidence(
     in_view: heights above which cells are in view; only what this adds to the evidence of the echoes alone, where
     these are not empty, is subtracted.
     """
-    again = len(in_view) > 0
-    log_alternatives = np.log(alternatives)
+    again, spacing = len(in_view) > 0, x[1] - x[0] if len(x) > 1 else 1.0
+    lowest, highest = np.inf, -np.inf
+    for row in range(low, high):
+        for column in range(len(x)):
+            lowest, highest = min(lowest, base[row, column]), max(highest, base[row, column])
+    lowest, highest = lowest + level[0], highest + level[-1]
+    log_alternatives, each_u, each_v, cells_per_m = np.log(alternatives), 1 / axes[1], 1 / axes[3], 1 / cell_m
     longest = 0
     for pulse in range(len(windows)):
         longest = max(longest, start[pulse + 1] - start[pulse])
@@ -292,35 +316,37 @@ def add_evidence(
         own_noise = noise[pulse]
         prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
         for k in range(cells + 4):
-            log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
+            log_edged[k], log_most[k] = logarithm(edged[k]), logarithm(most[k])
         R = R_world_antenna[pulse]
         planes_around(R, axes, planes)
+        west, height_there = x[0] - position[pulse, 0], position[pulse, 2]
         for row in range(top, bottom):
             north = y[row] - position[pulse, 1]
-            for column in range(windows[pulse, 2], windows[pulse, 3]):
+            span, sides = (lowest - height_there, highest - height_there), (windows[pulse, 2], windows[pulse, 3])
+            first_column, last_column = columns_between(planes, north, span, west, spacing, sides)
+            for column in range(first_column, last_column):
                 east = x[column] - position[pulse, 0]
                 flat, view = east * east + north * north, in_view[row, column] if again else -np.inf
-                first_level, last_level = levels_between(
-                    planes, east, north, base[row, column] - position[pulse, 2], level
-                )
+                first_level, last_level = levels_between(planes, east, north, base[row, column] - height_there, level)
                 for number in range(first_level, last_level):
                     height = base[row, column] + level[number]
                     if height <= view:
                         continue
-                    up = height - position[pulse, 2]
+                    up = height - height_there
                     range_m = np.sqrt(flat + up * up)
-                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
-                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
+                    inverse = 1 / range_m
+                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) * inverse
+                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) * inverse
                     if u < axes[0] or u > axes[4] or v < axes[2] or v > axes[5]:
                         continue
                     if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
                         continue
-                    w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)
+                    w = two_way(gain, axes[0], each_u, axes[2], each_v, u, v)
                     if w <= 0.0:
                         continue
                     rate = velocity[pulse, 0] * east + velocity[pulse, 1] * north + velocity[pulse, 2] * up
-                    apparent = range_m - doppler * rate / range_m
-                    cell = max(int(np.rint(apparent / cell_m)) - first[pulse], -1)
+                    apparent = range_m - doppler * rate * inverse
+                    cell = max(int(np.rint(apparent * cells_per_m)) - first[pulse], -1)
                     place = min(cell, cells) + 2
                     nearer = before[min(cell, cells + spread_cells) + 2]
                     plain = nearer < own_noise + typical * w
@@ -330,9 +356,9 @@ def add_evidence(
                     there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]
                     for step in range(len(steps)):
                         mean = own_noise + steps[step] * w
-                        inverse, log_mean = 1 / mean, logarithm(mean)
-                        short = log_strong - log_mean - strong * inverse + 1
-                        match = max(log_there - log_mean - there * inverse + log_alternatives, 0.0)
+                        one_over, log_mean = 1 / mean, logarithm(mean)
+                        short = log_strong - log_mean - strong * one_over + 1
+                        match = max(log_there - log_mean - there * one_over + log_alternatives, 0.0)
                         support = short if seen and strong < mean else 0.0
                         against[row, column, number, step] -= support + (match if fits else 0.0)
 
