@@ -163,43 +163,37 @@ def _error_correlation(
     later = near[..., None] * away - moved[:, None]
     far = np.linalg.norm(later, axis=-1)
     gain = beam.two_way(direction), beam.two_way(later / far[..., None] @ pose_later.R_world_antenna)
-    result[there] = _mean_range_correlation(near, far, gain[0] / near**2, gain[1] / far**2, chirp)
+    power, power_later = gain[0] / near**2, gain[1] / far**2
+    found = zip(near, far, power, power_later, strict=True)
+    result[there] = [_mean_range_correlation(*of_pulse, chirp) for of_pulse in found]
     return result
 
 
 def _mean_range_correlation(
-    near: Float[np.ndarray, "pulse n"],
-    far: Float[np.ndarray, "pulse n"],
-    power: Float[np.ndarray, "pulse n"],
-    later: Float[np.ndarray, "pulse n"],
+    near: Float[np.ndarray, " n"],
+    far: Float[np.ndarray, " n"],
+    power: Float[np.ndarray, " n"],
+    later: Float[np.ndarray, " n"],
     chirp: Chirp,
-) -> Float[np.ndarray, " pulse"]:
-    """Return the correlation of the errors of two mean ranges each, from the fields in common directions.
+) -> float:
+    """Return the correlation of the errors of two pulses' mean ranges, from the fields in common directions.
 
     A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
     what pulls one echo farther pulls the next one nearer.
     """
-    phase = 4 * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near)
-    both, cell = power * later, np.floor(near / chirp.range_resolution_m).astype(np.int64)
-    cell -= cell.min(axis=1, keepdims=True)
-    count = int(cell.max(initial=0)) + 1
-    place = (cell + count * np.arange(len(cell))[:, None]).ravel()
-
-    def by_cell(values: Float[np.ndarray, "pulse n"]) -> Float[np.ndarray, "pulse cell"]:
-        return np.bincount(place, values.ravel(), minlength=len(cell) * count).reshape(len(cell), count)
-
+    field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
+    cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
+    cell -= cell.min()
     # Sum over pairs of different directions only: self-pairs bias a small sample.
-    field = np.sqrt(both)
-    pairs = by_cell(field * np.cos(phase)) ** 2 + by_cell(field * np.sin(phase)) ** 2 - by_cell(both)
-    one, two = by_cell(power), by_cell(later)
-    from_one, from_two = _from_mean(one), _from_mean(two)
-    total = np.sqrt(np.sum((from_one * one) ** 2, axis=1) * np.sum((from_two * two) ** 2, axis=1))
-    return np.clip(np.sum(from_one * from_two * pairs, axis=1) / np.maximum(total, 1e-300), 0.0, 1.0)
+    both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
+    one, two = np.bincount(cell, power), np.bincount(cell, later)
+    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
+    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
 
 
-def _from_mean(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
+def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
     """Return the offset of each cell from the power-weighted mean cell."""
-    cell = np.arange(power.shape[1])
-    distance: Float[np.ndarray, "pulse cell"]
-    distance = cell - (power @ cell / np.maximum(power.sum(axis=1), 1e-300))[:, None]
+    cell = np.arange(len(power))
+    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
     return distance
