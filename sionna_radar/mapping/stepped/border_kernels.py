@@ -125,8 +125,8 @@ class CellViews(NamedTuple):
 
     enters: range at which each ray comes near the map, NaN if unknown; meets: range of what it meets, infinite without;
     what: twice the number of the part there, plus one on a wall; NOTHING without.
-    cell: the first of the two range cells that the ray falls into, NOTHING outside the profile; nearer, farther: power
-    in it and in the next, at a reflectivity of one.
+    entries: of each pulse, rays from one surface that fall into the same range cells count as one; surface: what it is;
+    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one.
     """
 
     position: Float[np.ndarray, "pulse 3"]
@@ -137,6 +137,8 @@ class CellViews(NamedTuple):
     enters: Float[np.ndarray, "pulse sample"]
     meets: Float[np.ndarray, "pulse sample"]
     what: Int32[np.ndarray, "pulse sample"]
+    entries: Int[np.ndarray, " pulse"]
+    surface: Int32[np.ndarray, "pulse sample"]
     cell: Int32[np.ndarray, "pulse sample"]
     nearer: Float[np.ndarray, "pulse sample"]
     farther: Float[np.ndarray, "pulse sample"]
@@ -200,6 +202,7 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
     for n in range(low, high):
         pulse = pulses[n]
         x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
+        surface, cell, entries = views.surface[pulse], views.cell[pulse], 0
         for k in range(len(views.share)):
             dx, dy, dz = ray(views, pulse, k)
             if np.isnan(views.enters[pulse, k]):
@@ -207,8 +210,18 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
             begin = views.enters[pulse, k]
             found, what = cast(columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere)
             views.meets[pulse, k], views.what[pulse, k] = found, what
-            cell, nearer, farther = landing(views, echoes, pulse, k, found, what)
-            views.cell[pulse, k], views.nearer[pulse, k], views.farther[pulse, k] = cell, nearer, farther
+            at, nearer, farther = landing(views, echoes, pulse, k, found, what)
+            if at == NOTHING:
+                continue
+            one = 0
+            while one < entries and (cell[one] != at or surface[one] != what):
+                one += 1
+            if one == entries:
+                surface[one], cell[one], entries = what, at, entries + 1
+                views.nearer[pulse, one], views.farther[pulse, one] = 0.0, 0.0
+            views.nearer[pulse, one] += nearer
+            views.farther[pulse, one] += farther
+        views.entries[pulse] = entries
 
 
 @compiled
@@ -242,10 +255,12 @@ def crossed(columns, views, beyond_m, into, pulse_of, low, high):
 @no_type_check
 def spread(response, hits, low, high, mean):
     """Add what the window spreads from the range cells `hits` to some cells of a profile."""
+    into = mean[low:high]
     for tap in range(len(response)):
-        weight, begin = response[tap], 3 * (len(response) // 2) + 1 - tap
-        for cell in range(low, high):
-            mean[cell] += weight * hits[cell + begin]
+        begin = low + 3 * (len(response) // 2) + 1 - tap
+        weight, source = response[tap], hits[begin : begin + len(into)]
+        for cell in range(len(into)):
+            into[cell] += weight * source[cell]
 
 
 @compiled
@@ -462,12 +477,10 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
         begin, cells = echoes.start[pulse], echoes.start[pulse + 1] - echoes.start[pulse]
         for cell in range(cells + 2 * pad):
             hits[cell] = excess[cell] = inverse[cell] = 0.0
-        for k in range(len(views.share)):
-            at = views.cell[pulse, k]
-            if at != NOTHING:
-                here = level[views.what[pulse, k]]
-                hits[at] += here * views.nearer[pulse, k]
-                hits[at + 1] += here * views.farther[pulse, k]
+        for k in range(views.entries[pulse]):
+            at, here = views.cell[pulse, k], level[views.surface[pulse, k]]
+            hits[at] += here * views.nearer[pulse, k]
+            hits[at + 1] += here * views.farther[pulse, k]
         mean = echoes.mean[begin : begin + cells]
         for cell in range(cells):
             mean[cell] = echoes.floor[pulse]
@@ -478,25 +491,25 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
             usual_there[cell] = 1 / mean[cell]
             more_there[cell] = min(echoes.power[begin + cell] * usual_there[cell], MAX_SPECKLE) * usual_there[cell]
         for tap in range(len(echoes.response)):
-            weight, first = echoes.response[tap], 3 * half + 1 - tap
+            first, weight = 3 * half + 1 - tap, echoes.response[tap]
+            more, usual = excess[first : first + cells], inverse[first : first + cells]
             for cell in range(cells):
-                excess[cell + first] += weight * more_there[cell]
-                inverse[cell + first] += weight * usual_there[cell]
-        x, y = views.position[pulse, 0], views.position[pulse, 1]
-        for k in range(len(views.share)):
-            at = views.cell[pulse, k]
-            if at == NOTHING:
-                continue
-            what = views.what[pulse, k]
+                more[cell] += weight * more_there[cell]
+                usual[cell] += weight * usual_there[cell]
+        for k in range(views.entries[pulse]):
+            at, what = views.cell[pulse, k], views.surface[pulse, k]
             nearer, farther = level[what] * views.nearer[pulse, k], level[what] * views.farther[pulse, k]
-            more = nearer * excess[at] + farther * excess[at + 1]
-            usual = nearer * inverse[at] + farther * inverse[at + 1]
-            found[what] += more
-            expected[what] += usual
-            if len(cell_found) > 0 and what % 2 == 0:
-                dx, dy, _ = ray(views, pulse, k)
-                i = int(np.floor((y + views.meets[pulse, k] * dy - columns.south) / columns.spacing))
-                j = int(np.floor((x + views.meets[pulse, k] * dx - columns.west) / columns.spacing))
-                if 0 <= i < rows and 0 <= j < count:
-                    cell_found[i * count + j] += more
-                    cell_expected[i * count + j] += usual
+            found[what] += nearer * excess[at] + farther * excess[at + 1]
+            expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
+        x, y = views.position[pulse, 0], views.position[pulse, 1]
+        for k in range(len(views.share) if len(cell_found) > 0 else 0):
+            meets, what = views.meets[pulse, k], views.what[pulse, k]
+            at, nearer, farther = landing(views, echoes, pulse, k, meets, what)
+            if at == NOTHING or what % 2 == 1:
+                continue
+            dx, dy, _ = ray(views, pulse, k)
+            i = int(np.floor((y + meets * dy - columns.south) / columns.spacing))
+            j = int(np.floor((x + meets * dx - columns.west) / columns.spacing))
+            if 0 <= i < rows and 0 <= j < count:
+                cell_found[i * count + j] += level[what] * (nearer * excess[at] + farther * excess[at + 1])
+                cell_expected[i * count + j] += level[what] * (nearer * inverse[at] + farther * inverse[at + 1])

@@ -325,6 +325,8 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
         enters=np.full(shape, np.nan),
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),
+        entries=np.zeros(len(pose), dtype=np.int64),
+        surface=np.empty(shape, dtype=np.int32),
         cell=np.empty(shape, dtype=np.int32),
         nearer=np.empty(shape),
         farther=np.empty(shape),
