@@ -329,7 +329,7 @@ def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits
     low, high = len(hits), NOTHING
     for n in range(count):
         k = which[n]
-        before, of = views.meets[pulse, k], views.what[pulse, k]
+        before, of = views.meets[pulse, k], np.int64(views.what[pulse, k])
         met[n], what[n] = before, of
         dx, dy, dz = ray(views, pulse, k)
         passes = before > leaves[n]
@@ -503,7 +503,7 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
             expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
         x, y = views.position[pulse, 0], views.position[pulse, 1]
         for k in range(len(views.share) if len(cell_found) > 0 else 0):
-            meets, what = views.meets[pulse, k], views.what[pulse, k]
+            meets, what = views.meets[pulse, k], np.int64(views.what[pulse, k])
             at, nearer, farther = landing(views, echoes, pulse, k, meets, what)
             if at == NOTHING or what % 2 == 1:
                 continue
