@@ -5,18 +5,17 @@ import pytest
 
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import (
     NOTHING,
     CellColumns,
     approach,
+    candidate,
     cast,
-    land,
-    predict,
-    unknown_landings,
 )
-from sionna_radar.mapping.stepped.borders import StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
+from sionna_radar.mapping.stepped.borders import ALIKE, StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
 from sionna_radar.mapping.stepped.segments import parts_of, to_border_m
 from sionna_radar.mapping.stepped.surface import moved_with
@@ -133,14 +132,41 @@ def test_profiles_changed_ray_by_ray_are_those_predicted_anew(block):
     block._sweep(wanted, block._crossing(), ground, height, changed, margin, 1.0)
     assert changed.any()
     kept, met = block._echoes.mean.copy(), block._views.meets.copy()
-    block._cast()
+    block._cast(np.arange(len(met)))
     same = np.all(np.isclose(block._views.meets, met, rtol=1e-12), axis=1)
     assert same.mean() > 0.97  # a few rays over lowered cells meet others than they were known to cross
-    landings = unknown_landings(block._views.what.shape)
-    land(block._columns, block._views, block._echoes, landings, 0, len(same))
-    predict(block._views, block._echoes, landings, block._level, 0, len(same))
+    block._update(0)
     rows = np.repeat(same, np.diff(block._echoes.start))
     np.testing.assert_allclose(block._echoes.mean[rows], kept[rows], rtol=1e-9)
+
+
+def log_likelihood(block: _Block) -> float:
+    """Return that of all profiles, with all rays cast and all profiles predicted anew."""
+    block._cast(np.arange(len(block._echoes.first)))
+    block._update(0)
+    ratio = block._echoes.power / block._echoes.mean
+    unlikely = np.where(ratio > MAX_SPECKLE, MAX_SPECKLE + np.log(ratio / MAX_SPECKLE), ratio)
+    return float(-block._echoes.looks[0] * np.sum(unlikely + np.log(block._echoes.mean)))
+
+
+def test_what_a_cell_gains_is_the_likelihood_of_whole_profiles_predicted_anew(seen):
+    rng, roof = np.random.default_rng(4), on_box(MAP)
+    cells = np.flatnonzero(beside_borders(roof.astype(np.int64)))
+    ground, height = np.full(MAP.rows * MAP.columns, NOTHING), np.zeros(MAP.rows * MAP.columns)
+    for cell in rng.choice(cells, 12, replace=False):
+        block = _Block(seen, np.where(roof, TOP, 0.0), roof.astype(np.int64), MAP)
+        block._update(10)
+        row, column = np.unravel_index(cell, MAP.shape)
+        own, before = block._columns.part[row, column], log_likelihood(block)
+        top, a, b, number = candidate(block._columns, row, column, 1 - own)
+        beside = candidate(block._columns, row, column, own)[3]
+        changed, margin = np.zeros(MAP.shape, dtype=bool), np.full(MAP.shape, np.inf)
+        block._sweep(np.array([cell]), block._crossing(), ground, height, changed, margin, 1.0)
+        block._columns.height[row, column], block._columns.part[row, column] = top, 1 - own
+        block._columns.slope_x[row, column], block._columns.slope_y[row, column] = a, b
+        gain = ALIKE * (number - beside) + log_likelihood(block) - before
+        assert margin[row, column] == pytest.approx(abs(gain), rel=1e-6, abs=1e-6)
+        assert changed[row, column] == (gain > 0)
 
 
 def test_a_bright_roof_is_found_as_bright_as_it_is(seen):

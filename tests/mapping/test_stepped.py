@@ -16,9 +16,11 @@ from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.coarse_map import choose_levels, lowest_in_view_m
 from sionna_radar.mapping.stepped.evidence import (
+    Evidence,
     _reflectivities,
-    evidence_against,
+    columns_between,
     levels_between,
+    logarithm,
     planes_around,
 )
 from sionna_radar.mapping.stepped.surface import step_surface
@@ -105,7 +107,7 @@ def test_air_speaks_against_itself_and_ground_for_itself(level):
     """Over level ground nothing comes from above it, and the echoes are what its patches bring."""
     sightings = level
     level_m = np.arange(-4.0, 10.0, 0.5)
-    against = evidence_against(sightings, MAP, np.zeros(MAP.shape), level_m)
+    against = Evidence(sightings, MAP, np.zeros(MAP.shape), level_m).lowest
     ground = against[..., np.argmin(np.abs(level_m))]
     air = against[..., level_m > 4.0]
     assert np.mean(ground < 0) > 0.9
@@ -117,7 +119,7 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
     """Far above the ground all cells hold the noise n, where the weakest patch would bring m."""
     sightings = level
     spot = Grid(west_m=50.0, south_m=0.0, spacing_m=1.0, columns=2, rows=2)
-    against = evidence_against(sightings, spot, np.zeros(spot.shape), np.array([12.0]))[0, 0, 0]
+    against = Evidence(sightings, spot, np.zeros(spot.shape), np.array([12.0])).lowest[0, 0, 0]
     profiles = sightings.profiles
     whole = []
     for pulse in range(len(sightings)):
@@ -146,11 +148,19 @@ def test_evidence_is_that_of_the_plain_formulas(level):
     some = replace(some, pose=moving, response=window, doppler=1.0)
     grid = Grid(west_m=55.0, south_m=-6.0, spacing_m=2.0, columns=12, rows=7)
     base, levels, in_view = np.full(grid.shape, -0.3), np.arange(-2.0, 9.0, 0.7), np.full(grid.shape, 3.0)
-    found = evidence_against(some, grid, base, levels, in_view)
+    found = Evidence(some, grid, base, levels)
+    found.know_in_view(in_view)
     expected = evidence(some, grid, base, levels, in_view, _reflectivities(some))
     assert (expected < -1).any()
     assert (expected > 1).any()
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(found.lowest, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_logarithms_are_those_of_the_library():
+    some = np.exp(np.random.default_rng(2).uniform(-500.0, 500.0, 4000))
+    found = np.array([logarithm(x) for x in [*some, 1.0, 2.0**-1022, np.finfo(float).max]])
+    expected = np.log([*some, 1.0, 2.0**-1022, np.finfo(float).max])
+    assert np.all(np.abs(found - expected) <= np.spacing(np.abs(expected)))
 
 
 def test_levels_do_not_depend_on_which_way_is_north():
@@ -218,5 +228,10 @@ def test_no_level_in_the_beam_is_left_out(half_width):
             first, last = levels_between(planes, east, north, 3.0, level)
             assert not seen[:first].any()
             assert not seen[last:].any()
+            # The place in a row of columns 0.5 m apart.
+            column = rng.integers(0, 40)
+            span, west = (level[0] + 3.0, level[-1] + 3.0), east - 0.5 * column
+            begin, end = columns_between(planes, north, span, west, 0.5, (0, 40))
+            assert begin <= column < end or not seen.any()
             kept += max(last - first, 0)
     assert kept < (40 * 60 * len(level) if half_width > 0.7 else 0.4 * 40 * 60 * len(level))

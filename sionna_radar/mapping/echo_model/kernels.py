@@ -17,6 +17,7 @@ from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.mapping.echo_model.power_kernels import (
     beam_samples,
     echo_level,
+    in_double,
     moved_power,
     pull_of_cells,
     spread_power,
@@ -166,33 +167,32 @@ def _jacobian(onto, low, high, response, scale, row, result):
 
 @compiled
 @no_type_check
-def in_double(values, begin, end):
-    """Return some of the values in double precision."""
-    result = np.empty(end - begin)
-    for k in range(begin, end):
-        result[k - begin] = values[k]
-    return result
+def volume_in_front(low, high, data, clutter, geometry, antenna, result):
+    """Write the mean power of the volume before echoes, and its change with the heights under the nodes.
 
-
-@compiled
-@no_type_check
-def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
-    """Return the mean power of the volume in front of an echo and its change with the heights under the nodes."""
+    data, geometry, antenna: see `linearise`; clutter: power of the volume, its drift and spread.
+    result: by range cell, those of the pulse `low` first: the power, and then the changes.
+    """
     first, start, _, _, _, cell_m = data
     volume_power, drift, sigma = clutter
-    range_m, shift, _ = geometry
+    range_m, shift, per_height = geometry
     share, lattice, response = antenna
-    cell, near, inverse = samples
-    begin, half = float(first[pulse]), len(response) // 2
-    if len(volume_power) == 0:
-        return np.zeros((start[pulse + 1] - start[pulse], 1))
-    beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, drift[pulse], cell, near, inverse)
-    before = 0.0
-    for k in range(len(share)):
-        if cell[k] <= begin - (half + BEYOND - 1):
-            before += share[k]
-    own = in_double(volume_power, start[pulse], start[pulse + 1])
-    return _volume(own, share, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale)
+    cell, near, inverse = np.empty(len(share)), np.empty(len(share)), np.empty(range_m.shape[1])
+    scale, half = np.empty(len(inverse)), len(response) // 2
+    for pulse in range(low, high):
+        begin = float(first[pulse])
+        beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, drift[pulse], cell, near, inverse)
+        for node in range(len(scale)):
+            scale[node] = 0.0 if np.isnan(inverse[node]) else inverse[node] ** 2 * per_height[pulse, node]
+        before = 0.0
+        for k in range(len(share)):
+            if cell[k] <= begin - (half + BEYOND - 1):
+                before += share[k]
+        own = in_double(volume_power, start[pulse], start[pulse + 1])
+        found = _volume(own, share, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale)
+        for row in range(len(found)):
+            for column in range(found.shape[1]):
+                result[start[pulse] - start[low] + row, column] = found[row, column]
 
 
 @compiled
@@ -216,7 +216,7 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
         _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
         by_level = weight[c] * level * shape[c] / mean[c]
         for node in range(len(own)):
-            if in_front.shape[1] > 1:
+            if len(in_front) > 0:
                 jacobian[row, node] += in_front[c, node + 1] / level
             jacobian[row, node] *= level / mean[c]
             own[node] += by_level * jacobian[row, node]
@@ -296,12 +296,12 @@ def _peak(values):
 
 @compiled
 @no_type_check
-def linearise(low, high, data, clutter, geometry, antenna, results):
+def linearise(low, high, data, in_front, geometry, antenna, results):
     """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
-    clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
-        power, the nodes around each and their weights, and the response of the window.
+    in_front: see `volume_in_front`; empty where there is no volume. geometry: see `meet`. antenna: samples of the
+        beam's power, the nodes around each and their weights, and the response of the window.
     results: and of how many rows the factor keeps one, where there is room for the rows of each pulse, and for
         those that the factor keeps.
     """
@@ -329,17 +329,16 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
             continue
         pad = half + BEYOND
         moved_power(moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size])
-        in_front = _in_front(pulse, data, clutter, geometry, scale, antenna, samples)
-        volume = np.empty(cells)
+        before, volume = in_front[start[pulse] - start[low] : start[pulse + 1] - start[low]], np.empty(cells)
         for c in range(cells):
-            volume[c] = in_front[c, 0]
+            volume[c] = before[c, 0] if len(before) > 0 else 0.0
         top = echo_level(power, noise, volume)
         if top == 0.0:
             continue
         mean, weight = np.empty(cells), np.empty(cells)
         level = fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
         echo = level, shape, mean, weight
-        rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
+        rows = _changes(echo, room, nearest, farthest, antenna[2], scale, before, jacobian, own)
         if rows > 0:
             to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
             one_of = together, pulse % together

@@ -81,6 +81,10 @@ class Sightings:
         """Return the beam's nodes in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
 
+    def corner_directions(self) -> Float[np.ndarray, "pulse 4 3"]:
+        """Return the corners of the main lobe in the world frame."""
+        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
+
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
@@ -204,14 +208,9 @@ class EchoModel:
             about these: where a surface is as smooth as a few cells are long, others say nearly the same. Each pulse
             keeps other ones. Residuals and weights are those of all rows.
         """
-        from sionna_radar.mapping.echo_model.kernels import linearise
+        from sionna_radar.mapping.echo_model.kernels import linearise, volume_in_front
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
-        in_front = (
-            (np.zeros(0, dtype=np.float32), np.zeros(0), 0.0)
-            if volume is None
-            else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
-        )
         data, geometry, antenna = self._inputs(looks)
         pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
         values, room = int(begin[-1]), np.diff(begin)
@@ -221,12 +220,16 @@ class EchoModel:
         factor, residual = np.zeros((int(begin_factor[-1]), nodes), dtype=np.float32), np.zeros(values)
         weight = np.zeros(values)
         results = score, factor, together, residual, weight, count, begin, begin_factor
-        list(
-            in_threads(
-                lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
-                parts(pulses, PULSES_AT_ONCE),
-            )
-        )
+
+        def some(low: int, high: int) -> None:
+            in_front = np.empty((0, 0))
+            if volume is not None:
+                in_front = np.empty((int(profiles.start[high] - profiles.start[low]), nodes + 1))
+                clutter = volume.power, volume.drift_m, volume.spread_m / profiles.cell_m
+                volume_in_front(low, high, data, clutter, geometry, antenna, in_front)
+            linearise(low, high, data, in_front, geometry, antenna, results)
+
+        list(in_threads(some, parts(pulses, PULSES_AT_ONCE)))
         first = begin_factor[:-1]
         return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
 

@@ -211,11 +211,21 @@ def echo_level(power, noise, volume):
 
 @compiled
 @no_type_check
+def in_double(values, begin, end):
+    """Return some of the values in double precision."""
+    result = np.empty(end - begin)
+    for k in range(begin, end):
+        result[k - begin] = values[k]
+    return result
+
+
+@compiled
+@no_type_check
 def echo_levels(start, power, noise, volume, level):
     """Write the level of each profile; `volume` is the mean power of what is in front of the ground, by cell."""
     for pulse in range(len(level)):
-        cells = slice(start[pulse], start[pulse + 1])
-        level[pulse] = echo_level(power[cells], noise[pulse], volume[cells])
+        own = in_double(power, start[pulse], start[pulse + 1])
+        level[pulse] = echo_level(own, noise[pulse], volume[start[pulse] : start[pulse + 1]])
 
 
 @compiled

@@ -152,20 +152,20 @@ def _error_correlation(
     across = low + unit * span
     across = across[np.sum(across**2, axis=1) < 1]
     direction = np.column_stack([np.sqrt(1 - np.sum(across**2, axis=1)), across])
-    gain = beam.two_way(direction)
     other = np.minimum(np.searchsorted(pulse, pulse[row] + lag), len(pulse) - 1)
-    pose, pose_later = pose_of(row), pose_of(other)
-    for number, (p, q) in enumerate(zip(row, other, strict=True)):
-        if pulse[q] != pulse[p] + lag[number]:
-            continue
-        away = direction @ pose.R_world_antenna[number].T
-        drop = max(-range_m[p] * pose.boresight[number, 2], 1e-3)
-        near = drop / np.maximum(-away[:, 2], SHALLOWEST)
-        # Position errors of a centimetre would hide the phases; the velocity is known better.
-        later = near[:, None] * away - pose.velocity_mps[number] * lag[number] / chirp.rate_hz
-        far = np.linalg.norm(later, axis=1)
-        gain_later = beam.two_way(later / far[:, None] @ pose_later.R_world_antenna[number])
-        result[number] = _mean_range_correlation(near, far, gain / near**2, gain_later / far**2, chirp)
+    there = pulse[other] == pulse[row] + lag
+    pose, pose_later = pose_of(row[there]), pose_of(other[there])
+    away = direction @ pose.R_world_antenna.transpose(0, 2, 1)
+    drop = np.maximum(-range_m[row[there]] * pose.boresight[:, 2], 1e-3)
+    near = drop[:, None] / np.maximum(-away[..., 2], SHALLOWEST)
+    # Position errors of a centimetre would hide the phases; the velocity is known better.
+    moved = pose.velocity_mps * lag[there, None] / chirp.rate_hz
+    later = near[..., None] * away - moved[:, None]
+    far = np.linalg.norm(later, axis=-1)
+    gain = beam.two_way(direction), beam.two_way(later / far[..., None] @ pose_later.R_world_antenna)
+    power, power_later = gain[0] / near**2, gain[1] / far**2
+    found = zip(near, far, power, power_later, strict=True)
+    result[there] = [_mean_range_correlation(*of_pulse, chirp) for of_pulse in found]
     return result
 
 

@@ -74,7 +74,9 @@ def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: Smo
 def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SmoothParameters) -> TileSurface:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     first = echo_surface(sightings, echoes, grid, options, ROUGH)
-    looks = sightings.looks_per_cell / repeats(sightings.repeated(echoes.range_m))
+    volume = sightings.profiles.volume
+    reach = first.heights.reach if volume is None else sightings.repeated(echoes.range_m)
+    looks = sightings.looks_per_cell / repeats(reach)
     fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m)
     linearised = partial(_some_linearised, sightings, fitted.surface, looks)
     return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)

@@ -1,12 +1,15 @@
 """Assignment of border cells to parts of a map, from the range profiles of the pulses that see them; see `borders`.
 
-Cells are columns with plane tops. `Columns`, `Views` and `Echoes` hold arrays that all functions share.
+Cells are columns with plane tops. `CellColumns`, `CellViews` and `PulseEchoes` hold arrays that all functions share.
+
+What the rays over a cell would add to the range cells, were the cell another, less what they add now, is spread by the
+window and added to the predicted profile: so a change costs as much as the rays and range cells that it moves.
 """
 
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Int, Int32
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -111,30 +114,41 @@ def candidate(columns, row, column, part):
 
 # By which share of a cell rays may pass beside it that are looked at more closely.
 ROUNDING = 1e-6
+# Half the diagonal of a cell, in cells, and a little more.
+HALF_DIAGONAL = 0.7072
+# Range cells after which the logarithm of a product of ratios is taken.
+FACTORS = 8
 
 
 class CellViews(NamedTuple):
-    """Poses of the pulses and samples of the beam, and where its rays meet the map.
+    """Poses of the pulses and samples of the beam, where its rays meet the map, and where they fall in the profiles.
 
-    enters: range at which each ray comes near the map; meets: range of what it meets, infinite without;
+    enters: range at which each ray comes near the map, NaN if unknown; meets: range of what it meets, infinite without;
     what: twice the number of the part there, plus one on a wall; NOTHING without.
+    entries: of each pulse, rays from one surface that fall into the same range cells count as one; surface: what it is;
+    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one.
     """
 
     position: Float[np.ndarray, "pulse 3"]
     velocity: Float[np.ndarray, "pulse 3"]
     R_world_antenna: Float[np.ndarray, "pulse 3 3"]
-    direction: Float[np.ndarray, "sample 3"]
+    direction: Float[np.ndarray, "3 sample"]
     share: Float[np.ndarray, " sample"]
     enters: Float[np.ndarray, "pulse sample"]
     meets: Float[np.ndarray, "pulse sample"]
     what: Int32[np.ndarray, "pulse sample"]
+    entries: Int[np.ndarray, " pulse"]
+    surface: Int32[np.ndarray, "pulse sample"]
+    cell: Int32[np.ndarray, "pulse sample"]
+    nearer: Float[np.ndarray, "pulse sample"]
+    farther: Float[np.ndarray, "pulse sample"]
 
 
 class PulseEchoes(NamedTuple):
     """The measured profiles, and those that the map predicts.
 
-    floor: noise and unexplained power in the cells of each pulse; hits: predicted power before the window's response
-    spreads it, with `pad` cells on both sides of each profile; mean: after it; looks: independent looks of a cell.
+    floor: noise and unexplained power in the cells of each pulse; mean: predicted power; looks: independent looks of a
+    cell. Range cells are numbered from `len(response) // 2 * 2 + 1` before the profile.
     """
 
     first: Int[np.ndarray, " pulse"]
@@ -145,7 +159,6 @@ class PulseEchoes(NamedTuple):
     doppler: float
     cell_m: float
     unit_m: float
-    hits: Float[np.ndarray, " padded"]
     mean: Float[np.ndarray, " value"]
     looks: Float[np.ndarray, " pulse"]
 
@@ -154,27 +167,61 @@ class PulseEchoes(NamedTuple):
 @no_type_check
 def ray(views, pulse, sample):
     """Return the direction of a sample of the beam in the world frame."""
-    R, d = views.R_world_antenna[pulse], views.direction[sample]
+    R, d = views.R_world_antenna[pulse], views.direction
+    x, y, z = d[0, sample], d[1, sample], d[2, sample]
     return (
-        R[0, 0] * d[0] + R[0, 1] * d[1] + R[0, 2] * d[2],
-        R[1, 0] * d[0] + R[1, 1] * d[1] + R[1, 2] * d[2],
-        R[2, 0] * d[0] + R[2, 1] * d[1] + R[2, 2] * d[2],
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
     )
 
 
 @compiled
 @no_type_check
-def cast_all(columns, views, farthest, low, high):
-    """Cast all rays of the pulses from `low` to `high`."""
+def landing(views, echoes, pulse, sample, meets, what):
+    """Return the first of two range cells that a ray falls into, NOTHING outside the profile, and powers in both."""
+    if what == NOTHING:
+        return NOTHING, 0.0, 0.0
+    half = len(echoes.response) // 2
+    dx, dy, dz = ray(views, pulse, sample)
+    velocity = views.velocity[pulse]
+    rate = velocity[0] * dx + velocity[1] * dy + velocity[2] * dz
+    place = (meets - echoes.doppler * rate) / echoes.cell_m - echoes.first[pulse]
+    if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
+        return NOTHING, 0.0, 0.0
+    below = int(np.floor(place))
+    power, beyond = views.share[sample] * (echoes.unit_m / meets) ** 2, place - below
+    return below + 2 * half + 1, power * (1 - beyond), power * beyond
+
+
+@compiled
+@no_type_check
+def cast_all(columns, views, echoes, farthest, pulses, low, high):
+    """Cast all rays of the pulses from `low` to `high` of some, and compute where they fall in the profiles."""
     nowhere = np.int64(NOTHING)
-    for pulse in range(low, high):
+    for n in range(low, high):
+        pulse = pulses[n]
         x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
+        surface, cell, entries = views.surface[pulse], views.cell[pulse], 0
         for k in range(len(views.share)):
             dx, dy, dz = ray(views, pulse, k)
-            begin = approach(columns, x, y, z, dx, dy, dz, farthest)
-            views.enters[pulse, k] = begin
+            if np.isnan(views.enters[pulse, k]):
+                views.enters[pulse, k] = approach(columns, x, y, z, dx, dy, dz, farthest)
+            begin = views.enters[pulse, k]
             found, what = cast(columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere)
             views.meets[pulse, k], views.what[pulse, k] = found, what
+            at, nearer, farther = landing(views, echoes, pulse, k, found, what)
+            if at == NOTHING:
+                continue
+            one = 0
+            while one < entries and (cell[one] != at or surface[one] != what):
+                one += 1
+            if one == entries:
+                surface[one], cell[one], entries = what, at, entries + 1
+                views.nearer[pulse, one], views.farther[pulse, one] = 0.0, 0.0
+            views.nearer[pulse, one] += nearer
+            views.farther[pulse, one] += farther
+        views.entries[pulse] = entries
 
 
 @compiled
@@ -206,49 +253,14 @@ def crossed(columns, views, beyond_m, into, pulse_of, low, high):
 
 @compiled
 @no_type_check
-def landing(views, echoes, pulse, sample, meets, what):
-    """Return the first of the two range cells that a ray falls into, the share of the second, and a power factor.
-
-    The cell is NOTHING outside the profile; the factor is that by which power falls with the range. Share and factor
-    are in single precision, as they are kept: what is taken away is what was added.
-    """
-    nothing = NOTHING, np.float32(0.0), np.float32(0.0)
-    if what == NOTHING:
-        return nothing
-    half = len(echoes.response) // 2
-    dx, dy, dz = ray(views, pulse, sample)
-    velocity = views.velocity[pulse]
-    rate = velocity[0] * dx + velocity[1] * dy + velocity[2] * dz
-    place = (meets - echoes.doppler * rate) / echoes.cell_m - echoes.first[pulse]
-    if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
-        return nothing
-    below = int(np.floor(place))
-    return below + 2 * half + 1, np.float32(place - below), np.float32((echoes.unit_m / meets) ** 2)
-
-
-@compiled
-@no_type_check
-def put(views, echoes, level, pulse, sample, meets, what, sign, hits):
-    """Add or take away what a ray adds to its range cells; return the first of them, or NOTHING outside the profile."""
-    cell, beyond, fall = landing(views, echoes, pulse, sample, meets, what)
-    if cell != NOTHING:
-        power = sign * level[what] * views.share[sample] * fall
-        hits[cell] += power * (1 - beyond)
-        hits[cell + 1] += power * beyond
-    return cell
-
-
-@compiled
-@no_type_check
-def predict_cells(echoes, pulse, hits, low, high, mean):
-    """Write the mean powers of some cells of a profile."""
-    half = len(echoes.response) // 2
-    for cell in range(low, high):
-        mean[cell] = echoes.floor[pulse]
-    for tap in range(len(echoes.response)):
-        weight, begin = echoes.response[tap], 3 * half + 1 - tap
-        for cell in range(low, high):
-            mean[cell] += weight * hits[cell + begin]
+def spread(response, hits, low, high, mean):
+    """Add what the window spreads from the range cells `hits` to some cells of a profile."""
+    into = mean[low:high]
+    for tap in range(len(response)):
+        begin = low + 3 * (len(response) // 2) + 1 - tap
+        weight, source = response[tap], hits[begin : begin + len(into)]
+        for cell in range(len(into)):
+            into[cell] += weight * source[cell]
 
 
 @compiled
@@ -264,79 +276,111 @@ def unlikely(power, mean):
 
 @compiled
 @no_type_check
-def recast(
-    columns, views, echoes, level, farthest, pulse, row, column, height, slope_x, slope_y, part, hits, met, what
-):
+def rays_over(columns, views, pulse, row, column, near, which, enters, leaves):
+    """List the rays of a pulse that come near the map over a cell, or before, and meet nothing before it.
+
+    near: room for a mark of each ray; which, enters, leaves: written, the rays and where they are over the cell.
+    Returns their number.
+    """
+    side, x, y = columns.spacing, views.position[pulse, 0], views.position[pulse, 1]
+    west, south = columns.west + column * side - x, columns.south + row * side - y
+    east, north = west + 0.5 * side, south + 0.5 * side
+    half_wide, half_long = side * (0.5 + ROUNDING), side * HALF_DIAGONAL
+    R, d = views.R_world_antenna[pulse], views.direction
+    # Most rays pass the cell by, which this tells without a branch.
+    for k in range(len(near)):
+        dx = R[0, 0] * d[0, k] + R[0, 1] * d[1, k] + R[0, 2] * d[2, k]
+        dy = R[1, 0] * d[0, k] + R[1, 1] * d[1, k] + R[1, 2] * d[2, k]
+        square, along = dx * dx + dy * dy, east * dx + north * dy
+        margin = half_long * np.sqrt(square)
+        near[k] = (
+            (abs(east * dy - north * dx) <= half_wide * (abs(dx) + abs(dy)))
+            & (along - margin <= (views.meets[pulse, k] + ROUNDING) * square)
+            & (along + margin >= views.enters[pulse, k] * square)
+        )
+    count = 0
+    for k in range(len(near)):
+        if not near[k]:
+            continue
+        dx, dy, _ = ray(views, pulse, k)
+        in_x, out_x, in_y, out_y = west / dx, (west + side) / dx, south / dy, (south + side) / dy
+        first = max(min(in_x, out_x), min(in_y, out_y))
+        last = min(max(in_x, out_x), max(in_y, out_y))
+        if first < last and last >= views.enters[pulse, k] and first <= views.meets[pulse, k] + ROUNDING:
+            which[count], enters[count], leaves[count] = k, first, last
+            count += 1
+    return count
+
+
+@compiled
+@no_type_check
+def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits, met, what):
     """Cast the rays of a pulse over a cell again as if it were another; return the range cells that change.
 
-    hits: its profile before the window, changed in place; met, what: of all of its rays, afterwards.
+    cell, top: row and column, and height, slopes and part; rays: see `rays_over`, and their number.
+    hits: where it is zero, power that comes to each range cell; met, what: of each of the rays, afterwards.
     """
+    row, column = cell
+    height, slope_x, slope_y, part = top
+    which, enters, leaves, count = rays
     x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
-    low, high = len(hits), NOTHING
     side = columns.spacing
     east, north = columns.west + (column + 0.5) * side - x, columns.south + (row + 0.5) * side - y
-    half_wide = side * (0.5 + ROUNDING)
-    for k in range(len(views.share)):
-        met[k], what[k] = views.meets[pulse, k], views.what[pulse, k]
-        before, of = views.meets[pulse, k], views.what[pulse, k]
+    low, high = len(hits), NOTHING
+    for n in range(count):
+        k = which[n]
+        before, of = views.meets[pulse, k], np.int64(views.what[pulse, k])
+        met[n], what[n] = before, of
         dx, dy, dz = ray(views, pulse, k)
-        # Most rays pass the cell by, which this tells without a division.
-        if abs(east * dy - north * dx) > half_wide * (abs(dx) + abs(dy)):
-            continue
-        in_x, out_x = (columns.west + column * side - x) / dx, (columns.west + (column + 1) * side - x) / dx
-        in_y, out_y = (columns.south + row * side - y) / dy, (columns.south + (row + 1) * side - y) / dy
-        enters = max(min(in_x, out_x), min(in_y, out_y))
-        leaves = min(max(in_x, out_x), max(in_y, out_y))
-        if enters >= leaves or leaves < views.enters[pulse, k] or enters > before + 1e-6:
-            continue
+        passes = before > leaves[n]
+        if passes:
+            # Over the cell it goes on, unless the top rises into its way.
+            falls, above = slope_x * dx + slope_y * dy - dz, z - height + slope_x * east + slope_y * north
+            if above > max(falls * enters[n], falls * leaves[n]):
+                continue
         # Up to the cell the ray meets nothing, and beyond it what it met before.
-        begin, until = max(views.enters[pulse, k], enters - side), farthest if before <= leaves else leaves
+        begin, until = max(views.enters[pulse, k], enters[n] - ROUNDING * side), leaves[n] if passes else farthest
         meets, found = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, part)
-        if (meets == before and found == of) or (found == NOTHING and before > leaves):
+        if (meets == before and found == of) or (found == NOTHING and passes):
             continue
-        met[k], what[k] = meets, found
-        for new in range(2):
-            range_m, surface, sign = (meets, found, 1.0) if new else (before, of, -1.0)
-            at = put(views, echoes, level, pulse, k, range_m, surface, sign, hits)
-            if at != NOTHING:
-                low, high = min(low, at), max(high, at + 1)
+        met[n], what[n] = meets, found
+        at, nearer, farther = landing(views, echoes, pulse, k, before, of)
+        if at != NOTHING:
+            hits[at] -= level[of] * nearer
+            hits[at + 1] -= level[of] * farther
+            low, high = min(low, at), max(high, at + 1)
+        at, nearer, farther = landing(views, echoes, pulse, k, meets, found)
+        if at != NOTHING:
+            hits[at] += level[found] * nearer
+            hits[at + 1] += level[found] * farther
+            low, high = min(low, at), max(high, at + 1)
     return low, high
 
 
 @compiled
 @no_type_check
-def gained(columns, views, echoes, level, farthest, row, column, height, slope_x, slope_y, part, pulses, keep):
-    """Return the log-likelihood gain of replacing a cell; with `keep`, store its rays and predictions."""
-    pad = 2 * (len(echoes.response) // 2) + 1
+def gained(echoes, pulse, hits, low, high, mean):
+    """Return by how much likelier a profile is with more power in some range cells, which are emptied.
+
+    low, high: the first and the last of these cells; mean: written, the prediction with it in the cells that change.
+    Returns the first and the last of those, too.
+    """
     half = len(echoes.response) // 2
-    met, what = np.empty(len(views.share)), np.empty(len(views.share), dtype=views.what.dtype)
-    gain = 0.0
-    for pulse in pulses:
-        begin, end = echoes.start[pulse], echoes.start[pulse + 1]
-        stored = echoes.hits[begin + 2 * pad * pulse : end + 2 * pad * (pulse + 1)]
-        hits = np.empty(len(stored))
-        for k in range(len(stored)):
-            hits[k] = stored[k]
-        low, high = recast(
-            columns, views, echoes, level, farthest, pulse, row, column, height, slope_x, slope_y, part, hits, met, what
-        )
-        if high == NOTHING:
-            continue
-        change, low, high = 0.0, max(low - pad - half, 0), min(high - pad + half + 1, end - begin)
-        means = np.empty(end - begin)
-        predict_cells(echoes, pulse, hits, low, high, means)
-        for cell in range(low, high):
-            before, after, power = echoes.mean[begin + cell], means[cell], echoes.power[begin + cell]
-            change += unlikely(power, before) - unlikely(power, after) - np.log(after / before)
-            if keep:
-                echoes.mean[begin + cell] = after
-        gain += echoes.looks[pulse] * change
-        if keep:
-            for k in range(len(stored)):
-                stored[k] = hits[k]
-            for k in range(len(views.share)):
-                views.meets[pulse, k], views.what[pulse, k] = met[k], what[k]
-    return gain
+    pad, begin = 2 * half + 1, echoes.start[pulse]
+    first, last = max(low - pad - half, 0), min(high - pad + half + 1, echoes.start[pulse + 1] - begin)
+    for cell in range(first, last):
+        mean[cell] = echoes.mean[begin + cell]
+    spread(echoes.response, hits, first, last, mean)
+    for cell in range(low, high + 1):
+        hits[cell] = 0.0
+    gain, factor = 0.0, 1.0
+    for cell in range(first, last):
+        before, after, power = echoes.mean[begin + cell], mean[cell], echoes.power[begin + cell]
+        gain += unlikely(power, before) - unlikely(power, after)
+        factor *= before / after
+        if cell % FACTORS == 0 or cell == last - 1:
+            gain, factor = gain + np.log(factor), 1.0
+    return echoes.looks[pulse] * gain, first, last
 
 
 @compiled
@@ -350,14 +394,16 @@ def improve(
     ground, ground_height: a further part for each cell and its height there, NOTHING without.
     margin: by how many nepers each cell's part is likelier than any whose height there is by a `step` another.
     """
-    count = columns.height.shape[1]
-    tried = np.empty(11, dtype=np.int64)
-    keep = np.bool_(True)
+    count, samples, longest = columns.height.shape[1], len(views.share), 0
+    for pulse in range(len(echoes.first)):
+        longest = max(longest, echoes.start[pulse + 1] - echoes.start[pulse])
+    hits, mean = np.zeros(longest + 4 * len(echoes.response)), np.empty(longest)
+    near, which = np.empty(samples, dtype=np.bool_), np.empty(samples, dtype=np.int64)
+    enters, leaves, met, what = np.empty(samples), np.empty(samples), np.empty(samples), np.empty(samples, np.int64)
+    tried, gain, tops = np.empty(11, dtype=np.int64), np.empty(11), np.empty((11, 3))
     for cell in cells:
         i, j = cell // count, cell % count
         own = columns.part[i, j]
-        near, most, next_best = pulses[first[cell] : first[cell + 1]], 0.0, -np.inf
-        best, best_height, best_x, best_y = own, 0.0, 0.0, 0.0
         beside = candidate(columns, i, j, own)[3]
         tried[0], tried[1], known = own, NOTHING, 2
         for place in range(9):
@@ -373,124 +419,97 @@ def improve(
                 again |= part == tried[k]
             if again:
                 continue
-            tried[known], known = part, known + 1
             height, a, b, number = candidate(columns, i, j, part)
             if number == 0:
                 height = ground_height[cell]
-            if height + (abs(a) + abs(b)) * columns.spacing > columns.ceiling[i, j]:
-                continue
-            gain = alike * (number - beside) + gained(
-                columns, views, echoes, level, farthest, i, j, height, a, b, part, near, not keep
-            )
-            if abs(height - columns.height[i, j]) > step:
-                next_best = max(next_best, gain)
-            if gain > most:
-                most, best, best_height, best_x, best_y = gain, part, height, a, b
+            if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
+                tried[known], gain[known] = part, alike * (number - beside)
+                tops[known, 0], tops[known, 1], tops[known, 2] = height, a, b
+                known += 1
+        for pulse in pulses[first[cell] : first[cell + 1]]:
+            rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
+            for k in range(2, known):
+                top = tops[k, 0], tops[k, 1], tops[k, 2], tried[k]
+                low, high = recast(columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what)
+                if high != NOTHING:
+                    gain[k] += gained(echoes, pulse, hits, low, high, mean)[0]
+        best, most, next_best = 0, 0.0, -np.inf
+        for k in range(2, known):
+            if abs(tops[k, 0] - columns.height[i, j]) > step:
+                next_best = max(next_best, gain[k])
+            if gain[k] > most:
+                best, most = k, gain[k]
         margin[i, j] = abs(next_best)
-        if best != own:
-            gained(columns, views, echoes, level, farthest, i, j, best_height, best_x, best_y, best, near, keep)
-            columns.height[i, j], columns.part[i, j] = best_height, best
-            columns.slope_x[i, j], columns.slope_y[i, j] = best_x, best_y
-            changed[i, j] = True
-
-
-class Landings(NamedTuple):
-    """Where the rays that were cast fall in the profiles, whatever the reflectivities.
-
-    cell: the first of the two range cells of each ray, NOTHING outside the profile; beyond: the share of the second.
-    fall: by how much power falls with the range; top: number of the map cell whose top it meets, or NOTHING.
-    """
-
-    cell: Int32[np.ndarray, "pulse sample"]
-    beyond: Float32[np.ndarray, "pulse sample"]
-    fall: Float32[np.ndarray, "pulse sample"]
-    top: Int32[np.ndarray, "pulse sample"]
-
-
-def unknown_landings(shape: tuple[int, int]) -> Landings:
-    """Return landings not yet computed."""
-    return Landings(
-        cell=np.empty(shape, dtype=np.int32),
-        beyond=np.empty(shape, dtype=np.float32),
-        fall=np.empty(shape, dtype=np.float32),
-        top=np.empty(shape, dtype=np.int32),
-    )
+        if best == 0:
+            continue
+        top = tops[best, 0], tops[best, 1], tops[best, 2], tried[best]
+        for pulse in pulses[first[cell] : first[cell + 1]]:
+            rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
+            low, high = recast(columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what)
+            for n in range(rays[3]):
+                views.meets[pulse, which[n]], views.what[pulse, which[n]] = met[n], what[n]
+            if high != NOTHING:
+                _, low, high = gained(echoes, pulse, hits, low, high, mean)
+                for k in range(low, high):
+                    echoes.mean[echoes.start[pulse] + k] = mean[k]
+        columns.height[i, j], columns.part[i, j] = tops[best, 0], tried[best]
+        columns.slope_x[i, j], columns.slope_y[i, j] = tops[best, 1], tops[best, 2]
+        changed[i, j] = True
 
 
 @compiled
 @no_type_check
-def land(columns, views, echoes, landings, low, high):
-    """Compute where the rays of some pulses fall."""
+def predict(columns, views, echoes, level, found, expected, cell_found, cell_expected, low, high):
+    """Predict the profiles of some pulses, and compare the measured ones with them.
+
+    Adds up, of each part and its walls, by how much measured power exceeds the mean, and what was expected: over the
+    powers P that a reflectivity adds p to, p P / mean^2, and p / mean; and the same by map cell. No room for either is
+    no wish for it.
+    """
     rows, count = columns.height.shape
-    for pulse in range(low, high):
-        x, y = views.position[pulse, 0], views.position[pulse, 1]
-        for k in range(len(views.share)):
-            what, meets = views.what[pulse, k], views.meets[pulse, k]
-            cell, beyond, fall = landing(views, echoes, pulse, k, meets, what)
-            landings.cell[pulse, k], landings.beyond[pulse, k], landings.fall[pulse, k] = cell, beyond, fall
-            landings.top[pulse, k] = NOTHING
-            if cell != NOTHING and what % 2 == 0:
-                dx, dy, _ = ray(views, pulse, k)
-                i = int(np.floor((y + meets * dy - columns.south) / columns.spacing))
-                j = int(np.floor((x + meets * dx - columns.west) / columns.spacing))
-                if 0 <= i < rows and 0 <= j < count:
-                    landings.top[pulse, k] = i * count + j
-
-
-@compiled
-@no_type_check
-def predict(views, echoes, landings, level, low, high):
-    """Predict the profiles of some pulses."""
-    pad = 2 * (len(echoes.response) // 2) + 1
-    for pulse in range(low, high):
-        begin, end = echoes.start[pulse], echoes.start[pulse + 1]
-        hits = echoes.hits[begin + 2 * pad * pulse : end + 2 * pad * (pulse + 1)]
-        hits[:] = 0.0
-        for k in range(len(views.share)):
-            cell = landings.cell[pulse, k]
-            if cell == NOTHING:
-                continue
-            power = level[views.what[pulse, k]] * views.share[k] * landings.fall[pulse, k]
-            beyond = landings.beyond[pulse, k]
-            hits[cell] += power * (1 - beyond)
-            hits[cell + 1] += power * beyond
-        predict_cells(echoes, pulse, hits, np.int64(0), end - begin, echoes.mean[begin:end])
-
-
-@compiled
-@no_type_check
-def shares(views, echoes, landings, level, found, expected, cell_found, cell_expected, by_cell, low, high):
-    """Add up, of each part and its walls, by how much measured power exceeds the mean, and what was expected.
-
-    Of the two sums, over the powers P that a reflectivity adds p to: p P / mean^2, and p / mean. The same by map cell
-    if that is asked for.
-    """
-    half = len(echoes.response) // 2
+    half, longest = len(echoes.response) // 2, 0
     pad = 2 * half + 1
     for pulse in range(low, high):
-        begin, end = echoes.start[pulse], echoes.start[pulse + 1]
-        excess, inverse = np.zeros(end - begin + 2 * pad), np.zeros(end - begin + 2 * pad)
-        usual_there, more_there = np.empty(end - begin), np.empty(end - begin)
-        for cell in range(end - begin):
-            usual_there[cell] = 1 / echoes.mean[begin + cell]
+        longest = max(longest, echoes.start[pulse + 1] - echoes.start[pulse])
+    hits, excess, inverse = np.empty(longest + 2 * pad), np.empty(longest + 2 * pad), np.empty(longest + 2 * pad)
+    usual_there, more_there = np.empty(longest), np.empty(longest)
+    for pulse in range(low, high):
+        begin, cells = echoes.start[pulse], echoes.start[pulse + 1] - echoes.start[pulse]
+        for cell in range(cells + 2 * pad):
+            hits[cell] = excess[cell] = inverse[cell] = 0.0
+        for k in range(views.entries[pulse]):
+            at, here = views.cell[pulse, k], level[views.surface[pulse, k]]
+            hits[at] += here * views.nearer[pulse, k]
+            hits[at + 1] += here * views.farther[pulse, k]
+        mean = echoes.mean[begin : begin + cells]
+        for cell in range(cells):
+            mean[cell] = echoes.floor[pulse]
+        spread(echoes.response, hits, np.int64(0), cells, mean)
+        if len(found) == 0:
+            continue
+        for cell in range(cells):
+            usual_there[cell] = 1 / mean[cell]
             more_there[cell] = min(echoes.power[begin + cell] * usual_there[cell], MAX_SPECKLE) * usual_there[cell]
         for tap in range(len(echoes.response)):
-            weight, first = echoes.response[tap], 3 * half + 1 - tap
-            for cell in range(end - begin):
-                excess[cell + first] += weight * more_there[cell]
-                inverse[cell + first] += weight * usual_there[cell]
-        for k in range(len(views.share)):
-            at = landings.cell[pulse, k]
-            if at == NOTHING:
+            first, weight = 3 * half + 1 - tap, echoes.response[tap]
+            more, usual = excess[first : first + cells], inverse[first : first + cells]
+            for cell in range(cells):
+                more[cell] += weight * more_there[cell]
+                usual[cell] += weight * usual_there[cell]
+        for k in range(views.entries[pulse]):
+            at, what = views.cell[pulse, k], views.surface[pulse, k]
+            nearer, farther = level[what] * views.nearer[pulse, k], level[what] * views.farther[pulse, k]
+            found[what] += nearer * excess[at] + farther * excess[at + 1]
+            expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
+        x, y = views.position[pulse, 0], views.position[pulse, 1]
+        for k in range(len(views.share) if len(cell_found) > 0 else 0):
+            meets, what = views.meets[pulse, k], np.int64(views.what[pulse, k])
+            at, nearer, farther = landing(views, echoes, pulse, k, meets, what)
+            if at == NOTHING or what % 2 == 1:
                 continue
-            what, beyond = views.what[pulse, k], landings.beyond[pulse, k]
-            power = level[what] * views.share[k] * landings.fall[pulse, k]
-            nearer, farther = power * (1 - beyond), power * beyond
-            more = nearer * excess[at] + farther * excess[at + 1]
-            usual = nearer * inverse[at] + farther * inverse[at + 1]
-            found[what] += more
-            expected[what] += usual
-            top = landings.top[pulse, k]
-            if by_cell and top != NOTHING:
-                cell_found[top] += more
-                cell_expected[top] += usual
+            dx, dy, _ = ray(views, pulse, k)
+            i = int(np.floor((y + meets * dy - columns.south) / columns.spacing))
+            j = int(np.floor((x + meets * dx - columns.west) / columns.spacing))
+            if 0 <= i < rows and 0 <= j < count:
+                cell_found[i * count + j] += level[what] * (nearer * excess[at] + farther * excess[at + 1])
+                cell_expected[i * count + j] += level[what] * (nearer * inverse[at] + farther * inverse[at + 1])

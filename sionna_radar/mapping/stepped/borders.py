@@ -12,10 +12,8 @@ Where much less power came back than the top of a raised part would return, the 
 courtyards open that the coarse map has missed.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,7 +27,6 @@ from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, CellViews, PulseEchoes
 
-Result = TypeVar("Result")
 # Beam samples per map cell in the main lobe, and their lower and upper limit.
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
 # Reference range of reflectivities, m.
@@ -54,6 +51,8 @@ MIN_STEP_MARGIN_NEPERS = 64.0
 # Most cells by which a part may grow, and cells beyond a lowered cell whose rays are cast again.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
+# Map cells that the rays of a pulse come near, more than are usual.
+ENTRIES = 160
 # Side of the blocks processed one after another, and margin that their pulses reach, cells.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
 
@@ -141,6 +140,22 @@ def nearer_elsewhere(
     return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
 
 
+@dataclass(frozen=True)
+class Crossing:
+    """Pulses whose rays come near each cell of a map, and where those of each cell begin.
+
+    tile_cells: side of tiles of which no pulse sees two that are not neighbours, in cells.
+    """
+
+    first: Int[np.ndarray, " edge"]
+    pulse: Int[np.ndarray, " entry"]
+    tile_cells: int
+
+    def over(self, cells: Bool[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
+        """Return the pulses whose rays come near some of the cells."""
+        return np.unique(self.pulse[np.repeat(cells.ravel(), np.diff(self.first))])
+
+
 class _Block:
     """Cells of a map as columns, and the pulses that see them."""
 
@@ -170,7 +185,7 @@ class _Block:
         self._echoes = _echoes(sightings)
         until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
         self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
-        self._cast()
+        self._cast(np.arange(len(sightings)))
 
     def improved(
         self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
@@ -182,6 +197,7 @@ class _Block:
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
         changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
+        moved = np.zeros(part.shape, dtype=bool)
         for _ in range(SWEEPS):
             wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
@@ -190,42 +206,40 @@ class _Block:
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
-            # A ray over a lowered cell may meet cells that it was not listed for.
-            self._cast()
+            # A ray over a lowered cell may meet cells that it was not listed for, which may change after that cell.
+            moved |= binary_dilation(changed)
+            self._cast(crossing.over(moved))
             found, expected = self._update(UPDATES)
         returned = found / np.maximum(expected, np.finfo(float).tiny)
         return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
 
-    def _cast(self) -> None:
+    def _cast(self, pulses: Int[np.ndarray, " chosen"]) -> None:
+        """Cast the rays of some pulses."""
         from sionna_radar.mapping.stepped.border_kernels import cast_all
 
-        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
+        given = self._columns, self._views, self._echoes, self._farthest, pulses
+        list(in_threads(partial(cast_all, *given), parts(len(pulses), PULSES_AT_ONCE)))
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
-        """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
-        from sionna_radar.mapping.stepped.border_kernels import land, predict, shares, unknown_landings
+        """Update the reflectivities; return the power found of each cell's top, and that expected; see `predict`."""
+        from sionna_radar.mapping.stepped.border_kernels import predict
 
-        views, echoes, level = self._views, self._echoes, self._level
-        landings = unknown_landings(views.what.shape)
-        bounds = equal_parts(len(echoes.first))
+        bounds = equal_parts(len(self._echoes.first))
         cells = np.zeros((len(bounds), 2, self._columns.part.size))
-        sums = np.empty((len(bounds), 2, len(level)))
-        into = {low: (*sums[k], *cells[k]) for k, (low, _) in enumerate(bounds)}
+        sums = np.empty((len(bounds), 2, len(self._level)))
+        numbers = {low: number for number, (low, _) in enumerate(bounds)}
 
-        def foresee(low: int, high: int) -> None:
-            predict(views, echoes, landings, level, low, high)
+        def some(parts: slice, tops: slice, low: int, high: int) -> None:
+            into = *sums[numbers[low], :, parts], *cells[numbers[low], :, tops]
+            predict(self._columns, self._views, self._echoes, self._level, *into, low, high)
 
-        def add(by_cell: bool, low: int, high: int) -> None:
-            shares(views, echoes, landings, level, *into[low], by_cell, low, high)
-
-        self._over_pulses(lambda low, high: land(self._columns, views, echoes, landings, low, high))
-        self._over_pulses(foresee)
+        every, none = slice(None), slice(0)
         for left in reversed(range(rounds)):
             sums[:] = 0.0
-            list(in_threads(partial(add, left == 0), bounds))
+            list(in_threads(partial(some, every, none if left else every), bounds))
             found, expected = sums.sum(axis=0)
-            level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
-            self._over_pulses(foresee)
+            self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
+        list(in_threads(partial(some, none, none), bounds))
         return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.part.shape))
 
     def _ground(
@@ -238,29 +252,35 @@ class _Block:
         part = np.where(hollow, self._columns.part[row, column], NOTHING)
         return part.ravel(), self._columns.height[row, column].ravel()
 
-    def _crossing(self) -> tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]]:
-        """Return the pulses whose rays come near each cell, and where those of each cell begin."""
+    def _crossing(self) -> Crossing:
+        """Return the pulses whose rays come near each cell."""
         from sionna_radar.mapping.stepped.border_kernels import crossed
 
         beyond_m = BEYOND_CELLS * self._columns.spacing
         sides = self._columns.part.shape
 
         def some(low: int, high: int) -> Int[np.ndarray, "2 entry"]:
-            into = np.empty((2, 0), dtype=np.int64)
-            while True:
-                used = crossed(self._columns, self._views, beyond_m, *into, low, high)
-                if used <= into.shape[1]:
-                    return into[:, :used]
+            into = np.empty((2, ENTRIES * (high - low)), dtype=np.int64)
+            used = crossed(self._columns, self._views, beyond_m, *into, low, high)
+            if used > into.shape[1]:
                 into = np.empty((2, used), dtype=np.int64)
+                crossed(self._columns, self._views, beyond_m, *into, low, high)
+            return into[:, :used]
 
-        cell, pulse = np.concatenate(self._over_pulses(some), axis=1)
+        cell, pulse = np.concatenate(list(in_threads(some, parts(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
         order = np.argsort(cell, kind="stable")
-        return np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), pulse[order]
+        first, widest = np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), 1
+        # Entries are in the order of pulses.
+        begin = np.flatnonzero(np.diff(pulse, prepend=-1))
+        for place in (cell // sides[1], cell % sides[1]) if len(begin) else ():
+            spread = np.maximum.reduceat(place, begin) - np.minimum.reduceat(place, begin)
+            widest = max(widest, int(spread.max()))
+        return Crossing(first, pulse[order], widest + 4 * BEYOND_CELLS)
 
     def _sweep(
         self,
         cells: Int[np.ndarray, " wanted"],
-        crossing: tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]],
+        crossing: Crossing,
         ground: Int[np.ndarray, " cell"],
         ground_m: Float[np.ndarray, " cell"],
         changed: Bool[np.ndarray, "row column"],
@@ -273,34 +293,18 @@ class _Block:
         """
         from sionna_radar.mapping.stepped.border_kernels import improve
 
-        first, pulses = crossing
         count = changed.shape[1]
-        tile = np.stack([cells // count, cells % count]) // self._tile_cells(first, pulses)
+        tile = np.stack([cells // count, cells % count]) // crossing.tile_cells
         given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
-            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin, step_m)
+            improve(*given, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
             groups = [cells[turn & (tile == one[:, None]).all(axis=0)] for one in np.unique(tile[:, turn], axis=1).T]
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
             list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
-
-    def _tile_cells(self, first: Int[np.ndarray, " first"], pulses: Int[np.ndarray, " entry"]) -> int:
-        """Return the side of tiles of which no pulse sees two that are not neighbours, in cells."""
-        count = self._columns.part.shape[1]
-        cell = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        widest = 1
-        for place in (cell // count, cell % count):
-            least, most = np.full(len(self._echoes.first), place.max(initial=0)), np.zeros(len(self._echoes.first), int)
-            np.minimum.at(least, pulses, place)
-            np.maximum.at(most, pulses, place)
-            widest = max(widest, int((most - least).max()))
-        return widest + 4 * BEYOND_CELLS
-
-    def _over_pulses(self, work: Callable[[int, int], Result]) -> list[Result]:
-        return list(in_threads(work, parts(len(self._echoes.first), PULSES_AT_ONCE)))
 
 
 def _views(sightings: Sightings, spacing_m: float) -> CellViews:
@@ -316,11 +320,16 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
         position=np.ascontiguousarray(pose.position_m),
         velocity=np.ascontiguousarray(pose.velocity_mps),
         R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
-        direction=direction,
+        direction=np.ascontiguousarray(direction.T),
         share=share,
-        enters=np.empty(shape),
+        enters=np.full(shape, np.nan),
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),
+        entries=np.zeros(len(pose), dtype=np.int64),
+        surface=np.empty(shape, dtype=np.int32),
+        cell=np.empty(shape, dtype=np.int32),
+        nearer=np.empty(shape),
+        farther=np.empty(shape),
     )
 
 
@@ -331,7 +340,6 @@ def _echoes(sightings: Sightings) -> PulseEchoes:
     strongest = np.zeros(len(profiles))
     some = np.diff(start) > 0
     strongest[some] = np.maximum.reduceat(power, start[:-1][some])
-    pad = 2 * (len(sightings.response) // 2) + 1
     return PulseEchoes(
         first=profiles.first,
         start=start,
@@ -341,7 +349,6 @@ def _echoes(sightings: Sightings) -> PulseEchoes:
         doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
         cell_m=float(profiles.cell_m),
         unit_m=UNIT_M,
-        hits=np.zeros(len(power) + 2 * pad * len(profiles)),
         mean=np.empty(len(power)),
         looks=np.full(len(profiles), sightings.looks_per_cell),
     )

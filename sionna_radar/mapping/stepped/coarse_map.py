@@ -25,7 +25,7 @@ from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.evidence import ROWS_AT_ONCE, evidence_against
+from sionna_radar.mapping.stepped.evidence import ROWS_AT_ONCE, Evidence
 from sionna_radar.mapping.terrain.heights import plane_through
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -154,12 +154,13 @@ def _block(
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
     """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
     base_m, level_m = block.base_m, block.level_m
-    against = evidence_against(sightings, grid, base_m, level_m, options=options)
-    height = base_m + level_m[choose_levels(against, options)]
+    evidence = Evidence(sightings, grid, base_m, level_m, options)
+    height = base_m + level_m[choose_levels(evidence.lowest, options)]
     nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
     origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
-    against = evidence_against(sightings, grid, base_m, level_m, in_view, options)
+    evidence.know_in_view(in_view)
+    against = evidence.lowest
     chosen = choose_levels(against, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     return base_m + level_m[chosen], supported

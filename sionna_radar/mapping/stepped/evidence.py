@@ -32,18 +32,11 @@ from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
 # Rows of the map processed by one core at a time.
-ROWS_AT_ONCE = 8
+ROWS_AT_ONCE = 24
 
 
-def evidence_against(
-    sightings: Sightings,
-    grid: Grid,
-    base_m: Float[np.ndarray, "row column"],
-    level_m: Float[np.ndarray, " level"],
-    in_view_m: Float[np.ndarray, "row column"] | None = None,
-    options: SteppedParameters = STEPPED,
-) -> Float32[np.ndarray, "row column level"]:
-    """Return the evidence against a surface at some heights over the cells of a grid.
+class Evidence:
+    """Evidence against surfaces at some heights over the cells of a grid, from the echoes alone at first.
 
     Parameters
     ----------
@@ -53,39 +46,54 @@ def evidence_against(
         Cells of the map.
     base_m, level_m:
         Base heights of the cells, and the levels above them, increasing.
-    in_view_m:
-        Heights above which the cells are known to be in view; None if unknown.
     options:
         Of the method.
 
-    Returns
-    -------
-    Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
-
     """
-    bright = _reflectivities(sightings, options)
-    if len(bright.step) == 0:
-        return np.zeros((*grid.shape, len(level_m)), dtype=np.float32)
-    against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
-    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
-    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-    spill = options.spill_share * sightings.response / sightings.response.max()
-    spill[len(spill) // 2] = 0.0
-    gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
-    given = (
-        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
-        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
-        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
-        *(gain, _axes(beam)),
-        *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
-        np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
-        *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
-    )
-    for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
-        pass
-    advance(len(sightings))
-    lowest: Float32[np.ndarray, "row column level"] = against.min(axis=-1)
-    return lowest
+
+    def __init__(
+        self,
+        sightings: Sightings,
+        grid: Grid,
+        base_m: Float[np.ndarray, "row column"],
+        level_m: Float[np.ndarray, " level"],
+        options: SteppedParameters = STEPPED,
+    ) -> None:
+        self._rows, self._pulses, bright = grid.rows, len(sightings), _reflectivities(sightings, options)
+        self._against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
+        windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+        beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
+        spill = options.spill_share * sightings.response / sightings.response.max()
+        spill[len(spill) // 2] = 0.0
+        gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+        self._given = (
+            *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+            *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
+            sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
+            *(gain, _axes(beam)),
+            *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
+            *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
+        )
+        self._add(np.empty((0, 0)))
+
+    def know_in_view(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
+        """Add what patches above the heights that are known to be in view say though something brighter is nearer."""
+        self._add(np.ascontiguousarray(in_view_m))
+
+    @property
+    def lowest(self) -> Float32[np.ndarray, "row column level"]:
+        """Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree."""
+        if self._against.shape[-1] == 0:
+            return np.zeros(self._against.shape[:-1], dtype=np.float32)
+        return np.asarray(self._against.min(axis=-1))
+
+    def _add(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
+        def some(low: int, high: int) -> None:
+            add_evidence(*self._given, in_view_m, self._against, low, high)
+
+        if self._against.shape[-1]:
+            list(in_threads(some, parts(self._rows, ROWS_AT_ONCE)))
+        advance(self._pulses)
 
 
 def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
@@ -124,7 +132,7 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
     """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
     position = sightings.pose.position_m[:, None, None]
-    corner = sightings.direction()[:, None, sightings.beam.corners]
+    corner = sightings.corner_directions()[:, None]
     drop = np.array(span_m)[:, None] - position[..., 2]
     reach = np.clip(drop / np.minimum(corner[..., 2], -0.05), 0.0, sightings.reach_m)
     place = (position[..., :2] + reach[..., None] * corner[..., :2]).reshape(len(sightings), -1, 2)
@@ -150,14 +158,13 @@ def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
     """
     cells, half = len(power), len(spill) // 2
     for k in range(cells + 4):
-        edged[k], own[k] = noise, False
+        edged[k], own[k], before[k] = noise, False, 0.0
+    # Until it is written below, `before` holds what leaks into each cell.
+    for tap in range(len(spill)):
+        for c in range(max(tap - half, 0), min(cells + tap - half, cells)):
+            before[c] += spill[tap] * power[c + half - tap]
     for c in range(cells):
-        edged[c + 2] = max(power[c], noise)
-        leaked = 0.0
-        for tap in range(len(spill)):
-            if 0 <= c + half - tap < cells:
-                leaked += spill[tap] * power[c + half - tap]
-        own[c + 2] = power[c] > leaked
+        edged[c + 2], own[c + 2] = max(power[c], noise), power[c] > before[c]
     for k in range(cells + 4):
         most[k] = noise
         for neighbour in range(max(k - 1, 0), min(k + 2, cells + 4)):
@@ -172,9 +179,9 @@ def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
 
 @compiled
 @no_type_check
-def two_way(gain, first_u, step_u, first_v, step_v, u, v):
-    """Return the bilinear two-way gain at direction cosines within the table."""
-    i, j = (u - first_u) / step_u, (v - first_v) / step_v
+def two_way(gain, first_u, each_u, first_v, each_v, u, v):
+    """Return the bilinear two-way gain at direction cosines within the table, of `each` entries for a unit of both."""
+    i, j = (u - first_u) * each_u, (v - first_v) * each_v
     low_i, low_j = min(max(int(i), 0), gain.shape[0] - 2), min(max(int(j), 0), gain.shape[1] - 2)
     a, b = i - low_i, j - low_j
     below = gain[low_i, low_j] * (1 - b) + gain[low_i, low_j + 1] * b
@@ -211,6 +218,26 @@ def planes_around(R, axes, planes):
 
 @compiled
 @no_type_check
+def columns_between(planes, north, span, west, spacing, sides):
+    """Return the first and the last column, excluded, of a row of the map that may lie between planes.
+
+    north, west: of the row and of its first column, from the antenna, as the span of heights; sides: all columns.
+    """
+    (bottom, top), (first, last) = span, sides
+    low, high = -np.inf, np.inf
+    for k in range(len(planes)):
+        bound = -planes[k, 1] * north - planes[k, 2] * (bottom if planes[k, 2] > 0 else top)
+        if planes[k, 0] > 0:
+            high = min(high, bound / planes[k, 0])
+        elif planes[k, 0] < 0:
+            low = max(low, bound / planes[k, 0])
+    # One more on both sides, for rounding.
+    low, high = max((low - west) / spacing - 1, float(first)), min((high - west) / spacing + 2, float(last))
+    return (int(low), int(high)) if low < high else (first, first)
+
+
+@compiled
+@no_type_check
 def levels_between(planes, east, north, base_up, level):
     """Return the first and the last level, excluded, of a column of the map that may lie between planes.
 
@@ -230,19 +257,51 @@ def levels_between(planes, east, north, base_up, level):
     return max(int((lowest - bottom) / spacing) - 1, 0), min(int((highest - bottom) / spacing) + 3, len(level))
 
 
+# Terms of log((1 + s) / (1 - s)) / s - 2 in s^2, and the logarithm of 2 in two parts (FreeBSD's e_log.c, by Sun 1993).
+LOG_TERMS = (
+    6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
+    1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01,
+)  # fmt: skip
+LOG_2, LOG_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+ROOT_HALF_BITS = 0x3FE6A09E667F3BCD
+
+
+@compiled
+@no_type_check
+def logarithm(x):
+    """Return log x of a positive normal number, within 2^-52: unlike a call of the library, for several at once."""
+    bits = np.float64(x).view(np.int64)
+    exponent = (bits - ROOT_HALF_BITS) >> 52
+    f = np.int64(bits - (exponent << 52)).view(np.float64) - 1.0
+    s = f / (2.0 + f)
+    square, rest = s * s, LOG_TERMS[6]
+    for term in range(5, -1, -1):
+        rest = LOG_TERMS[term] + square * rest
+    half = 0.5 * f * f
+    return exponent * LOG_2 - ((half - (s * (half + square * rest) + exponent * LOG_2_REST)) - f)
+
+
 @compiled
 @no_type_check
 def add_evidence(
     windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
-    base, level, in_view, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
+    base, level, steps, typical, alternatives, widest_for, spread_cells, in_view, against, low, high,
 ):  # fmt: skip
     """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
 
     windows: first and last row and column of the map that each pulse sees, the last excluded.
     gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
-    in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
+    steps: the reflectivities; against: (row, column, level, step).
+    in_view: heights above which cells are in view; only what this adds to the evidence of the echoes alone, where
+    these are not empty, is subtracted.
     """
-    log_alternatives = np.log(alternatives)
+    again, spacing = len(in_view) > 0, x[1] - x[0] if len(x) > 1 else 1.0
+    lowest, highest = np.inf, -np.inf
+    for row in range(low, high):
+        for column in range(len(x)):
+            lowest, highest = min(lowest, base[row, column]), max(highest, base[row, column])
+    lowest, highest = lowest + level[0], highest + level[-1]
+    log_alternatives, each_u, each_v, cells_per_m = np.log(alternatives), 1 / axes[1], 1 / axes[3], 1 / cell_m
     longest = 0
     for pulse in range(len(windows)):
         longest = max(longest, start[pulse + 1] - start[pulse])
@@ -257,50 +316,51 @@ def add_evidence(
         own_noise = noise[pulse]
         prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
         for k in range(cells + 4):
-            log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
+            log_edged[k], log_most[k] = logarithm(edged[k]), logarithm(most[k])
         R = R_world_antenna[pulse]
         planes_around(R, axes, planes)
+        west, height_there = x[0] - position[pulse, 0], position[pulse, 2]
         for row in range(top, bottom):
             north = y[row] - position[pulse, 1]
-            for column in range(windows[pulse, 2], windows[pulse, 3]):
+            span, sides = (lowest - height_there, highest - height_there), (windows[pulse, 2], windows[pulse, 3])
+            first_column, last_column = columns_between(planes, north, span, west, spacing, sides)
+            for column in range(first_column, last_column):
                 east = x[column] - position[pulse, 0]
-                flat, view = east * east + north * north, in_view[row, column]
-                first_level, last_level = levels_between(
-                    planes, east, north, base[row, column] - position[pulse, 2], level
-                )
+                flat, view = east * east + north * north, in_view[row, column] if again else -np.inf
+                first_level, last_level = levels_between(planes, east, north, base[row, column] - height_there, level)
                 for number in range(first_level, last_level):
                     height = base[row, column] + level[number]
-                    up = height - position[pulse, 2]
+                    if height <= view:
+                        continue
+                    up = height - height_there
                     range_m = np.sqrt(flat + up * up)
-                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
-                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
+                    inverse = 1 / range_m
+                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) * inverse
+                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) * inverse
                     if u < axes[0] or u > axes[4] or v < axes[2] or v > axes[5]:
                         continue
                     if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
                         continue
-                    w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)
+                    w = two_way(gain, axes[0], each_u, axes[2], each_v, u, v)
                     if w <= 0.0:
                         continue
                     rate = velocity[pulse, 0] * east + velocity[pulse, 1] * north + velocity[pulse, 2] * up
-                    apparent = range_m - doppler * rate / range_m
-                    cell = max(int(np.rint(apparent / cell_m)) - first[pulse], -1)
+                    apparent = range_m - doppler * rate * inverse
+                    cell = max(int(np.rint(apparent * cells_per_m)) - first[pulse], -1)
                     place = min(cell, cells) + 2
                     nearer = before[min(cell, cells + spread_cells) + 2]
-                    seen = height > view or nearer < own_noise + typical * w
-                    fits = own[place] and w > widest_for
+                    plain = nearer < own_noise + typical * w
+                    seen, fits = plain != again, own[place] and w > widest_for and not again
                     if not seen and not fits:
                         continue
-                    there, strong = edged[place], most[place]
+                    there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]
                     for step in range(len(steps)):
                         mean = own_noise + steps[step] * w
-                        if not fits and strong >= mean:
-                            continue
-                        log_mean, support = np.log(mean), 0.0
-                        if seen and strong < mean:
-                            support = log_most[place] - log_mean - strong / mean + 1
-                        if fits:
-                            support += max(log_edged[place] - log_mean - there / mean + log_alternatives, 0.0)
-                        against[row, column, number, step] -= support
+                        one_over, log_mean = 1 / mean, logarithm(mean)
+                        short = log_strong - log_mean - strong * one_over + 1
+                        match = max(log_there - log_mean - there * one_over + log_alternatives, 0.0)
+                        support = short if seen and strong < mean else 0.0
+                        against[row, column, number, step] -= support + (match if fits else 0.0)
 
 
 @compiled

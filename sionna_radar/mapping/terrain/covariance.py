@@ -15,6 +15,7 @@ equally spaced in the square root of the distance, so that one is found without 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import no_type_check
 
 import numpy as np
@@ -94,11 +95,11 @@ class Covariance:
         """
         if spread_m == 0.0:
             return self.variance_m2 * _correlation(self.smoothness, distance_m / self.length_m)
-        square, share = self._mixture()
+        square, share = self._mixture
         widened = square + 2 * spread_m**2
         weight = share * square / widened
-        result: Float[np.ndarray, ...] = np.exp(-np.multiply.outer(distance_m**2, 0.5 / widened)) @ weight
-        return self.variance_m2 * result
+        exponent: Float[np.ndarray, ...] = np.multiply.outer(-(distance_m**2), 0.5 / widened)
+        return self.variance_m2 * (np.exp(exponent, out=exponent) @ weight)
 
     def table(self, farthest_m: float, spread_m: float, entries: int) -> CovarianceTable:
         """Return a table of the covariance up to a distance; see `at`."""
@@ -130,6 +131,7 @@ class Covariance:
             return np.exp(-((wavenumber * self.length_m) ** 2) / 2)
         return (2 * self.smoothness / self.length_m**2 + wavenumber**2) ** -(self.smoothness + 1)
 
+    @cached_property
     def _mixture(self) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
         """Return squared lengths of Gaussian covariances and their shares.
 

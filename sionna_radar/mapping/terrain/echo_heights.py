@@ -155,7 +155,7 @@ def on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarra
 
 def reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
     """Return the grid that covers another and all of the footprints."""
-    direction = sightings.direction()[:, sightings.beam.corners]
+    direction = sightings.corner_directions()
     down = np.minimum(direction[..., 2], -0.1)
     drop = echoes.range_m * -sightings.pose.boresight[:, 2]
     reach = np.minimum(drop[:, None] / -down, sightings.followed_m)
