@@ -230,7 +230,7 @@ class RecordedRoute:
             raise ScenarioError([Problem(KEY, message)])
         altitude_m = float(np.median(clearance))
         return Flight(
-            trajectory=self._trajectory(offset_m),
+            trajectory=self.trajectory(offset_m),
             altitude_m=altitude_m,
             speed_mps=self.speed_mps,
             record=self._record(altitude_m, clearance, heights),
@@ -265,7 +265,8 @@ class RecordedRoute:
             raise ScenarioError([Problem("platform.log_height", message)])
         return takeoff_ground_m - self.takeoff_m[2] + vertical_shift_m, "its first position taken as on the ground"
 
-    def _trajectory(self, offset_m: float) -> Trajectory:
+    def trajectory(self, offset_m: float) -> Trajectory:
+        """Return the flight at heights of the log plus an offset."""
         start_s, _ = self._span_s
         path, attitudes = self._path, attitude_spline(self.attitudes, start_s)
         offset = np.array([0.0, 0.0, offset_m])

@@ -20,7 +20,7 @@ from sionna_radar.scenario.processing import DemTable, ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
-from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 # Adjustable tables of any recording; additional ones of a recording without a scenario.
 OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver", "radar.conjugate")
@@ -85,6 +85,83 @@ class RecordedSettings(Table):
     """how beat signals are turned into ranges."""
     dem: DemTable = Field(default_factory=DemTable)
     """how echoes are turned into heights."""
+
+
+class RecordingTable(Table):
+    """The samples of a recording, and what is to be done to them before they are processed."""
+
+    samples: InputPath
+    """a .npy or .npz array, or the raw capture (.bin) of TI's DCA1000 card."""
+    variable: str = "samples"
+    """name of the array in a .npz file."""
+    axes: tuple[Literal["pulse", "receiver", "sample", "iq"], ...] = ("pulse", "sample")
+    """what the axes of an array are, the slowest first; "iq" holds I and Q, unless samples are complex."""
+    config: InputPath | None = None
+    """chirp configuration of a capture: a .cfg file, or mmWave Studio's .mmwave.json."""
+    lanes: Literal[2, 4] = 2
+    """LVDS lanes of a capture: 2 for xWR16xx, xWR18xx and xWR68xx, 4 for xWR12xx and xWR14xx."""
+    receiver: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
+    """which one is processed, counted from 1."""
+    transmitter: Annotated[int, Field(strict=True, ge=1, le=16)] = 1
+    """whose chirps are processed, of transmitters in turn, counted from 1."""
+    used_samples: tuple[int, int] | None = None
+    """first sample and the one after the last, where those at the ends of a sweep are dead."""
+    background: InputPath | None = None
+    """a recording of the sky or an absorber in the same form; its mean sweep is subtracted from each, and leakage with
+    it."""
+    range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
+    """range that the radar reads at range zero: cables, filters, internal delay."""
+
+    @model_validator(mode="after")
+    def _axes_of_pulses(self) -> RecordingTable:
+        if len(set(self.axes)) < len(self.axes) or not {"pulse", "sample"} <= set(self.axes):
+            raise refuse("axes", f"{list(self.axes)}: name each axis once, pulse and sample among them")
+        return self
+
+
+class SweepTable(RecordedRadar):
+    """The sweep of recorded samples, and how often it is sent."""
+
+    pulse_rate_hz: Annotated[Positive, Field(le=1e9)]
+    """of the pulses that were recorded."""
+
+    @model_validator(mode="after")
+    def _one_sweep(self) -> SweepTable:
+        if self.sweep == "triangular":
+            raise refuse("sweep", "'triangular' has two sweeps in a pulse; write a netCDF file instead")
+        return self
+
+
+class PosesTable(Table):
+    """The flight during a recording, from a log."""
+
+    log: InputPath
+    """of the flight, in any format that `platform.log` takes."""
+    log_columns: dict[str, str] = {}
+    """as `platform.log_columns`."""
+    log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
+    """as `platform.log_gap_s`."""
+    first_pulse_s: NonNegative = 0.0
+    """time of the first pulse in the log, from its first position."""
+    incidence_deg: Annotated[Real, Field(ge=-180.0, le=180.0)] = 0.0
+    """of the antenna's boresight, from nadir toward the nose."""
+
+
+class DescribedRecording(RecordedSettings):
+    """A recording of another program: the description beside its samples."""
+
+    recording: RecordingTable
+    """the samples."""
+    sweep: SweepTable | None = None
+    """what the radar sent; a capture's configuration says it itself."""
+    poses: PosesTable | None = None
+    """where the antenna was; without them there are ranges, and no map."""
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings of its processing by dotted keys, those that are given."""
+        given = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "sweep", "poses"})
+        radar = given.pop("radar", {})
+        return given | {f"radar.{key}": value for key, value in radar.items()}
 
 
 def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> Scenario:

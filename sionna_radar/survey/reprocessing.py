@@ -7,7 +7,7 @@ import json
 import logging
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -43,6 +43,7 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
+from sionna_radar.survey.recordings.described import DescribedSignals, open_described
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
@@ -116,7 +117,7 @@ def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> di
 
     Raises InputFileError for a file that is no recording.
     """
-    with open_signals(path):
+    with _opened(path):
         pass
     return {"recording": content_key({"file": path}), "settings": dict(overrides), "block_size": block_size}
 
@@ -126,8 +127,14 @@ def open_recording(
     path: Path, overrides: Mapping[str, Any], parts: CustomParts | None = None
 ) -> Iterator["RecordingSource"]:
     """Open a recording, and check its processing settings; see `process`."""
-    with open_signals(path) as file:
-        yield _source(path, file, dict(overrides), parts or CustomParts())
+    with _opened(path) as file:
+        settings = {**file.settings, **overrides} if isinstance(file, DescribedSignals) else dict(overrides)
+        yield _source(path, file, settings, parts or CustomParts())
+
+
+def _opened(path: Path) -> AbstractContextManager[SignalFile | DescribedSignals]:
+    """Open a recording: a netCDF file, or a TOML file that describes one."""
+    return open_described(path) if path.suffix.lower() == ".toml" else open_signals(path)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +147,7 @@ class RecordingSource:
     path: Path
     overrides: Mapping[str, Any]
     parts: CustomParts
-    file: SignalFile
+    file: SignalFile | DescribedSignals
     settings: Scenario | RecordedSettings
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
@@ -272,7 +279,7 @@ def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, Recorde
 
 def _source(
     path: Path,
-    file: SignalFile,
+    file: SignalFile | DescribedSignals,
     overrides: dict[str, Any],
     parts: CustomParts,
 ) -> RecordingSource:
@@ -332,7 +339,7 @@ def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], so
 
 
 def _check_custom_parts(
-    file: SignalFile, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
+    file: SignalFile | DescribedSignals, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
 ) -> None:
     """Raise ScenarioError if a custom part of the simulated flight is missing."""
     for key, what in file.replaced.items():
@@ -405,7 +412,7 @@ def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
 
 def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
     """Return measured poses from a recording that has been closed since."""
-    with open_signals(path) as file:
+    with _opened(path) as file:
         return file.pose(index)
 
 

@@ -114,23 +114,7 @@ class SignalFile:
     @cached_property
     def sweeps(self) -> tuple[Chirp, ...]:
         """The sweeps of one pulse."""
-        radar, samples = self.radar, int(self._beat[0].shape[-1])
-        directions: tuple[Literal["up", "down"], ...]
-        directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
-        pair = len(directions) == 2
-        return tuple(
-            Chirp(
-                carrier_hz=radar.carrier_hz,
-                bandwidth_hz=radar.bandwidth_hz,
-                rate_hz=radar.sampling_rate_hz / samples,
-                samples=samples,
-                sweep=direction,
-                sampling="iq" if len(self._beat) == 2 else "real",
-                centre_s=(number - 0.5) * samples / radar.sampling_rate_hz if pair else 0.0,
-                propagation_mps=radar.propagation_mps,
-            )
-            for number, direction in enumerate(directions)
-        )
+        return sweeps_of(self.radar, int(self._beat[0].shape[-1]), len(self._beat) == 2)
 
     @cached_property
     def scenario(self) -> str | None:
@@ -298,6 +282,26 @@ class SignalFile:
             if name in beat.attrs:
                 values = apply(values, self._vector(beat.attrs, name, 1)[0])
         return values
+
+
+def sweeps_of(radar: RecordedRadar, samples: int, iq: bool) -> tuple[Chirp, ...]:
+    """Return the sweeps of one pulse of a recorded radar."""
+    directions: tuple[Literal["up", "down"], ...]
+    directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
+    pair = len(directions) == 2
+    return tuple(
+        Chirp(
+            carrier_hz=radar.carrier_hz,
+            bandwidth_hz=radar.bandwidth_hz,
+            rate_hz=radar.sampling_rate_hz / samples,
+            samples=samples,
+            sweep=direction,
+            sampling="iq" if iq else "real",
+            centre_s=(number - 0.5) * samples / radar.sampling_rate_hz if pair else 0.0,
+            propagation_mps=radar.propagation_mps,
+        )
+        for number, direction in enumerate(directions)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

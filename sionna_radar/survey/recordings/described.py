@@ -1,0 +1,432 @@
+"""Recordings of other programs, described by a TOML file beside them: NumPy arrays, and raw captures of TI's DCA1000.
+
+    [recording]
+    samples = "adc_data.bin"            # .npy, .npz, or .bin of the capture card
+    config = "profile.cfg"              # of a .bin: the chirp configuration (.cfg), or mmWave Studio's .mmwave.json
+    receiver = 1
+
+    [sweep]                             # of an array: what the radar sent, see `RecordedRadar`
+    carrier_hz = 77.6e9
+    bandwidth_hz = 3.0e9
+    sampling_rate_hz = 2.5e6
+    pulse_rate_hz = 100.0
+
+    [poses]                             # a flight log, in any format that `platform.log` takes
+    log = "flight.csv"
+
+    [processing]                        # further tables as in a scenario: processing, dem, radar.antenna, ...
+
+Raw captures (Texas Instruments, "Mmwave Radar Device ADC Raw Data Capture", SWRA581B): 16-bit numbers, chirp by chirp;
+in a chirp receiver by receiver, complex samples in pairs as I, I, Q, Q (two lanes: xWR16xx, xWR18xx, xWR68xx); on four
+lanes (xWR12xx, xWR14xx) sample by sample, the I of all receivers and then their Q.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from jaxtyping import Float, Inexact, Int, Num
+from pydantic import ValidationError
+from pyproj import CRS
+from scipy.signal import hilbert
+
+from sionna_radar.elevation.local_frame import MapFrame, frame_at
+from sionna_radar.flight.frames import conical_from_antenna, world_from_body
+from sionna_radar.flight.logs.reader import read_log
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.flight.recorded import LogPart, read_route
+from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable
+from sionna_radar.survey.recordings.signal_file import (
+    MAX_PULSES,
+    MAX_SAMPLES,
+    MIN_SAMPLES,
+    RecordedPulses,
+    sweeps_of,
+)
+
+REMEDY = "give a recording's description in TOML; the page on recordings has one"
+MAX_BYTES = 64_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DescribedSignals:
+    """Beat signals of one receiver in memory, with the interface of `SignalFile`.
+
+    samples: complex for I/Q. background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    settings: values of `processing`, `dem` and `radar` in the description, by dotted keys.
+    """
+
+    name: str
+    samples: Num[np.ndarray, "pulse sample"]
+    radar: RecordedRadar
+    time_s: Float[np.ndarray, " pulse"]
+    background: Inexact[np.ndarray, " sample"] | None
+    range_zero_m: float
+    trajectory: Trajectory | None
+    incidence_rad: float
+    georeference: Georeference | None
+    settings: Mapping[str, Any]
+    scenario: None = None
+    flight: None = None
+    truth: None = None
+
+    @property
+    def replaced(self) -> dict[str, str]:
+        """No parts: nothing was simulated."""
+        return {}
+
+    @cached_property
+    def sweeps(self) -> tuple[Chirp, ...]:
+        """The sweep of a pulse."""
+        return sweeps_of(self.radar, self.samples.shape[1], np.iscomplexobj(self.samples))
+
+    @cached_property
+    def pulses(self) -> RecordedPulses:
+        """The pulses."""
+        return RecordedPulses(
+            poses=None if self.trajectory is None else self.pose,
+            time_s=self.time_s,
+            scan_rad=np.zeros(len(self.time_s)),
+            scan_number=None,
+            beam=None,
+        )
+
+    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals of pulses, with ranges that count from the radar's zero."""
+        beat = self.samples[pulses.index]
+        beat = beat.astype(np.complex128 if np.iscomplexobj(beat) else np.float64)
+        if self.background is not None:
+            beat = beat - self.background
+        if self.range_zero_m:
+            (chirp,) = self.sweeps
+            slope = chirp.bandwidth_hz * self.radar.sampling_rate_hz / chirp.samples
+            shift_hz = 2 * slope * self.range_zero_m / self.radar.propagation_mps
+            turned = np.exp(-2j * np.pi * shift_hz * np.arange(chirp.samples) / self.radar.sampling_rate_hz)
+            beat = beat * turned if np.iscomplexobj(beat) else np.real(hilbert(beat, axis=1) * turned)
+        return [beat]
+
+    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
+        """Return the poses of pulses, of an antenna tilted from nadir toward the nose."""
+        assert self.trajectory is not None
+        time_s = self.time_s[index]
+        tilt = conical_from_antenna(self.incidence_rad, np.zeros(len(index)))
+        return Pose(
+            position_m=self.trajectory.position(time_s),
+            velocity_mps=self.trajectory.velocity(time_s),
+            R_world_antenna=world_from_body(self.trajectory.euler(time_s)) @ tilt,
+        )
+
+
+@contextmanager
+def open_described(path: Path) -> Iterator[DescribedSignals]:
+    """Open a recording that a TOML file describes.
+
+    Raises InputFileError or ScenarioError for a description, samples or a log that cannot be used.
+    """
+    table = _description(path)
+    own = table.recording
+    cube = _Cube.read(path, own, table.sweep)
+    samples = cube.of_receiver(own.receiver)
+    background = None
+    if own.background is not None:
+        sky = _Cube.read(path, own.model_copy(update={"samples": own.background}), table.sweep)
+        background = sky.of_receiver(own.receiver).mean(axis=0)
+        if background.shape != samples.shape[1:]:
+            _fail(own.background, f"has {background.size} samples a sweep, and the recording {samples.shape[1]}")
+    radar = cube.radar
+    if own.used_samples is not None:
+        first, end = own.used_samples
+        if not 0 <= first < end <= samples.shape[1]:
+            _fail(
+                path, f"recording.used_samples = {list(own.used_samples)}: give first and end within {samples.shape[1]}"
+            )
+        radar = _part_of(radar, first, end, samples.shape[1])
+        samples, background = samples[:, first:end], None if background is None else background[first:end]
+    if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[1] <= MAX_SAMPLES):
+        _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[1]:,} samples; they cannot be processed")
+    trajectory, georeference = _poses(table.poses, cube.time_s)
+    yield DescribedSignals(
+        name=path.name,
+        samples=samples,
+        radar=radar,
+        time_s=cube.time_s if table.poses is None else cube.time_s + table.poses.first_pulse_s,
+        background=background,
+        range_zero_m=own.range_zero_m,
+        trajectory=trajectory,
+        incidence_rad=0.0 if table.poses is None else float(np.deg2rad(table.poses.incidence_deg)),
+        georeference=georeference,
+        settings=table.settings(),
+    )
+
+
+def _description(path: Path) -> DescribedRecording:
+    try:
+        data = parse_toml(read_text(path, "recording =", REMEDY))
+    except ValueError as error:
+        message = f"recording = {shown(path)} is not TOML ({error}); {REMEDY}"
+        raise InputFileError(message) from None
+    try:
+        table = DescribedRecording.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(translate(error.errors(), DescribedRecording), str(path)) from error
+    beside = lambda file: None if file is None else path.parent / Path(file).expanduser()  # noqa: E731
+    own = {name: beside(getattr(table.recording, name)) for name in ("samples", "config", "background")}
+    changes: dict[str, Any] = {"recording": table.recording.model_copy(update=own)}
+    if table.poses is not None:
+        changes["poses"] = table.poses.model_copy(update={"log": beside(table.poses.log)})
+    return table.model_copy(update=changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Cube:
+    """Samples of all receivers, the sweep that they were taken in, and the time of each pulse."""
+
+    name: Path
+    samples: Num[np.ndarray, "pulse receiver sample"]
+    radar: RecordedRadar
+    time_s: Float[np.ndarray, " pulse"]
+
+    @classmethod
+    def read(cls, path: Path, own: RecordingTable, sweep: Any) -> "_Cube":
+        """Return the samples of a file."""
+        regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
+        if own.samples.suffix.lower() == ".bin":
+            if own.config is None:
+                raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
+            return _capture(own)
+        if sweep is None:
+            message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
+            raise ScenarioError([Problem("sweep", message)], str(path))
+        samples = _array(own)
+        radar = RecordedRadar(**sweep.model_dump(exclude={"pulse_rate_hz"}))
+        return cls(name=own.samples, samples=samples, radar=radar, time_s=np.arange(len(samples)) / sweep.pulse_rate_hz)
+
+    def of_receiver(self, number: int) -> Num[np.ndarray, "pulse sample"]:
+        """Return the samples of a receiver, counted from 1."""
+        if number > self.samples.shape[1]:
+            _fail(self.name, f"has {self.samples.shape[1]} receivers; recording.receiver = {number} is none of them")
+        return self.samples[:, number - 1]
+
+
+def _array(own: RecordingTable) -> Num[np.ndarray, "pulse receiver sample"]:
+    """Return the samples of a NumPy file."""
+    try:
+        with np.load(own.samples, allow_pickle=False) as file:
+            names = list(file) if hasattr(file, "files") else []
+            if names and own.variable not in names:
+                _fail(own.samples, f"has {', '.join(names)}; name one as recording.variable")
+            values = np.asarray(file[own.variable] if names else file)
+    except TypeError:  # an array of a .npy file is no context manager
+        values = np.load(own.samples, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        _fail(own.samples, f"cannot be read as a NumPy file ({str(error).splitlines()[0]})")
+    if values.dtype.kind not in "iufc" or values.ndim != len(own.axes):
+        _fail(own.samples, f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(own.axes)}")
+    if not np.isfinite(values).all():
+        _fail(own.samples, "holds samples that are no finite numbers; leave their pulses out")
+    if "iq" in own.axes:
+        pair = np.moveaxis(values, own.axes.index("iq"), -1)
+        if pair.shape[-1] != 2:
+            _fail(own.samples, f"has {pair.shape[-1]} values along iq; it holds I and Q")
+        values = pair[..., 0] + 1j * pair[..., 1]
+    named = [axis for axis in own.axes if axis != "iq"]
+    if "receiver" not in named:
+        values, named = values[..., None], [*named, "receiver"]
+    return np.transpose(values, [named.index(axis) for axis in ("pulse", "receiver", "sample")])
+
+
+# --------------------------------------------------------------------------------------------- captures of TI's card
+CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.json file"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CaptureConfig:
+    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them."""
+
+    receivers: int
+    complex_samples: bool
+    start_ghz: float
+    slope_mhz_us: float
+    idle_us: float
+    adc_start_us: float
+    ramp_end_us: float
+    samples: int
+    rate_ksps: float
+    transmitters: tuple[int, ...]
+    loops: int
+    frame_ms: float
+
+
+def _capture(own: RecordingTable) -> _Cube:
+    """Return the samples of a raw capture, of the chirps of one transmitter."""
+    assert own.config is not None
+    config = _config(own.config)
+    chirp_values = config.receivers * config.samples * (2 if config.complex_samples else 1)
+    raw = np.fromfile(own.samples, dtype="<i2")
+    frame_values = chirp_values * len(config.transmitters) * config.loops
+    frames = len(raw) // frame_values
+    if frames == 0 or raw.size * 2 != own.samples.stat().st_size:
+        _fail(own.samples, f"holds {raw.size * 2:,} bytes, and a frame has {2 * frame_values:,}; get the whole file")
+    if len(raw) != frames * frame_values:
+        _fail(
+            own.samples,
+            f"holds {len(raw) / frame_values:.3f} frames of its configuration; get the whole file, or its own config",
+        )
+    raw = raw.reshape(frames * config.loops, len(config.transmitters), chirp_values)
+    mask = 1 << (own.transmitter - 1)
+    sent = [number for number, transmitters in enumerate(config.transmitters) if transmitters & mask]
+    if not sent:
+        _fail(own.config, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
+    chirp_s = 1e-6 * (config.idle_us + config.ramp_end_us)
+    starts = (
+        np.arange(frames)[:, None] * 1e-3 * config.frame_ms
+        + np.arange(config.loops) * len(config.transmitters) * chirp_s
+    )
+    duration_s = config.samples / (1e3 * config.rate_ksps)
+    slope = 1e12 * config.slope_mhz_us
+    radar = RecordedRadar(
+        carrier_hz=1e9 * config.start_ghz + slope * (1e-6 * config.adc_start_us + duration_s / 2),
+        bandwidth_hz=abs(slope) * duration_s,
+        sampling_rate_hz=1e3 * config.rate_ksps,
+        sweep="up" if slope > 0 else "down",
+    )
+    samples = _ordered(raw[:, sent[0]], config, own.lanes)
+    return _Cube(name=own.samples, samples=samples, radar=radar, time_s=starts.ravel() + sent[0] * chirp_s)
+
+
+def _ordered(
+    raw: Int[np.ndarray, "pulse value"], config: _CaptureConfig, lanes: int
+) -> Num[np.ndarray, "pulse receiver sample"]:
+    """Return the samples of chirps in the order of receivers."""
+    pulses, receivers, samples = len(raw), config.receivers, config.samples
+    if not config.complex_samples:
+        if lanes == 4:
+            return raw.reshape(pulses, samples, receivers).transpose(0, 2, 1)
+        return raw.reshape(pulses, receivers, samples)
+    if lanes == 4:
+        parts = raw.reshape(pulses, samples, 2, receivers)
+        return (parts[:, :, 0] + 1j * parts[:, :, 1]).transpose(0, 2, 1)
+    parts = raw.reshape(pulses, receivers, samples // 2, 2, 2)
+    return (parts[..., 0, :] + 1j * parts[..., 1, :]).reshape(pulses, receivers, samples)
+
+
+def _config(path: Path) -> _CaptureConfig:
+    """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
+    text = read_text(path, "recording.config =", CONFIG_REMEDY)
+    try:
+        return _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
+    except (KeyError, IndexError) as error:
+        _fail(path, f"has no {error.args[0]}")
+    except (ValueError, TypeError) as error:
+        _fail(path, f"cannot be read as a chirp configuration ({error})")
+
+
+def _from_lines(text: str) -> _CaptureConfig:
+    commands: dict[str, list[list[float]]] = {}
+    for line in text.splitlines():
+        words = line.split("%")[0].split()
+        if words and words[0] in ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg"):
+            commands.setdefault(words[0], []).append([float(word) for word in words[1:]])
+    channel, adc, frame = (commands[name][0] for name in ("channelCfg", "adcCfg", "frameCfg"))
+    chirps: dict[int, list[float]] = {}
+    for chirp in commands["chirpCfg"]:
+        chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
+    first, last = int(frame[0]), int(frame[1])
+    profile = next(p for p in commands["profileCfg"] if p[0] == chirps[first][2])
+    return _CaptureConfig(
+        receivers=int(channel[0]).bit_count(),
+        complex_samples=adc[1] > 0,
+        start_ghz=profile[1],
+        idle_us=profile[2],
+        adc_start_us=profile[3],
+        ramp_end_us=profile[4],
+        slope_mhz_us=profile[7],
+        samples=int(profile[9]),
+        rate_ksps=profile[10],
+        transmitters=tuple(int(chirps[number][7]) for number in range(first, last + 1)),
+        loops=int(frame[2]),
+        frame_ms=frame[4],
+    )
+
+
+def _from_json(document: Any) -> _CaptureConfig:
+    radio = document["mmWaveDevices"][0]["rfConfig"]
+    frame = radio["rlFrameCfg_t"]
+    chirps: dict[int, Any] = {}
+    for entry in radio["rlChirps"]:
+        chirp = entry["rlChirpCfg_t"]
+        chirps |= dict.fromkeys(range(chirp["chirpStartIdx"], chirp["chirpEndIdx"] + 1), chirp)
+    first, last = frame["chirpStartIdx"], frame["chirpEndIdx"]
+    profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
+    profile = profiles[chirps[first]["profileId"]]
+    return _CaptureConfig(
+        receivers=_bits(radio["rlChanCfg_t"]["rxChannelEn"]).bit_count(),
+        complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
+        start_ghz=float(profile["startFreqConst_GHz"]),
+        idle_us=float(profile["idleTimeConst_usec"]),
+        adc_start_us=float(profile["adcStartTimeConst_usec"]),
+        ramp_end_us=float(profile["rampEndTime_usec"]),
+        slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"]),
+        samples=int(profile["numAdcSamples"]),
+        rate_ksps=float(profile["digOutSampleRate"]),
+        transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in range(first, last + 1)),
+        loops=int(frame["numLoops"]),
+        frame_ms=float(frame["framePeriodicity_msec"]),
+    )
+
+
+def _bits(mask: Any) -> int:
+    return int(mask, 0) if isinstance(mask, str) else int(mask)
+
+
+def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> RecordedRadar:
+    """Return the radar of a part of its sweep."""
+    share, middle = (end - first) / samples, (first + end) / (2 * samples) - 0.5
+    offset_hz = (-middle if radar.sweep == "down" else middle) * radar.bandwidth_hz
+    changes = {"bandwidth_hz": share * radar.bandwidth_hz, "carrier_hz": radar.carrier_hz + offset_hz}
+    return radar.model_copy(update=changes)
+
+
+# ---------------------------------------------------------------------------------------------------------------- poses
+def _poses(
+    table: PosesTable | None, time_s: Float[np.ndarray, " pulse"]
+) -> tuple[Trajectory | None, Georeference | None]:
+    """Return the flight of a log, and the place of its local metres on the map."""
+    if table is None:
+        return None, None
+    log = read_log(table.log, "poses.log", table.log_columns)
+    frame: MapFrame | None = None
+    base_m = 0.0
+    if log.on_map:
+        finite = log.positions.place[np.isfinite(log.positions.place).all(axis=1)]
+        frame = frame_at(float(finite[0, 0]), float(finite[0, 1]))
+        base_m = float(np.floor(finite[:, 2].min()))
+    part = LogPart(path=table.log, columns=table.log_columns, gap_s=table.log_gap_s, height="datum")
+    trajectory = read_route(part, lambda: frame).trajectory(-base_m)
+    first_s, last_s = (float(time_s[row]) + table.first_pulse_s for row in (0, -1))
+    if first_s < 0 or last_s > trajectory.end_s:
+        message = (
+            f"is at {table.first_pulse_s:g} s, and pulses from {first_s:.2f} to {last_s:.2f} s are not all within the "
+            f"{trajectory.end_s:.2f} s of {shown(table.log)}; give the log's time of the first pulse"
+        )
+        raise ScenarioError([Problem("poses.first_pulse_s", message)])
+    if frame is None:
+        return trajectory, None
+    crs = CRS.from_user_input(frame.crs).to_wkt()
+    return trajectory, Georeference(crs_wkt=crs, origin_m=(*frame.origin_m, base_m))
+
+
+def _fail(path: Path, reason: str) -> NoReturn:
+    message = f"{shown(path)}: {reason}"
+    raise InputFileError(message)
