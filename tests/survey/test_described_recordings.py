@@ -1,0 +1,197 @@
+"""Recordings of other programs, described by a TOML file: every layout gives the range that was put in."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.constants import speed_of_light
+
+from sionna_radar import process
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+
+SLOPE, RATE_HZ, SAMPLES = 60e12, 5e6, 256
+LOOPS, FRAMES, TRANSMITTERS, RECEIVERS = 8, 3, 2, 4
+PROCESSING = "[processing]\nmin_range_m = 0.5\n[processing.cfar]\nguard = 4\ntraining = 8\n"
+CONFIG = f"""
+channelCfg 15 3 0
+adcCfg 2 1
+profileCfg 0 77 7 6 60 0 0 60 1 {SAMPLES} 5000 0 0 30   % GHz, us, MHz/us, ksps
+chirpCfg 0 0 0 0 0 0 0 1
+chirpCfg 1 1 0 0 0 0 0 2
+frameCfg 0 1 {LOOPS} {FRAMES} 50 1 0
+"""
+
+
+def range_of(transmitter: int, receiver: int) -> float:
+    return 4.3 + 0.5 * transmitter + 0.1 * receiver
+
+
+@pytest.fixture(scope="module")
+def sent() -> np.ndarray:
+    """Beats (frame, loop, transmitter, receiver, sample) of one target, another range in each channel, with noise."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    shape = (FRAMES, LOOPS, TRANSMITTERS, RECEIVERS, SAMPLES)
+    beat = 20 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
+    for k in range(TRANSMITTERS):
+        for m in range(RECEIVERS):
+            beat[:, :, k, m] += 6000 * np.exp(2j * np.pi * 2 * SLOPE * range_of(k, m) / speed_of_light * time_s)
+    return beat
+
+
+def described(folder: Path, recording: str, rest: str = "") -> Path:
+    path = folder / "recording.toml"
+    path.write_text(f"[recording]\n{recording}\n{rest}\n{PROCESSING}", encoding="utf-8")
+    return path
+
+
+def measured(path: Path) -> float:
+    return float(np.median(process(path).echoes.range_m))
+
+
+def capture(folder: Path, sent: np.ndarray, lanes: int = 2) -> None:
+    """Write the numbers of a raw capture, value by value, as the card does."""
+    numbers: list[float] = []
+    for chirp in sent.reshape(-1, RECEIVERS, SAMPLES):
+        if lanes == 2:
+            for receiver in chirp:
+                for a, b in receiver.reshape(-1, 2):
+                    numbers += [a.real, b.real, a.imag, b.imag]
+        else:
+            for n in range(SAMPLES):
+                numbers += [*chirp[:, n].real, *chirp[:, n].imag]
+    np.round(numbers).astype("<i2").tofile(folder / "adc_data.bin")
+    (folder / "profile.cfg").write_text(CONFIG)
+
+
+@pytest.mark.parametrize(("lanes", "transmitter", "receiver"), [(2, 1, 1), (2, 2, 3), (4, 1, 4)])
+def test_a_raw_capture_holds_each_channel_where_the_card_puts_it(tmp_path, sent, lanes, transmitter, receiver):
+    capture(tmp_path, sent, lanes)
+    choice = f"transmitter = {transmitter}\nreceiver = {receiver}\nlanes = {lanes}"
+    path = described(tmp_path, f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{choice}')
+    found = process(path)
+    assert abs(np.median(found.echoes.range_m) - range_of(transmitter - 1, receiver - 1)) < 0.005
+    (sweep,) = found.sweeps
+    assert sweep.carrier_hz == pytest.approx(77e9 + SLOPE * (6e-6 + SAMPLES / RATE_HZ / 2))
+    assert sweep.bandwidth_hz == pytest.approx(SLOPE * SAMPLES / RATE_HZ)
+    # Two chirps of 67 us in a loop, frames every 50 ms.
+    np.testing.assert_allclose(found.time_s[[0, 1, LOOPS]] - (transmitter - 1) * 67e-6, [0, 134e-6, 0.05], atol=1e-12)
+
+
+def test_both_kinds_of_configuration_say_the_same(tmp_path, sent):
+    capture(tmp_path, sent)
+    profile = {
+        "profileId": 0, "startFreqConst_GHz": 77.0, "idleTimeConst_usec": 7.0, "adcStartTimeConst_usec": 6.0,
+        "rampEndTime_usec": 60.0, "freqSlopeConst_MHz_usec": 60.0, "numAdcSamples": SAMPLES, "digOutSampleRate": 5000.0,
+    }  # fmt: skip
+    chirps = [{"chirpStartIdx": k, "chirpEndIdx": k, "profileId": 0, "txEnable": hex(1 << k)} for k in range(2)]
+    radio = {
+        "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x3"},
+        "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
+        "rlProfiles": [{"rlProfileCfg_t": profile}],
+        "rlChirps": [{"rlChirpCfg_t": chirp} for chirp in chirps],
+        "rlFrameCfg_t": {
+            "chirpStartIdx": 0,
+            "chirpEndIdx": 1,
+            "numLoops": LOOPS,
+            "numFrames": FRAMES,
+            "framePeriodicity_msec": 50,
+        },
+    }
+    (tmp_path / "studio.mmwave.json").write_text(json.dumps({"mmWaveDevices": [{"rfConfig": radio}]}))
+    found = [
+        process(described(tmp_path, f'samples = "adc_data.bin"\nconfig = "{name}"'))
+        for name in ("profile.cfg", "studio.mmwave.json")
+    ]
+    assert found[0].sweeps == found[1].sweeps
+    np.testing.assert_array_equal(found[0].echoes.range_m, found[1].echoes.range_m)
+    np.testing.assert_allclose(found[0].time_s, found[1].time_s)
+
+
+SWEEP = (
+    f"[sweep]\ncarrier_hz = 78.9e9\nbandwidth_hz = {SLOPE * SAMPLES / RATE_HZ}\nsampling_rate_hz = 5e6\n"
+    "pulse_rate_hz = 100.0\n"
+)
+
+
+@pytest.mark.parametrize("axes", ["pulse receiver sample", "sample pulse receiver iq", "receiver iq sample pulse"])
+def test_an_array_is_read_along_its_axes(tmp_path, sent, axes):
+    cube = sent[:, :, 0].reshape(-1, RECEIVERS, SAMPLES)
+    names = axes.split()
+    values = np.stack([cube.real, cube.imag], axis=-1) if "iq" in names else cube
+    order = [["pulse", "receiver", "sample", "iq"].index(name) for name in names]
+    np.savez(tmp_path / "cube.npz", samples=np.transpose(values, order))
+    path = described(tmp_path, f'samples = "cube.npz"\naxes = {names}\nreceiver = 2', SWEEP)
+    assert abs(measured(path) - range_of(0, 1)) < 0.005
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_ranges_count_from_the_radars_zero(tmp_path, sent, real):
+    beat = sent[:, :, 0, 0].reshape(-1, SAMPLES)
+    np.save(tmp_path / "beat.npy", beat.real if real else beat)
+    path = described(tmp_path, 'samples = "beat.npy"\nrange_zero_m = 1.25', SWEEP)
+    assert abs(measured(path) - (range_of(0, 0) - 1.25)) < 0.01
+
+
+def test_a_background_takes_leakage_out_and_dead_samples_are_left_out(tmp_path, sent):
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    leakage = 60_000 * np.exp(2j * np.pi * 2 * SLOPE * 2.0 / speed_of_light * time_s)
+    beat = sent[:, :, 0, 0].reshape(-1, SAMPLES)
+    np.save(tmp_path / "sky.npy", np.tile(leakage, (5, 1)))
+    spoiled = beat + leakage
+    spoiled[:, :20] = 1e6
+    np.save(tmp_path / "beat.npy", spoiled)
+    taken = 'samples = "beat.npy"\nused_samples = [20, 256]'
+    # The target beside the leakage moves its centroid.
+    assert abs(measured(described(tmp_path, taken, SWEEP)) - 2.0) < 0.05
+    cleaned = described(tmp_path, f'{taken}\nbackground = "sky.npy"', SWEEP)
+    assert abs(measured(cleaned) - range_of(0, 0)) < 0.005
+
+
+def test_a_log_gives_points_and_a_map(tmp_path):
+    """Looking straight down from 4.3 m over level ground, along 20 m."""
+    count = 400
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    rng = np.random.default_rng(2)
+    beat = 6000 * np.exp(2j * np.pi * 2 * SLOPE * 4.3 / speed_of_light * time_s)
+    np.save(
+        tmp_path / "beat.npy", beat + 20 * (rng.normal(size=(count, SAMPLES)) + 1j * rng.normal(size=(count, SAMPLES)))
+    )
+    rows = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 6.01, 0.1)]
+    (tmp_path / "flight.csv").write_text(
+        "\n".join(["time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg", *rows])
+    )
+    poses = '[poses]\nlog = "flight.csv"\nfirst_pulse_s = 1.0\n'
+    found = process(described(tmp_path, 'samples = "beat.npy"', SWEEP + poses), {"dem.spacing_m": 0.5})
+    assert found.points is not None
+    np.testing.assert_allclose(found.points.position_m[[0, -1], 0], [5.0, 5.0 + 5 * 3.99], atol=0.02)
+    assert np.abs(found.points.position_m[:, 2] - 100.0).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    ("recording", "rest", "words"),
+    [
+        ('samples = "none.npy"', SWEEP, "does not exist"),
+        ('samples = "beat.npy"', "", "sweep: is missing"),
+        ('samples = "adc_data.bin"', "", "recording.config: is missing"),
+        ('sample = "beat.npy"', SWEEP, "Did you mean samples"),
+        ('samples = "beat.npy"\naxes = ["pulse", "receiver", "sample"]', SWEEP, "recording.axes names"),
+        ('samples = "beat.npy"\nreceiver = 2', SWEEP, "has 1 receivers"),
+        ('samples = "beat.npy"\nused_samples = [20, 900]', SWEEP, "give first and end within 256"),
+        ('samples = "adc_data.bin"\nconfig = "profile.cfg"\ntransmitter = 3', "", "no chirp of a frame"),
+        ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
+        ('samples = "adc_data.bin"\nconfig = "empty.cfg"', "", "has no channelCfg"),
+        ('samples = "text.npy"', SWEEP, "cannot be read as a NumPy file"),
+    ],
+)
+def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, words):
+    capture(tmp_path, sent[:1])
+    (tmp_path / "cut.bin").write_bytes((tmp_path / "adc_data.bin").read_bytes()[:-100])
+    (tmp_path / "empty.cfg").write_text("sensorStop\n")
+    (tmp_path / "text.npy").write_text("no array")
+    np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
+    (tmp_path / "profile.cfg").write_text(CONFIG)
+    with pytest.raises((InputFileError, ScenarioError)) as refused:
+        process(described(tmp_path, recording, rest))
+    assert words in str(refused.value)
