@@ -11,6 +11,7 @@ import typer.main
 from sionna_radar import parse_scenario
 from sionna_radar.cli.app import app
 from sionna_radar.scenario.platform import OF_A_LOG
+from sionna_radar.scenario.recorded import DescribedRecording
 from sionna_radar.scenario.terrain import MeshFile
 
 ROOT = Path(__file__).resolve().parents[1]
