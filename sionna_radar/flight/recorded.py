@@ -163,14 +163,15 @@ class RecordedRoute:
     altitude_m: float | None = None
 
     @property
-    def _span_s(self) -> tuple[float, float]:
+    def span_s(self) -> tuple[float, float]:
+        """Start and end of the positions with an attitude, from the log's first position."""
         start, stop = self.clean.span_s
         return max(start, float(self.attitudes.time_s[0])), min(stop, float(self.attitudes.time_s[-1]))
 
     @property
     def duration_s(self) -> float:
         """Duration."""
-        start, stop = self._span_s
+        start, stop = self.span_s
         return stop - start
 
     @cached_property
@@ -179,7 +180,7 @@ class RecordedRoute:
 
     @cached_property
     def _path(self) -> Any:
-        return position_spline(self.clean.positions, self._span_s[0])
+        return position_spline(self.clean.positions, self.span_s[0])
 
     @cached_property
     def speed_mps(self) -> float:
@@ -206,7 +207,7 @@ class RecordedRoute:
         Raises ScenarioError, with the time in the log, where it leaves the ground or flies under it.
         """
         del seed  # a log has no random part
-        start_s, _ = self._span_s
+        start_s, _ = self.span_s
         position = self._path(self._looks_s)
         ground = ground_m(position[:, :2])
         if np.isnan(ground).any():
@@ -266,8 +267,8 @@ class RecordedRoute:
         return takeoff_ground_m - self.takeoff_m[2] + vertical_shift_m, "its first position taken as on the ground"
 
     def trajectory(self, offset_m: float) -> Trajectory:
-        """Return the flight at heights of the log plus an offset."""
-        start_s, _ = self._span_s
+        """Return the flight at heights of the log plus an offset; its time counts from the start of `span_s`."""
+        start_s, _ = self.span_s
         path, attitudes = self._path, attitude_spline(self.attitudes, start_s)
         offset = np.array([0.0, 0.0, offset_m])
 
@@ -297,7 +298,7 @@ class RecordedRoute:
         return tuple(messages)
 
     def _record(self, altitude_m: float, clearance: Float[np.ndarray, " n"], heights: str) -> dict[str, Any]:
-        start_s, stop_s = self._span_s
+        start_s, stop_s = self.span_s
         velocity = self._path(self._looks_s, 1)
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         from_positions = self.log.positions.velocity_mps is None

@@ -47,7 +47,7 @@ def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generato
 def pulse_generators(
     seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], item: int = 0
 ) -> Iterator[np.random.Generator]:
-    """Yield what `pulse_generator` returns for each pulse: one and the same object, each time set anew.
+    """Yield the `pulse_generator` of each pulse: one and the same object, reset each time.
 
     item: index among several similar items, each with its own numbers.
     """

@@ -34,7 +34,7 @@ def equal_parts(count: int, number: int = 4) -> list[tuple[int, int]]:
 
 
 def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, int]]) -> Iterator[Result]:
-    """Yield what a function, which must release Python's lock, returns for each part of a loop, in their order.
+    """Yield the results of a function for each part of a loop, in their order; it must release Python's lock.
 
     Within a part another loop is done by the same thread, as all others may wait for theirs.
     """
@@ -44,7 +44,7 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
 
 
 def several_at_once(work: Callable[[int], Result], numbers: Sequence[int], steps: Sequence[int]) -> Iterator[Result]:
-    """Yield what a function returns for each number, in their order, as many at once as there are cores.
+    """Yield the results of a function for each number, in their order, as many at once as there are cores.
 
     Parameters
     ----------

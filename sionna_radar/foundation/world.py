@@ -14,7 +14,7 @@ class World:
     """Terrain, scene, materials and antenna of the latest survey, which the next one takes where its own are equal.
 
     A value is never changed by a survey that takes it. What was logged while it was built is logged again for each
-    such survey, so that a survey's warnings do not depend on what was flown before. Not for several threads at once.
+    such survey, so that a survey's warnings do not depend on what was flown before.
 
     Examples
     --------

@@ -52,6 +52,8 @@ from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
+BeatSource = SignalFile | DescribedSignals
+
 # Pulses sampled over the recording for the mean and median spectrum.
 SPECTRUM_PULSES = 512
 # Share of the echoes' energy in the farther half of an I/Q band, and their strongest cell over the noise, above which
@@ -132,7 +134,7 @@ def open_recording(
         yield _source(path, file, settings, parts or CustomParts())
 
 
-def _opened(path: Path) -> AbstractContextManager[SignalFile | DescribedSignals]:
+def _opened(path: Path) -> AbstractContextManager[BeatSource]:
     """Open a recording: a netCDF file, or a TOML file that describes one."""
     return open_described(path) if path.suffix.lower() == ".toml" else open_signals(path)
 
@@ -147,7 +149,7 @@ class RecordingSource:
     path: Path
     overrides: Mapping[str, Any]
     parts: CustomParts
-    file: SignalFile | DescribedSignals
+    file: BeatSource
     settings: Scenario | RecordedSettings
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
@@ -279,7 +281,7 @@ def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, Recorde
 
 def _source(
     path: Path,
-    file: SignalFile | DescribedSignals,
+    file: BeatSource,
     overrides: dict[str, Any],
     parts: CustomParts,
 ) -> RecordingSource:
@@ -339,7 +341,7 @@ def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], so
 
 
 def _check_custom_parts(
-    file: SignalFile | DescribedSignals, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
+    file: BeatSource, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
 ) -> None:
     """Raise ScenarioError if a custom part of the simulated flight is missing."""
     for key, what in file.replaced.items():

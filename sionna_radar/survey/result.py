@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -37,8 +37,39 @@ class Saturation:
     saturated_samples: int
 
 
+Result = TypeVar("Result", bound="_ComparedWithReference")
+
+
+class _ComparedWithReference:
+    """The comparison of a result's DEM with measured heights."""
+
+    def with_reference(
+        self: "Result", path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False
+    ) -> "Result":
+        """Return the result with `reference`, its DEM against measured heights; see `compare_with_reference`.
+
+        Raises InputFileError for a file that cannot be used, and for a recording without a DEM.
+        """
+        assert isinstance(self, Survey | Processed)
+        if self.dem is None or self.points is None:
+            message = "the recording has no poses, so that there is no DEM to compare; leave the reference out"
+            raise InputFileError(message)
+        check = compare_with_reference(
+            path,
+            self.dem,
+            self.dem_sigma,
+            sigma_m=sigma_m,
+            apply_shift=apply_shift,
+            lit=self.lit if isinstance(self, Survey) else None,
+            points=self.points,
+            uncertainty=self.uncertainty,
+            seed=self.scenario.seed if self.scenario else 0,
+        )
+        return replace(self, reference=check)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Survey:
+class Survey(_ComparedWithReference):
     """The result of a survey, with the prepared survey it was made from.
 
     prepared: scene, flight, receiver and mapper, for further analysis.
@@ -159,24 +190,6 @@ class Survey:
             return None
         return check_uncertainty(self.error, self.dem_sigma, self.truth, self.lit, self.points, self.uncertainty)
 
-    def with_reference(self, path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False) -> "Survey":
-        """Return the result with its comparison with measured heights, `reference`; see `compare_with_reference`.
-
-        Raises InputFileError for a file that cannot be used.
-        """
-        check = compare_with_reference(
-            path,
-            self.dem,
-            self.dem_sigma,
-            sigma_m=sigma_m,
-            apply_shift=apply_shift,
-            lit=self.lit,
-            points=self.points,
-            uncertainty=self.uncertainty,
-            seed=self.scenario.seed,
-        )
-        return replace(self, reference=check)
-
     def __repr__(self) -> str:
         lit, description = self.lit_error, self.scenario.description
         lines = [
@@ -223,7 +236,7 @@ class RangeSpectrum:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Processed:
+class Processed(_ComparedWithReference):
     """The result of processing a recording.
 
     source, overrides: the recording, and the settings that were changed, by dotted keys.
@@ -301,26 +314,6 @@ class Processed:
         return check_uncertainty(
             compared.error, self.dem_sigma, compared.truth, compared.lit, self.points, self.uncertainty
         )
-
-    def with_reference(self, path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False) -> "Processed":
-        """Return the result with its comparison with measured heights, `reference`; see `compare_with_reference`.
-
-        Raises InputFileError for a file that cannot be used, and for a recording without a DEM.
-        """
-        if self.dem is None:
-            message = f"{self.source.name} has no poses, so that there is no DEM to compare; leave the reference out"
-            raise InputFileError(message)
-        check = compare_with_reference(
-            path,
-            self.dem,
-            self.dem_sigma,
-            sigma_m=sigma_m,
-            apply_shift=apply_shift,
-            points=self.points,
-            uncertainty=self.uncertainty,
-            seed=self.scenario.seed if self.scenario else 0,
-        )
-        return replace(self, reference=check)
 
     def __repr__(self) -> str:
         lines = [f"Processed: {self.source.name}", f"  {len(self.time_s):,} pulses, {len(self.echoes):,} echoes"]

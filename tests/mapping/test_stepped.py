@@ -20,7 +20,6 @@ from sionna_radar.mapping.stepped.evidence import (
     _reflectivities,
     columns_between,
     levels_between,
-    logarithm,
     planes_around,
 )
 from sionna_radar.mapping.stepped.surface import step_surface
@@ -154,13 +153,6 @@ def test_evidence_is_that_of_the_plain_formulas(level):
     assert (expected < -1).any()
     assert (expected > 1).any()
     np.testing.assert_allclose(found.lowest, expected, rtol=1e-4, atol=1e-4)
-
-
-def test_logarithms_are_those_of_the_library():
-    some = np.exp(np.random.default_rng(2).uniform(-500.0, 500.0, 4000))
-    found = np.array([logarithm(x) for x in [*some, 1.0, 2.0**-1022, np.finfo(float).max]])
-    expected = np.log([*some, 1.0, 2.0**-1022, np.finfo(float).max])
-    assert np.all(np.abs(found - expected) <= np.spacing(np.abs(expected)))
 
 
 def test_levels_do_not_depend_on_which_way_is_north():

@@ -145,8 +145,23 @@ def test_a_background_takes_leakage_out_and_dead_samples_are_left_out(tmp_path, 
     taken = 'samples = "beat.npy"\nused_samples = [20, 256]'
     # The target beside the leakage moves its centroid.
     assert abs(measured(described(tmp_path, taken, SWEEP)) - 2.0) < 0.05
-    cleaned = described(tmp_path, f'{taken}\nbackground = "sky.npy"', SWEEP)
-    assert abs(measured(cleaned) - range_of(0, 0)) < 0.005
+    cleaned = process(described(tmp_path, f'{taken}\nbackground = "sky.npy"', SWEEP))
+    assert abs(np.median(cleaned.echoes.range_m) - range_of(0, 0)) < 0.005
+    (sweep,) = cleaned.sweeps
+    assert sweep.bandwidth_hz == pytest.approx(SLOPE * 236 / RATE_HZ)
+    assert sweep.carrier_hz == pytest.approx(78.9e9 + SLOPE * 10 / RATE_HZ)
+
+
+COLUMNS = "time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"
+
+
+def test_pulses_outside_the_log_are_refused_with_its_span(tmp_path, sent):
+    np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
+    rows = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 2.01, 0.1)]
+    (tmp_path / "flight.csv").write_text("\n".join([COLUMNS, *rows]))
+    poses = '[poses]\nlog = "flight.csv"\nfirst_pulse_s = 1.9\n'
+    with pytest.raises(ScenarioError, match=r"poses.first_pulse_s: is at 1.9 s: pulses are at 1.90 to 2.13 s"):
+        process(described(tmp_path, 'samples = "beat.npy"', SWEEP + poses))
 
 
 def test_a_log_gives_points_and_a_map(tmp_path):
@@ -158,10 +173,9 @@ def test_a_log_gives_points_and_a_map(tmp_path):
     np.save(
         tmp_path / "beat.npy", beat + 20 * (rng.normal(size=(count, SAMPLES)) + 1j * rng.normal(size=(count, SAMPLES)))
     )
-    rows = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 6.01, 0.1)]
-    (tmp_path / "flight.csv").write_text(
-        "\n".join(["time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg", *rows])
-    )
+    # Attitudes begin half a second after positions.
+    rows = [f"{t:.2f},{5 * t:.3f},0,104.3,{',,' if t < 0.45 else '0,0,90'}" for t in np.arange(0.0, 6.01, 0.1)]
+    (tmp_path / "flight.csv").write_text("\n".join([COLUMNS, *rows]))
     poses = '[poses]\nlog = "flight.csv"\nfirst_pulse_s = 1.0\n'
     found = process(described(tmp_path, 'samples = "beat.npy"', SWEEP + poses), {"dem.spacing_m": 0.5})
     assert found.points is not None

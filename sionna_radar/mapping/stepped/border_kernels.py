@@ -360,7 +360,7 @@ def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits
 @compiled
 @no_type_check
 def gained(echoes, pulse, hits, low, high, mean):
-    """Return by how much likelier a profile is with more power in some range cells, which are emptied.
+    """Return the log-likelihood ratio of a profile with more power in some range cells, which are emptied.
 
     low, high: the first and the last of these cells; mean: written, the prediction with it in the cells that change.
     Returns the first and the last of those, too.

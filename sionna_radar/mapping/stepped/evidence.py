@@ -257,30 +257,6 @@ def levels_between(planes, east, north, base_up, level):
     return max(int((lowest - bottom) / spacing) - 1, 0), min(int((highest - bottom) / spacing) + 3, len(level))
 
 
-# Terms of log((1 + s) / (1 - s)) / s - 2 in s^2, and the logarithm of 2 in two parts (FreeBSD's e_log.c, by Sun 1993).
-LOG_TERMS = (
-    6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
-    1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01,
-)  # fmt: skip
-LOG_2, LOG_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
-ROOT_HALF_BITS = 0x3FE6A09E667F3BCD
-
-
-@compiled
-@no_type_check
-def logarithm(x):
-    """Return log x of a positive normal number, within 2^-52: unlike a call of the library, for several at once."""
-    bits = np.float64(x).view(np.int64)
-    exponent = (bits - ROOT_HALF_BITS) >> 52
-    f = np.int64(bits - (exponent << 52)).view(np.float64) - 1.0
-    s = f / (2.0 + f)
-    square, rest = s * s, LOG_TERMS[6]
-    for term in range(5, -1, -1):
-        rest = LOG_TERMS[term] + square * rest
-    half = 0.5 * f * f
-    return exponent * LOG_2 - ((half - (s * (half + square * rest) + exponent * LOG_2_REST)) - f)
-
-
 @compiled
 @no_type_check
 def add_evidence(
@@ -316,7 +292,7 @@ def add_evidence(
         own_noise = noise[pulse]
         prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
         for k in range(cells + 4):
-            log_edged[k], log_most[k] = logarithm(edged[k]), logarithm(most[k])
+            log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
         R = R_world_antenna[pulse]
         planes_around(R, axes, planes)
         west, height_there = x[0] - position[pulse, 0], position[pulse, 2]
@@ -356,7 +332,7 @@ def add_evidence(
                     there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]
                     for step in range(len(steps)):
                         mean = own_noise + steps[step] * w
-                        one_over, log_mean = 1 / mean, logarithm(mean)
+                        one_over, log_mean = 1 / mean, np.log(mean)
                         short = log_strong - log_mean - strong * one_over + 1
                         match = max(log_there - log_mean - there * one_over + log_alternatives, 0.0)
                         support = short if seen and strong < mean else 0.0

@@ -306,7 +306,7 @@ LEVEL_STEP_DB = 0.1
 
 
 def chirps_that_fit(record: ChirpRecord | None) -> int:
-    """Return how many chirps like this one fit into a page; 0 without one."""
+    """Return the largest number of chirps like this one in a page; 0 without one."""
     if record is None:
         return 0
     samples = len(record.beat) * (2 if np.iscomplexobj(record.beat) else 1)

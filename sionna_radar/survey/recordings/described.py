@@ -22,17 +22,17 @@ lanes (xWR12xx, xWR14xx) sample by sample, the I of all receivers and then their
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float, Inexact, Int, Num
 from pydantic import ValidationError
-from pyproj import CRS
 from scipy.signal import hilbert
 
 from sionna_radar.elevation.local_frame import MapFrame, frame_at
@@ -40,13 +40,12 @@ from sionna_radar.flight.frames import conical_from_antenna, world_from_body
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.flight.recorded import LogPart, read_route
-from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
-from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable
+from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
 from sionna_radar.survey.recordings.signal_file import (
     MAX_PULSES,
     MAX_SAMPLES,
@@ -57,24 +56,25 @@ from sionna_radar.survey.recordings.signal_file import (
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
 MAX_BYTES = 64_000_000_000
+PoseAt = Callable[[Float[np.ndarray, " n"]], Pose]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DescribedSignals:
     """Beat signals of one receiver in memory, with the interface of `SignalFile`.
 
-    samples: complex for I/Q. background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    samples: complex for I/Q. time_s: of each pulse, from the first position of the log, or else from the first pulse.
+    background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    pose_at: returns the poses at some times; None if they are not known.
     settings: values of `processing`, `dem` and `radar` in the description, by dotted keys.
     """
 
-    name: str
     samples: Num[np.ndarray, "pulse sample"]
     radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
     background: Inexact[np.ndarray, " sample"] | None
     range_zero_m: float
-    trajectory: Trajectory | None
-    incidence_rad: float
+    pose_at: PoseAt | None
     georeference: Georeference | None
     settings: Mapping[str, Any]
     scenario: None = None
@@ -95,7 +95,7 @@ class DescribedSignals:
     def pulses(self) -> RecordedPulses:
         """The pulses."""
         return RecordedPulses(
-            poses=None if self.trajectory is None else self.pose,
+            poses=None if self.pose_at is None else self.pose,
             time_s=self.time_s,
             scan_rad=np.zeros(len(self.time_s)),
             scan_number=None,
@@ -117,15 +117,9 @@ class DescribedSignals:
         return [beat]
 
     def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
-        """Return the poses of pulses, of an antenna tilted from nadir toward the nose."""
-        assert self.trajectory is not None
-        time_s = self.time_s[index]
-        tilt = conical_from_antenna(self.incidence_rad, np.zeros(len(index)))
-        return Pose(
-            position_m=self.trajectory.position(time_s),
-            velocity_mps=self.trajectory.velocity(time_s),
-            R_world_antenna=world_from_body(self.trajectory.euler(time_s)) @ tilt,
-        )
+        """Return the poses of pulses."""
+        assert self.pose_at is not None
+        return self.pose_at(self.time_s[index])
 
 
 @contextmanager
@@ -155,16 +149,15 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         samples, background = samples[:, first:end], None if background is None else background[first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[1]:,} samples; they cannot be processed")
-    trajectory, georeference = _poses(table.poses, cube.time_s)
+    time_s = cube.time_s if table.poses is None else cube.time_s + table.poses.first_pulse_s
+    pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     yield DescribedSignals(
-        name=path.name,
         samples=samples,
         radar=radar,
-        time_s=cube.time_s if table.poses is None else cube.time_s + table.poses.first_pulse_s,
+        time_s=time_s,
         background=background,
         range_zero_m=own.range_zero_m,
-        trajectory=trajectory,
-        incidence_rad=0.0 if table.poses is None else float(np.deg2rad(table.poses.incidence_deg)),
+        pose_at=pose_at,
         georeference=georeference,
         settings=table.settings(),
     )
@@ -198,7 +191,7 @@ class _Cube:
     time_s: Float[np.ndarray, " pulse"]
 
     @classmethod
-    def read(cls, path: Path, own: RecordingTable, sweep: Any) -> "_Cube":
+    def read(cls, path: Path, own: RecordingTable, sweep: SweepTable | None) -> "_Cube":
         """Return the samples of a file."""
         regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
         if own.samples.suffix.lower() == ".bin":
@@ -222,14 +215,13 @@ class _Cube:
 def _array(own: RecordingTable) -> Num[np.ndarray, "pulse receiver sample"]:
     """Return the samples of a NumPy file."""
     try:
-        with np.load(own.samples, allow_pickle=False) as file:
-            names = list(file) if hasattr(file, "files") else []
-            if names and own.variable not in names:
-                _fail(own.samples, f"has {', '.join(names)}; name one as recording.variable")
-            values = np.asarray(file[own.variable] if names else file)
-    except TypeError:  # an array of a .npy file is no context manager
         values = np.load(own.samples, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        if isinstance(values, np.lib.npyio.NpzFile):
+            with values as file:
+                if own.variable not in file:
+                    _fail(own.samples, f"has {', '.join(file)}; name one as recording.variable")
+                values = file[own.variable]
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
         _fail(own.samples, f"cannot be read as a NumPy file ({str(error).splitlines()[0]})")
     if values.dtype.kind not in "iufc" or values.ndim != len(own.axes):
         _fail(own.samples, f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(own.axes)}")
@@ -399,32 +391,39 @@ def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> Record
 
 
 # ---------------------------------------------------------------------------------------------------------------- poses
-def _poses(
-    table: PosesTable | None, time_s: Float[np.ndarray, " pulse"]
-) -> tuple[Trajectory | None, Georeference | None]:
-    """Return the flight of a log, and the place of its local metres on the map."""
-    if table is None:
-        return None, None
+def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[PoseAt, Georeference | None]:
+    """Return the poses of an antenna tilted from nadir toward the nose, and the place of local metres on the map.
+
+    time_s: of the pulses, from the first position of the log.
+    """
     log = read_log(table.log, "poses.log", table.log_columns)
     frame: MapFrame | None = None
     base_m = 0.0
     if log.on_map:
-        finite = log.positions.place[np.isfinite(log.positions.place).all(axis=1)]
-        frame = frame_at(float(finite[0, 0]), float(finite[0, 1]))
-        base_m = float(np.floor(finite[:, 2].min()))
+        known = log.positions.place[np.isfinite(log.positions.place).all(axis=1)]
+        frame = frame_at(float(known[0, 0]), float(known[0, 1]))
+        base_m = float(np.floor(known[:, 2].min()))
     part = LogPart(path=table.log, columns=table.log_columns, gap_s=table.log_gap_s, height="datum")
-    trajectory = read_route(part, lambda: frame).trajectory(-base_m)
-    first_s, last_s = (float(time_s[row]) + table.first_pulse_s for row in (0, -1))
-    if first_s < 0 or last_s > trajectory.end_s:
+    route = read_route(part, lambda: frame)
+    trajectory, (start_s, end_s) = route.trajectory(-base_m), route.span_s
+    if time_s[0] < start_s or time_s[-1] > end_s:
         message = (
-            f"is at {table.first_pulse_s:g} s, and pulses from {first_s:.2f} to {last_s:.2f} s are not all within the "
-            f"{trajectory.end_s:.2f} s of {shown(table.log)}; give the log's time of the first pulse"
+            f"is at {table.first_pulse_s:g} s: pulses are at {time_s[0]:.2f} to {time_s[-1]:.2f} s of the log, and "
+            f"{shown(table.log)} has poses from {start_s:.2f} to {end_s:.2f} s; give the log's time of the first pulse"
         )
         raise ScenarioError([Problem("poses.first_pulse_s", message)])
+
+    def pose_at(at_s: Float[np.ndarray, " n"]) -> Pose:
+        tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.zeros(len(at_s)))
+        return Pose(
+            position_m=trajectory.position(at_s - start_s),
+            velocity_mps=trajectory.velocity(at_s - start_s),
+            R_world_antenna=world_from_body(trajectory.euler(at_s - start_s)) @ tilt,
+        )
+
     if frame is None:
-        return trajectory, None
-    crs = CRS.from_user_input(frame.crs).to_wkt()
-    return trajectory, Georeference(crs_wkt=crs, origin_m=(*frame.origin_m, base_m))
+        return pose_at, None
+    return pose_at, Georeference(crs_wkt=frame.crs.to_wkt(), origin_m=(*frame.origin_m, base_m))
 
 
 def _fail(path: Path, reason: str) -> NoReturn:
