@@ -20,6 +20,7 @@ from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
 from sionna_radar.report.page.markup import TableCell
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
 from sionna_radar.report.terminal import number, reference_rows
+from sionna_radar.scenario import Scenario
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 STOPS = 17
@@ -311,6 +312,15 @@ def chirps_that_fit(record: ChirpRecord | None) -> int:
         return 0
     samples = len(record.beat) * (2 if np.iscomplexobj(record.beat) else 1)
     return max(1, MAX_CHIRP_BYTES // (2 * (samples + 2 * len(record.power))))
+
+
+def units_of(scenario: Scenario | None) -> tuple[str, str]:
+    """Return the units of beat signals and of powers in decibels; None for a real recording."""
+    if scenario is None:
+        return "as recorded", "dB of the recording's unit squared"
+    if scenario.radar.snr_db is not None:
+        return "of the transmitted", "dB rel. to transmitted"
+    return "√W", "dBW"
 
 
 def packed_chirps(

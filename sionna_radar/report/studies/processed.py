@@ -72,6 +72,7 @@ from sionna_radar.report.page.sections import (
     packed_chirps,
     reference_section,
     span_of,
+    units_of,
 )
 from sionna_radar.report.survey.products import other_side, provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
@@ -216,11 +217,8 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
 
     Raises OutputError if it would be too large, or plotly is not installed.
     """
-    frame, pack, scenario = frame_of(processed.georeference, coordinates), Pack(), processed.scenario
-    relative = scenario is not None and scenario.radar.snr_db is not None
-    beat_unit, power_unit = "as recorded", "dB of the recording's unit squared"
-    if scenario is not None:
-        beat_unit, power_unit = ("of the transmitted", "dB rel. to transmitted") if relative else ("√W", "dBW")
+    frame, pack = frame_of(processed.georeference, coordinates), Pack()
+    beat_unit, power_unit = units_of(processed.scenario)
     index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(processed.chirp)))
     records = processed.record_chirps(index)
     dem, points, compared = processed.dem, processed.points, processed.comparison

@@ -44,6 +44,7 @@ from sionna_radar.report.page.sections import (
     packed_chirps,
     reference_section,
     span_of,
+    units_of,
 )
 from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
@@ -93,9 +94,8 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     index = spread_pulses(survey.pulses, PULSES)
     beams = cast_beams(survey.prepared, index)
     records = record_chirps(survey, chirps_of(survey, index))
-    relative = survey.scenario.radar.snr_db is not None
-    power_unit = "dB rel. to transmitted" if relative else "dBW"
-    chirps = packed_chirps(pack, records, index, "of the transmitted" if relative else "√W", power_unit)
+    beat_unit, power_unit = units_of(survey.scenario)
+    chirps = packed_chirps(pack, records, index, beat_unit, power_unit)
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
     sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
