@@ -119,9 +119,9 @@ def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> di
 
     Raises InputFileError for a file that is no recording.
     """
-    with _opened(path):
-        pass
-    return {"recording": content_key({"file": path}), "settings": dict(overrides), "block_size": block_size}
+    with _opened(path) as file:
+        files = [path, *(file.files if isinstance(file, DescribedSignals) else ())]
+    return {"recording": content_key({"files": files}), "settings": dict(overrides), "block_size": block_size}
 
 
 @contextmanager
@@ -130,8 +130,7 @@ def open_recording(
 ) -> Iterator["RecordingSource"]:
     """Open a recording, and check its processing settings; see `process`."""
     with _opened(path) as file:
-        settings = {**file.settings, **overrides} if isinstance(file, DescribedSignals) else dict(overrides)
-        yield _source(path, file, settings, parts or CustomParts())
+        yield _source(path, file, dict(overrides), parts or CustomParts())
 
 
 def _opened(path: Path) -> AbstractContextManager[BeatSource]:
@@ -292,9 +291,10 @@ def _source(
         "dem.method": parts.dem_method,
     }
     _check_custom_parts(file, overrides, given, source)
+    changes = {**file.settings, **overrides} if isinstance(file, DescribedSignals) else overrides
     settings: Scenario | RecordedSettings
     if file.scenario is None:
-        settings, sweeps = recorded_settings(overrides, source), file.sweeps
+        settings, sweeps = recorded_settings(changes, source), file.sweeps
         if settings.radar.conjugate and sweeps[0].sampling == "real":
             message = "true has no effect on real samples; leave it out, or record beat_q as well"
             raise ScenarioError([Problem("radar.conjugate", message)], source)

@@ -9,6 +9,8 @@ from scipy.constants import speed_of_light
 
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.report.studies.processed import recording_page
+from sionna_radar.survey.reprocessing import identity_of
 
 SLOPE, RATE_HZ, SAMPLES = 60e12, 5e6, 256
 LOOPS, FRAMES, TRANSMITTERS, RECEIVERS = 8, 3, 2, 4
@@ -77,6 +79,18 @@ def test_a_raw_capture_holds_each_channel_where_the_card_puts_it(tmp_path, sent,
     assert sweep.bandwidth_hz == pytest.approx(SLOPE * SAMPLES / RATE_HZ)
     # Two chirps of 67 us in a loop, frames every 50 ms.
     np.testing.assert_allclose(found.time_s[[0, 1, LOOPS]] - (transmitter - 1) * 67e-6, [0, 134e-6, 0.05], atol=1e-12)
+
+
+@pytest.mark.parametrize("lanes", [2, 4])
+def test_a_capture_of_real_samples_is_read_receiver_by_receiver_or_sample_by_sample(tmp_path, sent, lanes):
+    beat = sent.real.reshape(-1, RECEIVERS, SAMPLES)
+    numbers = beat if lanes == 2 else beat.transpose(0, 2, 1)
+    np.round(numbers).astype("<i2").tofile(tmp_path / "adc_data.bin")
+    (tmp_path / "profile.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2 0"))
+    choice = f'samples = "adc_data.bin"\nconfig = "profile.cfg"\nreceiver = 3\nlanes = {lanes}'
+    found = process(described(tmp_path, choice))
+    assert found.sweeps[0].sampling == "real"
+    assert abs(np.median(found.echoes.range_m) - range_of(0, 2)) < 0.01
 
 
 def test_both_kinds_of_configuration_say_the_same(tmp_path, sent):
@@ -152,6 +166,17 @@ def test_a_background_takes_leakage_out_and_dead_samples_are_left_out(tmp_path, 
     assert sweep.carrier_hz == pytest.approx(78.9e9 + SLOPE * 10 / RATE_HZ)
 
 
+def test_a_run_notices_that_samples_have_changed_and_the_page_shows_what_was_set(tmp_path, sent):
+    np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
+    path = described(tmp_path, 'samples = "beat.npy"', SWEEP)
+    before = identity_of(path, {}, 256)
+    assert identity_of(path, {}, 256) == before
+    np.save(tmp_path / "beat.npy", sent[:, :, 0, 1].reshape(-1, SAMPLES))
+    assert identity_of(path, {}, 256) != before
+    page = recording_page(process(path, {"processing.ranging": "peak"}))
+    assert "sionna-radar process recording.toml --set &#39;processing.ranging=&#34;peak&#34;&#39; -o again" in page
+
+
 COLUMNS = "time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"
 
 
@@ -197,12 +222,18 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
         ('samples = "adc_data.bin"\nconfig = "empty.cfg"', "", "has no channelCfg"),
         ('samples = "text.npy"', SWEEP, "cannot be read as a NumPy file"),
+        ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "states no receiver, sample, rate"),
+        ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "cannot be read as a chirp configuration"),
+        ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "has no 7.0"),
     ],
 )
 def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, words):
     capture(tmp_path, sent[:1])
     (tmp_path / "cut.bin").write_bytes((tmp_path / "adc_data.bin").read_bytes()[:-100])
     (tmp_path / "empty.cfg").write_text("sensorStop\n")
+    (tmp_path / "idle.cfg").write_text(CONFIG.replace(f"frameCfg 0 1 {LOOPS}", "frameCfg 0 1 0"))
+    (tmp_path / "short.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2"))
+    (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
     (tmp_path / "profile.cfg").write_text(CONFIG)

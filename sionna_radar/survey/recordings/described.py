@@ -66,7 +66,7 @@ class DescribedSignals:
     samples: complex for I/Q. time_s: of each pulse, from the first position of the log, or else from the first pulse.
     background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
     pose_at: returns the poses at some times; None if they are not known.
-    settings: values of `processing`, `dem` and `radar` in the description, by dotted keys.
+    settings: values of `processing`, `dem` and `radar` in the description, by dotted keys. files: that it names.
     """
 
     samples: Num[np.ndarray, "pulse sample"]
@@ -77,6 +77,7 @@ class DescribedSignals:
     pose_at: PoseAt | None
     georeference: Georeference | None
     settings: Mapping[str, Any]
+    files: tuple[Path, ...]
     scenario: None = None
     flight: None = None
     truth: None = None
@@ -129,16 +130,14 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
     Raises InputFileError or ScenarioError for a description, samples or a log that cannot be used.
     """
     table = _description(path)
-    own = table.recording
-    cube = _Cube.read(path, own, table.sweep)
-    samples = cube.of_receiver(own.receiver)
-    background = None
+    own, log = table.recording, None if table.poses is None else table.poses.log
+    channel = _read(path, own, table.sweep)
+    samples, radar, background = channel.samples, channel.radar, None
     if own.background is not None:
-        sky = _Cube.read(path, own.model_copy(update={"samples": own.background}), table.sweep)
-        background = sky.of_receiver(own.receiver).mean(axis=0)
+        sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep)
+        background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
             _fail(own.background, f"has {background.size} samples a sweep, and the recording {samples.shape[1]}")
-    radar = cube.radar
     if own.used_samples is not None:
         first, end = own.used_samples
         if not 0 <= first < end <= samples.shape[1]:
@@ -149,7 +148,7 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         samples, background = samples[:, first:end], None if background is None else background[first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[1]:,} samples; they cannot be processed")
-    time_s = cube.time_s if table.poses is None else cube.time_s + table.poses.first_pulse_s
+    time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     yield DescribedSignals(
         samples=samples,
@@ -160,6 +159,7 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         pose_at=pose_at,
         georeference=georeference,
         settings=table.settings(),
+        files=tuple(file for file in (own.samples, own.config, own.background, log) if file is not None),
     )
 
 
@@ -182,38 +182,36 @@ def _description(path: Path) -> DescribedRecording:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Cube:
-    """Samples of all receivers, the sweep that they were taken in, and the time of each pulse."""
+class _Channel:
+    """Samples of one receiver, the sweep that they were taken in, and the time of each pulse."""
 
-    name: Path
-    samples: Num[np.ndarray, "pulse receiver sample"]
+    samples: Num[np.ndarray, "pulse sample"]
     radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
 
-    @classmethod
-    def read(cls, path: Path, own: RecordingTable, sweep: SweepTable | None) -> "_Cube":
-        """Return the samples of a file."""
-        regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
-        if own.samples.suffix.lower() == ".bin":
-            if own.config is None:
-                raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
-            return _capture(own)
-        if sweep is None:
-            message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
-            raise ScenarioError([Problem("sweep", message)], str(path))
-        samples = _array(own)
-        radar = RecordedRadar(**sweep.model_dump(exclude={"pulse_rate_hz"}))
-        return cls(name=own.samples, samples=samples, radar=radar, time_s=np.arange(len(samples)) / sweep.pulse_rate_hz)
 
-    def of_receiver(self, number: int) -> Num[np.ndarray, "pulse sample"]:
-        """Return the samples of a receiver, counted from 1."""
-        if number > self.samples.shape[1]:
-            _fail(self.name, f"has {self.samples.shape[1]} receivers; recording.receiver = {number} is none of them")
-        return self.samples[:, number - 1]
+def _read(path: Path, own: RecordingTable, sweep: SweepTable | None) -> _Channel:
+    """Return the chosen channel of a file of samples."""
+    regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
+    if own.samples.suffix.lower() == ".bin":
+        if own.config is None:
+            raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
+        return _capture(own, own.config)
+    if sweep is None:
+        message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
+        raise ScenarioError([Problem("sweep", message)], str(path))
+    samples = _array(own)
+    radar = RecordedRadar(**sweep.model_dump(exclude={"pulse_rate_hz"}))
+    return _Channel(samples=samples, radar=radar, time_s=np.arange(len(samples)) / sweep.pulse_rate_hz)
 
 
-def _array(own: RecordingTable) -> Num[np.ndarray, "pulse receiver sample"]:
-    """Return the samples of a NumPy file."""
+def _check_receiver(own: RecordingTable, receivers: int) -> None:
+    if own.receiver > receivers:
+        _fail(own.samples, f"has {receivers} receivers; recording.receiver = {own.receiver} is none of them")
+
+
+def _array(own: RecordingTable) -> Num[np.ndarray, "pulse sample"]:
+    """Return the samples of a receiver in a NumPy file."""
     try:
         values = np.load(own.samples, allow_pickle=False)
         if isinstance(values, np.lib.npyio.NpzFile):
@@ -233,9 +231,14 @@ def _array(own: RecordingTable) -> Num[np.ndarray, "pulse receiver sample"]:
             _fail(own.samples, f"has {pair.shape[-1]} values along iq; it holds I and Q")
         values = pair[..., 0] + 1j * pair[..., 1]
     named = [axis for axis in own.axes if axis != "iq"]
-    if "receiver" not in named:
-        values, named = values[..., None], [*named, "receiver"]
-    return np.transpose(values, [named.index(axis) for axis in ("pulse", "receiver", "sample")])
+    if "receiver" in named:
+        place = named.index("receiver")
+        _check_receiver(own, values.shape[place])
+        values = np.take(values, own.receiver - 1, axis=place)
+        named.remove("receiver")
+    else:
+        _check_receiver(own, 1)
+    return values if named == ["pulse", "sample"] else values.T
 
 
 # --------------------------------------------------------------------------------------------- captures of TI's card
@@ -260,31 +263,26 @@ class _CaptureConfig:
     frame_ms: float
 
 
-def _capture(own: RecordingTable) -> _Cube:
-    """Return the samples of a raw capture, of the chirps of one transmitter."""
-    assert own.config is not None
-    config = _config(own.config)
-    chirp_values = config.receivers * config.samples * (2 if config.complex_samples else 1)
-    raw = np.fromfile(own.samples, dtype="<i2")
-    frame_values = chirp_values * len(config.transmitters) * config.loops
-    frames = len(raw) // frame_values
-    if frames == 0 or raw.size * 2 != own.samples.stat().st_size:
-        _fail(own.samples, f"holds {raw.size * 2:,} bytes, and a frame has {2 * frame_values:,}; get the whole file")
-    if len(raw) != frames * frame_values:
+def _capture(own: RecordingTable, config_file: Path) -> _Channel:
+    """Return the samples of a raw capture, of one receiver and the chirps of one transmitter."""
+    config = _config(config_file)
+    _check_receiver(own, config.receivers)
+    chirps = len(config.transmitters)
+    frame_bytes = 2 * config.receivers * config.samples * (2 if config.complex_samples else 1) * chirps * config.loops
+    size = own.samples.stat().st_size
+    if size == 0 or size % frame_bytes:
         _fail(
-            own.samples,
-            f"holds {len(raw) / frame_values:.3f} frames of its configuration; get the whole file, or its own config",
+            own.samples, f"holds {size:,} bytes, and a frame of its configuration {frame_bytes:,}; get the whole file"
         )
-    raw = raw.reshape(frames * config.loops, len(config.transmitters), chirp_values)
-    mask = 1 << (own.transmitter - 1)
-    sent = [number for number, transmitters in enumerate(config.transmitters) if transmitters & mask]
+    frames = size // frame_bytes
+    sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (own.transmitter - 1)]
     if not sent:
-        _fail(own.config, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
+        _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
+    # Mapped: only the chosen channel is read into memory.
+    raw = np.memmap(own.samples, dtype="<i2", mode="r").reshape(frames * config.loops, chirps, -1)
     chirp_s = 1e-6 * (config.idle_us + config.ramp_end_us)
-    starts = (
-        np.arange(frames)[:, None] * 1e-3 * config.frame_ms
-        + np.arange(config.loops) * len(config.transmitters) * chirp_s
-    )
+    number = np.arange(frames)[:, None], np.arange(config.loops)
+    loop_s = 1e-3 * config.frame_ms * number[0] + chirps * chirp_s * number[1]
     duration_s = config.samples / (1e3 * config.rate_ksps)
     slope = 1e12 * config.slope_mhz_us
     radar = RecordedRadar(
@@ -293,35 +291,43 @@ def _capture(own: RecordingTable) -> _Cube:
         sampling_rate_hz=1e3 * config.rate_ksps,
         sweep="up" if slope > 0 else "down",
     )
-    samples = _ordered(raw[:, sent[0]], config, own.lanes)
-    return _Cube(name=own.samples, samples=samples, radar=radar, time_s=starts.ravel() + sent[0] * chirp_s)
+    samples = _of_receiver(raw[:, sent[0]], config, own.lanes, own.receiver - 1)
+    return _Channel(samples=samples, radar=radar, time_s=loop_s.ravel() + sent[0] * chirp_s)
 
 
-def _ordered(
-    raw: Int[np.ndarray, "pulse value"], config: _CaptureConfig, lanes: int
-) -> Num[np.ndarray, "pulse receiver sample"]:
-    """Return the samples of chirps in the order of receivers."""
+def _of_receiver(
+    raw: Int[np.ndarray, "pulse value"], config: _CaptureConfig, lanes: int, receiver: int
+) -> Num[np.ndarray, "pulse sample"]:
+    """Return the samples of a receiver, counted from 0, in the raw values of chirps."""
     pulses, receivers, samples = len(raw), config.receivers, config.samples
     if not config.complex_samples:
-        if lanes == 4:
-            return raw.reshape(pulses, samples, receivers).transpose(0, 2, 1)
-        return raw.reshape(pulses, receivers, samples)
+        return (
+            raw.reshape(pulses, samples, receivers)[..., receiver]
+            if lanes == 4
+            else raw.reshape(pulses, receivers, samples)[:, receiver]
+        )
     if lanes == 4:
-        parts = raw.reshape(pulses, samples, 2, receivers)
-        return (parts[:, :, 0] + 1j * parts[:, :, 1]).transpose(0, 2, 1)
-    parts = raw.reshape(pulses, receivers, samples // 2, 2, 2)
-    return (parts[..., 0, :] + 1j * parts[..., 1, :]).reshape(pulses, receivers, samples)
+        in_phase, quadrature = np.moveaxis(raw.reshape(pulses, samples, 2, receivers)[..., receiver], 2, 0)
+    else:
+        pairs = raw.reshape(pulses, receivers, samples // 2, 2, 2)[:, receiver]
+        in_phase, quadrature = (pairs[:, :, part].reshape(pulses, samples) for part in (0, 1))
+    # Single precision holds 16 bits exactly.
+    return in_phase.astype(np.complex64) + 1j * quadrature.astype(np.float32)
 
 
 def _config(path: Path) -> _CaptureConfig:
     """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
     text = read_text(path, "recording.config =", CONFIG_REMEDY)
     try:
-        return _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
-    except (KeyError, IndexError) as error:
+        config = _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
+    except KeyError as error:
         _fail(path, f"has no {error.args[0]}")
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, IndexError) as error:
         _fail(path, f"cannot be read as a chirp configuration ({error})")
+    positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
+    if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
+        _fail(path, "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples")
+    return config
 
 
 def _from_lines(text: str) -> _CaptureConfig:
@@ -335,7 +341,7 @@ def _from_lines(text: str) -> _CaptureConfig:
     for chirp in commands["chirpCfg"]:
         chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
     first, last = int(frame[0]), int(frame[1])
-    profile = next(p for p in commands["profileCfg"] if p[0] == chirps[first][2])
+    profile = {p[0]: p for p in commands["profileCfg"]}[chirps[first][2]]
     return _CaptureConfig(
         receivers=int(channel[0]).bit_count(),
         complex_samples=adc[1] > 0,
