@@ -31,8 +31,8 @@ from sionna_radar.radar.antenna import Antenna
 # Range error common to all echoes behind a volume, range cells, because its mean echo is estimated from the survey:
 # standard deviation of the mean errors of eight flights through rain of 2 to 20 mm/h.
 SHARED_CELLS = 0.3
-# Relief of real ground below the footprint: its roughness is 0.5 to 4 cm at the scale of metres (Ulaby and Long 2014,
-# section 4-10).
+# Usual RMS difference of heights 1 m apart that real ground adds to its landforms: its roughness is 0.5 to 4 cm at the
+# scale of metres (Ulaby and Long 2014, section 4-10).
 MICRORELIEF_M = 0.03
 
 
@@ -49,6 +49,7 @@ class MapInputs:
     look: computes `looks` on first use.
     each_piece: evaluates the tiles of a map, in this process or on workers.
     uncertain: whether the errors of the heights are asked for; a method may leave out what only they need.
+    microrelief_m: see `Mapper`.
     """
 
     points: Points
@@ -59,6 +60,7 @@ class MapInputs:
     look: Callable[[], Looks | None] = lambda: None
     each_piece: EachPiece = pieces_here
     uncertain: bool = True
+    microrelief_m: float = 0.0
 
     @cached_property
     def looks(self) -> Looks | None:
@@ -130,7 +132,7 @@ class Mapper:
     antenna, analyser: for methods that know the beam; no antenna for a lidar.
     doppler_corrected: whether ranges are corrected for Doppler shift.
     memory: temporal decorrelation of speckle.
-    microrelief_m: standard deviation of relief finer than the footprint.
+    microrelief_m: usual RMS difference, over 1 m, of fractal relief upon the landforms; part of what a method states.
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     uncertain: see `MapInputs`.
     """
@@ -194,7 +196,7 @@ class Mapper:
         # A method of one's own may return rasters on an equal grid, without its place on the map.
         estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
         if estimate.sigma is not None:
-            sigma_m = np.hypot(estimate.sigma.height_m, np.hypot(self.microrelief_m, self._shared_m(points)))
+            sigma_m = np.hypot(estimate.sigma.height_m, self._shared_m(points))
             sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
             estimate = replace(estimate, sigma=sigma)
         return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
@@ -248,6 +250,7 @@ class Mapper:
             look=look,
             each_piece=each_piece,
             uncertain=self.uncertain,
+            microrelief_m=self.microrelief_m,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:
@@ -263,6 +266,7 @@ class Mapper:
             doppler=1.0 if self.doppler_corrected else 0.0,
             reach_m=self.analyser.chirp.max_range_m,
             memory=self.memory,
+            microrelief_m=self.microrelief_m,
         )
 
 

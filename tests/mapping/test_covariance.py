@@ -35,23 +35,30 @@ def measured():
     )
 
 
+@pytest.mark.parametrize("microrelief_m", [0.0, 0.6])
 @pytest.mark.parametrize("smoothness", [1.3, np.inf])
-def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, smoothness):
+def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, smoothness, microrelief_m):
     logs = np.log([6.0, 1.5, 1.2]) if np.isinf(smoothness) else np.log([6.0, 1.5, 1.2, smoothness])
     spread = 0.2
 
     def plain(logs):
         own = np.exp(logs[3]) if len(logs) > 3 else np.inf
         away = np.linalg.norm(measured.place_m[:, None] - measured.place_m, axis=2)
-        terrain = Covariance(own, *np.exp(logs[:2])).at(away, 1.2)
+        terrain = Covariance(own, *np.exp(logs[:2]), microrelief_m).at(away, 1.2)
         noise = np.exp(logs[2]) * np.outer(measured.sigma_m, measured.sigma_m)
         gaussian = multivariate_normal(cov=terrain + noise * repeated(measured.order, measured.reach))
         prior = logs[2] ** 2 / (2 * spread**2) + ROUGHER * np.log1p(min(own, 12.0))
         return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
 
-    loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], spread)
+    loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], microrelief_m, spread)
     assert loss == pytest.approx(plain(logs), abs=1e-2)
     np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
+
+
+def test_heights_1_m_apart_differ_by_the_microrelief():
+    ground = Covariance(np.inf, 1e6, 1.0, microrelief_m=0.05)  # on landforms that are level over 1 m
+    difference_m2 = 2 * (ground.at(np.zeros(1)) - ground.at(np.ones(1)))
+    assert np.sqrt(difference_m2)[0] == pytest.approx(0.05, rel=1e-3)
 
 
 def test_a_table_gives_the_covariance_between_places(measured):

@@ -71,12 +71,13 @@ def test_a_small_footprint_hardly_smooths_rough_terrain(smoothness):
     np.testing.assert_allclose(covariance.at(distance, 1e-3), covariance.at(distance), atol=1e-5)
 
 
+@pytest.mark.parametrize("microrelief_m", [0.0, 0.4])
 @pytest.mark.parametrize("smoothness", [0.5, 1.5, np.inf])
-def test_the_power_of_all_waves_is_the_variance(smoothness):
-    covariance = Covariance(smoothness, 6.0, 3.0)
+def test_the_power_of_all_waves_is_the_variance(smoothness, microrelief_m):
+    covariance = Covariance(smoothness, 6.0, 3.0, microrelief_m)
     k = np.geomspace(1e-5, 1e4, 20_000)
     total = np.trapezoid(covariance.power(k) * 2 * np.pi * k, k) / (2 * np.pi) ** 2
-    assert total == pytest.approx(3.0, rel=2e-3)
+    assert total == pytest.approx(covariance.at(np.zeros(1))[0], rel=2e-3)
 
 
 def test_the_kriging_variance_is_the_plain_formulas_and_that_of_errors(heights, drawn):
@@ -90,6 +91,32 @@ def test_the_kriging_variance_is_the_plain_formulas_and_that_of_errors(heights, 
     measured, true = drawn
     z = (weight.T @ measured - true) / sigma.reshape(-1, 1)
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.03)
+
+
+def test_intervals_hold_over_smooth_hills_with_microrelief_only_if_it_is_stated():
+    """Heights are means over footprints of 0.8 m; their ground is drawn on cells of 0.4 m."""
+    stated = Covariance(np.inf, 12.0, 2.0, microrelief_m=0.08)
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=0.4, columns=50, rows=50)
+    rng = np.random.default_rng(6)
+    root = np.linalg.cholesky(stated.at(apart(grid.centres_m, grid.centres_m)) + 1e-8 * np.eye(2500))
+    place = rng.uniform(4, 16, (60, 2))
+    axes = np.broadcast_to(0.8 * np.eye(2), (60, 2, 2))
+    heights = replace(Heights.at_places(place, np.zeros(60), np.full(60, 0.05)), footprint_m=axes)
+    middle = slice(15, 35)
+    seen = grid.cut(middle, middle)
+    true = root @ rng.standard_normal((2500, 60))
+    measured = heights.weights(grid) @ true + 0.05 * rng.standard_normal((60, 60))
+    inside = np.arange(2500).reshape(grid.shape)[middle, middle].ravel()
+    share = {}
+    for name, covariance in (("stated", stated), ("not", stated.landforms)):
+        sigma = Kriging(covariance, heights, 1.0).sigma_m(seen, np.ones(seen.shape, dtype=bool)).ravel()
+        spread = 0.8
+        K = covariance.at(apart(place, place), spread) + 0.05**2 * np.eye(60)
+        weight = np.linalg.solve(K, covariance.at(apart(place, seen.centres_m), spread / np.sqrt(2)))
+        z = (weight.T @ measured - true[inside]) / sigma[:, None]
+        share[name] = np.mean(np.abs(z) < 1.96)
+    assert share["stated"] == pytest.approx(0.95, abs=0.02)
+    assert share["not"] < 0.8
 
 
 def test_means_over_windows_know_the_covariance_between_cells(heights, drawn):

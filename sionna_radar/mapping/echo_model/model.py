@@ -49,6 +49,7 @@ class Sightings:
     doppler: whether ranges shift with the range rate, 1, or not, 0.
     reach_m: unambiguous range of the sampling.
     memory: temporal decorrelation of speckle.
+    microrelief_m: what is usual on such ground; see `Covariance`.
     """
 
     profiles: Profiles
@@ -60,6 +61,7 @@ class Sightings:
     doppler: float
     reach_m: float
     memory: SpeckleMemory = STILL
+    microrelief_m: float = 0.0
 
     def __len__(self) -> int:
         return len(self.profiles)

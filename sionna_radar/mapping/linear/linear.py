@@ -8,8 +8,7 @@ terrain the variance
 whether or not the weights are the best ones. The noise n_ij is correlated where two heights share speckle; it is
 evaluated for every pair of a triangle's corners. The covariances C are those of means over
 footprints, so smoothing by a wide beam is included; range estimator bias on slopes is not. Since
-distances are short, a covariance fitted to one group of points serves the whole map, with a local amplitude of
-short waves.
+distances are short, one covariance serves the whole map, with a local amplitude of short waves.
 """
 
 from dataclasses import dataclass
@@ -105,16 +104,20 @@ class LinearUncertainty:
 
 
 def linear_uncertainty(
-    interpolated: Interpolated, heights: Heights, noise_factor_spread: float = NOISE_FACTOR_SPREAD
+    interpolated: Interpolated,
+    heights: Heights,
+    noise_factor_spread: float = NOISE_FACTOR_SPREAD,
+    microrelief_m: float = 0.0,
 ) -> LinearUncertainty | None:
     """Return the uncertainty of a linear interpolation between heights; None with too few of them.
 
     noise_factor_spread: prior standard deviation of the log noise factor; see `fit_covariance`.
+    microrelief_m: what is usual on such ground; see `Covariance`.
     """
     if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
-    measured = heights.above(heights.trend())
-    fitted = fit_covariance(measured.rows(calm(measured)), 1, noise_factor_spread)
+    measured = heights.above(heights.trend(), microrelief_m)
+    fitted = fit_covariance(measured.rows(calm(measured)), noise_factor_spread=noise_factor_spread)
     return LinearUncertainty(interpolated, heights, fitted, local_relief(measured, fitted) or UNIFORM)
 
 
@@ -133,5 +136,5 @@ class Linear:
             return Estimate(dem=found.dem)
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
-        uncertainty = linear_uncertainty(found, given.heights(), spread)
+        uncertainty = linear_uncertainty(found, given.heights(), spread, given.microrelief_m)
         return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)

@@ -150,10 +150,12 @@ class Smooth:
         # The system is solved by iterations, whose number shows at the end.
         heights = given.heights()
         # Estimators of ranges know their errors to a factor, which the fit below takes for known.
-        measured, window = heights.above(heights.trend()), self.tiling.options.window_heights
+        ground_m, window = given.microrelief_m, self.tiling.options.window_heights
+        measured = heights.above(heights.trend(), ground_m)
         factor = fit_covariance(measured.rows(calm(measured, window)), 1, NOISE_FACTOR_SPREAD).noise_factor
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
-        fitted = smooth(heights, given.grid, window_heights=window)
+        fitted = smooth(heights, given.grid, window_heights=window, microrelief_m=ground_m)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
-        uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging, window_heights=window),))
+        own = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
+        uncertainty = TiledUncertainty((own,))
         return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

@@ -14,7 +14,7 @@ other side with a chance p that falls with the margin by which its part is likel
 the whole step: the variance of the cell rises by step^2 p (1 - p).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -274,6 +274,9 @@ class Stepped:
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, self.options)
-        seen = seen_part(stepped.surface, given)
-        return Estimate.known_by(seen.within(stepped.supported), stepped.uncertainty)
+        # Fields and planes alike: relief below the footprint is no part of either.
+        sightings = replace(given.sightings, microrelief_m=0.0)
+        stepped = step_surface(sightings, given.points, given.grid, given.max_gap_m, self.options)
+        sigma_m = np.hypot(stepped.uncertainty.cell_sigma_m, given.microrelief_m)
+        uncertainty = replace(stepped.uncertainty, cell_sigma_m=sigma_m)
+        return Estimate.known_by(seen_part(stepped.surface, given).within(stepped.supported), uncertainty)

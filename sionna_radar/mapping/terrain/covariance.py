@@ -9,10 +9,16 @@ squares of their lengths, and a Gaussian smoothed with Gaussian footprints is ag
 pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
 fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
 
+Real ground carries microrelief on its landforms: tillage, tussocks, stones, rills. It is nearly fractal, with a Hurst
+exponent of about 1/2 (Shepard et al. 2001, "The roughness of natural terrain"), and exceeds the tail of any covariance
+of smooth hills. The echoes hardly constrain it, so it is stated, not fitted: a second, exponential covariance, by which
+the difference of two heights grows as the square root of their distance.
+
 Covariances of many pairs of heights are interpolated linearly in a table that is dense near zero. Its entries are
 equally spaced in the square root of the distance, so that one is found without a search.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -78,21 +84,42 @@ TABLE = 400
 ITERATIONS, STEP = 30, 1e-3
 # Initial smoothness of the search, and the smoothness above which Gaussian terrain is tried too.
 FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
+# Length over which differences of microrelief grow; longer waves are those of the landforms.
+MICRORELIEF_LENGTH_M = 10.0
+# Bound of the smoothness of landforms below microrelief: what is rougher is microrelief.
+MIN_LANDFORM_SMOOTHNESS = 0.9
 
 
 @dataclass(frozen=True)
 class Covariance:
-    """A stationary, isotropic covariance of heights."""
+    """A stationary, isotropic covariance of heights.
+
+    smoothness, length_m, variance_m2: of the landforms.
+    microrelief_m: RMS difference, over 1 m, of the fractal relief upon them; 0 for none.
+    """
 
     smoothness: float
     length_m: float
     variance_m2: float
+    microrelief_m: float = 0.0
+
+    @property
+    def landforms(self) -> "Covariance":
+        """The covariance of the landforms alone."""
+        return replace(self, microrelief_m=0.0)
+
+    @property
+    def microrelief(self) -> "Covariance":
+        """The covariance of the microrelief alone."""
+        return Covariance(0.5, MICRORELIEF_LENGTH_M, self.microrelief_m**2 / -2 / math.expm1(-1 / MICRORELIEF_LENGTH_M))
 
     def at(self, distance_m: Float[np.ndarray, "..."], spread_m: float = 0.0) -> Float[np.ndarray, "..."]:
         """Return the covariance of heights at a distance.
 
         spread_m: standard deviation, along each axis, of Gaussian footprints over which both are averaged.
         """
+        if self.microrelief_m > 0.0:
+            return self.landforms.at(distance_m, spread_m) + self.microrelief.at(distance_m, spread_m)
         if spread_m == 0.0:
             return self.variance_m2 * _correlation(self.smoothness, distance_m / self.length_m)
         square, share = self._mixture
@@ -108,6 +135,8 @@ class Covariance:
 
     def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""
+        if self.microrelief_m > 0.0:
+            return self.landforms.power(wavenumber) + self.microrelief.power(wavenumber)
         if np.isinf(self.smoothness):
             scale = 2 * np.pi * self.length_m**2
         else:
@@ -120,6 +149,8 @@ class Covariance:
 
         White noise of unit variance, filtered with it, has this covariance (periodic over the grid).
         """
+        if self.microrelief_m > 0.0:
+            return np.hypot(self.landforms.spectrum_root(grid), self.microrelief.spectrum_root(grid))
         north = 2 * np.pi * np.fft.fftfreq(grid.rows, grid.spacing_m)[:, None]
         east = 2 * np.pi * np.fft.fftfreq(grid.columns, grid.spacing_m)[None]
         density = self._density(np.hypot(east, north))
@@ -163,6 +194,7 @@ class Measured:
     spread_m: standard deviations, along an axis, of the Gaussian footprints over which they are means.
     order, reach: position in the sequence of pulses, and over how many of them speckle repeats: the errors of two
         heights n pulses apart have the correlation exp(-n^2 / reach^2); 0 for none.
+    microrelief_m: what is usual on such ground; see `Covariance`.
     """
 
     place_m: Float[np.ndarray, "n 2"]
@@ -171,10 +203,12 @@ class Measured:
     spread_m: Float[np.ndarray, " n"]
     order: Float[np.ndarray, " n"]
     reach: Float[np.ndarray, " n"]
+    microrelief_m: float = 0.0
 
     def rows(self, kept: Bool[np.ndarray, " n"]) -> "Measured":
         """Return some of the heights."""
-        return replace(self, **{f.name: getattr(self, f.name)[kept] for f in fields(self)})
+        columns = (f.name for f in fields(self) if f.name != "microrelief_m")
+        return replace(self, **{name: getattr(self, name)[kept] for name in columns})
 
 
 def fit_covariance(
@@ -197,15 +231,14 @@ def fit_covariance(
     near, bounds = neighbours(measured, groups), search_bounds(measured)
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
-    rough = minimize(
-        _loss, start, args=(near, noise_factor_spread), jac=True, method="L-BFGS-B", bounds=bounds, options=options
-    )
+    args = near, measured.microrelief_m, noise_factor_spread
+    rough = minimize(_loss, start, args=args, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     found, smoothness = rough, float(np.exp(rough.x[3]))
     if smoothness > GAUSSIAN_TRIED:
         gaussian = minimize(
             _loss,
             rough.x[:3],
-            args=(near, noise_factor_spread),
+            args=args,
             jac=True,
             method="L-BFGS-B",
             bounds=bounds[:3],
@@ -213,7 +246,7 @@ def fit_covariance(
         )
         found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
     length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
-    return FittedCovariance(Covariance(smoothness, length, scale), factor)
+    return FittedCovariance(Covariance(smoothness, length, scale, measured.microrelief_m), factor)
 
 
 def search_bounds(measured: Measured) -> list[tuple[float, float]]:
@@ -224,7 +257,7 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
         (np.log(3e-3 * extent), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
-        (np.log(ROUGHEST), np.log(SMOOTHEST)),
+        (np.log(MIN_LANDFORM_SMOOTHNESS if measured.microrelief_m > 0 else ROUGHEST), np.log(SMOOTHEST)),
     ]
 
 
@@ -278,8 +311,8 @@ class Group:
     ) -> tuple[float, Float[np.ndarray, " other"], float, float]:
         """Return the negative log-likelihood, and its growth.
 
-        It grows toward each of other covariances, with the logarithm of the variance, and with that of the noise
-        factor. Raises LinAlgError where the heights' covariance is not positive.
+        It grows toward each of other covariances, with the logarithm of the landforms' variance, and with that of the
+        noise factor. Raises LinAlgError where the heights' covariance is not positive.
         """
         value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
         fill(value, self.entry, self.share, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
@@ -293,7 +326,8 @@ class Group:
         by_entry = np.empty(TABLE)
         by_noise = sensitivity(inverse, solved, self.entry, self.share, self.noise_m2, by_entry)
         toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
-        return loss, toward, float(by_entry @ value), noise_factor * float(by_noise)
+        landforms = value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
+        return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
 
 
 def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
@@ -322,14 +356,19 @@ def repeated_pairs(
 
 
 def _loss(
-    parameters: Float[np.ndarray, " parameter"], groups: Sequence[Group], noise_factor_spread: float
+    parameters: Float[np.ndarray, " parameter"],
+    groups: Sequence[Group],
+    microrelief_m: float,
+    noise_factor_spread: float,
 ) -> tuple[float, Float[np.ndarray, " parameter"]]:
     """Return the negative logarithm of the posterior, and its gradient.
 
     parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
     """
     smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
-    loss, gradient = posterior_loss(parameters[:3], smoothness, groups, noise_factor_spread, len(parameters) > 3)
+    loss, gradient = posterior_loss(
+        parameters[:3], smoothness, groups, microrelief_m, noise_factor_spread, len(parameters) > 3
+    )
     loss += ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN)))
     if len(parameters) > 3:
         gradient[3] += ROUGHER * smoothness / (1 + smoothness)
@@ -340,6 +379,7 @@ def posterior_loss(
     parameters: Float[np.ndarray, "3"],
     smoothness: float,
     groups: Sequence[Group],
+    microrelief_m: float = 0.0,
     noise_factor_spread: float = NOISE_FACTOR_SPREAD,
     smoother: bool = False,
 ) -> tuple[float, Float[np.ndarray, " parameter"]]:
@@ -349,10 +389,10 @@ def posterior_loss(
     along the logarithm of the smoothness.
     """
     length, variance, factor = (float(value) for value in np.exp(parameters))
-    tried = Covariance(smoothness, length, variance)
-    others = [Covariance(smoothness, length * np.exp(STEP), variance)]
+    tried = Covariance(smoothness, length, variance, microrelief_m)
+    others = [replace(tried, length_m=length * np.exp(STEP))]
     if smoother:
-        others.append(Covariance(smoothness * np.exp(STEP), length, variance))
+        others.append(replace(tried, smoothness=smoothness * np.exp(STEP)))
     loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
     gradient = np.zeros(3 + smoother)
     gradient[2] = parameters[2] / noise_factor_spread**2

@@ -84,6 +84,7 @@ def echo_surface(
             tolerance=tolerance if last else ROUGH,
             groups=GROUPS if last else 1,
             window_heights=options.window_heights,
+            microrelief_m=sightings.microrelief_m,
         )
         surface = smoothed.surface
         advance()

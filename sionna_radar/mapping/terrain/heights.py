@@ -81,8 +81,8 @@ class Heights(Columns):
         shared: Float[np.ndarray, ...] = np.where(one == other, 1.0, repeated)
         return factor * sigma[one] * sigma[other] * shared
 
-    def above(self, trend: Float[np.ndarray, "3"]) -> Measured:
-        """Return the heights above a trend plane, the input of a covariance fit."""
+    def above(self, trend: Float[np.ndarray, "3"], microrelief_m: float = 0.0) -> Measured:
+        """Return the heights above a trend plane, the input of a covariance fit; microrelief_m: see `Measured`."""
         return Measured(
             place_m=self.place_m,
             height_m=self.height_m - trend[0] - self.place_m @ trend[1:],
@@ -90,6 +90,7 @@ class Heights(Columns):
             spread_m=self.spread_m,
             order=self.order,
             reach=self.reach,
+            microrelief_m=microrelief_m,
         )
 
     def trend(self) -> Float[np.ndarray, "3"]:

@@ -188,6 +188,7 @@ def smooth(
     tolerance: float = TOLERANCE,
     groups: int = GROUPS,
     window_heights: int = SMOOTH.window_heights,
+    microrelief_m: float = 0.0,
 ) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
@@ -203,10 +204,12 @@ def smooth(
         Of neighbouring heights that the covariance is learned from.
     window_heights:
         That tell how rough the ground is around a place.
+    microrelief_m:
+        What is usual on such ground; see `Covariance`.
 
     """
     trend = heights.trend()
-    measured = heights.above(trend)
+    measured = heights.above(trend, microrelief_m)
     fitted = fit_covariance(measured.rows(calm(measured, window_heights)), groups)
     return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted, window_heights))
 

@@ -165,7 +165,14 @@ class Tiles:
             first=np.array([side.start for side in window]),
             weight=across[window[1]] * along[window[0], None],
             height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
-            known=TileUncertainty.of(bounds, kriging, information, first.outstanding(), options.window_heights),
+            known=TileUncertainty.of(
+                bounds,
+                kriging,
+                information,
+                first.outstanding(),
+                options.window_heights,
+                self.sightings.microrelief_m,
+            ),
         )
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
@@ -210,9 +217,10 @@ def _numbers(each: Plausible) -> tuple[float, ...]:
         covariance.smoothness,
         covariance.length_m,
         covariance.variance_m2,
+        covariance.microrelief_m,
         each.terrain.noise_factor,
     )
 
 
-def _plausible(probability: float, smoothness: float, length_m: float, variance_m2: float, factor: float) -> Plausible:
-    return Plausible(probability, FittedCovariance(Covariance(smoothness, length_m, variance_m2), factor))
+def _plausible(probability: float, *numbers: float) -> Plausible:
+    return Plausible(probability, FittedCovariance(Covariance(*numbers[:-1]), numbers[-1]))

@@ -37,6 +37,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
+    MIN_LANDFORM_SMOOTHNESS,
     OF_GAUSSIAN,
     Covariance,
     FittedCovariance,
@@ -83,14 +84,16 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     near = neighbours(measured)
     bounds = search_bounds(measured)[:3]
     taken = fitted.covariance
-    first = int(np.argmin(np.abs(np.log(np.minimum(TRIED, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
+    # Of landforms that carry microrelief the rough ones count as it.
+    tried = [number for number in TRIED if measured.microrelief_m == 0 or number >= MIN_LANDFORM_SMOOTHNESS]
+    first = int(np.argmin(np.abs(np.log(np.minimum(tried, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
     found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
     def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
         for number in numbers:
-            smoothness = TRIED[number]
+            smoothness = tried[number]
             result = minimize(
-                lambda x, nu=smoothness: posterior_loss(x, nu, near),
+                lambda x, nu=smoothness: posterior_loss(x, nu, near, measured.microrelief_m),
                 np.clip(start + onward, *np.transpose(bounds)),
                 jac=True,
                 method="L-BFGS-B",
@@ -103,14 +106,14 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 return
 
     search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
-    search(range(first + 1, len(TRIED)), found[first][1], np.zeros(3))
+    search(range(first + 1, len(tried)), found[first][1], np.zeros(3))
     search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
     least = min(loss for loss, _ in found.values())
     share = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
     every = []
     for number, (_, logarithms) in found.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
-        terrain = FittedCovariance(Covariance(TRIED[number], length, variance), factor)
+        terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
         every.append(Plausible(float(share[number] / sum(share.values())), terrain))
     return tuple(sorted(every, key=lambda each: -each.probability))
 
@@ -292,10 +295,11 @@ class TileUncertainty:
         information: Information | None = None,
         outstanding: Float[np.ndarray, "echo 4"] | None = None,
         window_heights: int = SMOOTH.window_heights,
+        microrelief_m: float = 0.0,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
-        measured = heights.above(heights.trend())
+        measured = heights.above(heights.trend(), microrelief_m)
         plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
