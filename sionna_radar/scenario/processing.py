@@ -175,9 +175,10 @@ class DemTable(Table):
     """farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on level
     ground, and no less than two cells."""
     microrelief_m: NonNegative | None = None
-    """standard deviation of relief that is finer than the footprint, of which no echo tells: part of `dem_sigma.tif`.
-    Without it 0.03 m over terrain from a file and in recordings of real radars, as fields and forest floors have, and 0
-    over synthetic terrain, which is smooth between its posts."""
+    """RMS difference of heights 1 m apart that microrelief adds to the landforms: fractal, and hardly constrained by
+    echoes. It is part of the terrain model of every map and of its `dem_sigma.tif`. Without it 0.03 m over terrain from
+    a file and in recordings of real radars, as fields and forest floors have, and 0 over synthetic terrain, which is
+    smooth."""
     min_confidence_m: Positive | None = None
     """cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

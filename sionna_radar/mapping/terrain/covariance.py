@@ -86,8 +86,9 @@ ITERATIONS, STEP = 30, 1e-3
 FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 # Length over which differences of microrelief grow; longer waves are those of the landforms.
 MICRORELIEF_LENGTH_M = 10.0
-# Bound of the smoothness of landforms below microrelief: what is rougher is microrelief.
-MIN_LANDFORM_SMOOTHNESS = 0.9
+# Landforms have slopes: a Matern field is mean-square differentiable from this smoothness on. What is rougher upon them
+# is microrelief.
+DIFFERENTIABLE = 1.0
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,11 @@ class Measured:
     reach: Float[np.ndarray, " n"]
     microrelief_m: float = 0.0
 
+    @property
+    def roughest(self) -> float:
+        """Least smoothness of a covariance of the landforms."""
+        return DIFFERENTIABLE if self.microrelief_m > 0 else ROUGHEST
+
     def rows(self, kept: Bool[np.ndarray, " n"]) -> "Measured":
         """Return some of the heights."""
         columns = (f.name for f in fields(self) if f.name != "microrelief_m")
@@ -257,7 +263,7 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
         (np.log(3e-3 * extent), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
-        (np.log(MIN_LANDFORM_SMOOTHNESS if measured.microrelief_m > 0 else ROUGHEST), np.log(SMOOTHEST)),
+        (np.log(measured.roughest), np.log(SMOOTHEST)),
     ]
 
 

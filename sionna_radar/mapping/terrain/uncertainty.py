@@ -37,7 +37,6 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
-    MIN_LANDFORM_SMOOTHNESS,
     OF_GAUSSIAN,
     Covariance,
     FittedCovariance,
@@ -84,8 +83,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     near = neighbours(measured)
     bounds = search_bounds(measured)[:3]
     taken = fitted.covariance
-    # Of landforms that carry microrelief the rough ones count as it.
-    tried = [number for number in TRIED if measured.microrelief_m == 0 or number >= MIN_LANDFORM_SMOOTHNESS]
+    tried = sorted({max(smoothness, measured.roughest) for smoothness in TRIED})
     first = int(np.argmin(np.abs(np.log(np.minimum(tried, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
     found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
