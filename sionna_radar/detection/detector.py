@@ -65,6 +65,8 @@ class VolumeOptions(Protocol):
     def width_spread_nepers(self) -> float: ...  # noqa: D102
     @property
     def height_step_cells(self) -> float: ...  # noqa: D102
+    @property
+    def rain_rate_mm_per_h(self) -> float: ...  # noqa: D102
 
 
 @dataclass(frozen=True, kw_only=True)

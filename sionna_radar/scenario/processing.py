@@ -81,6 +81,9 @@ class VolumeTable(Table):
     curved."""
     height_step_cells: Positive = 1.0
     """between the heights that neighbouring pulses are compared by."""
+    rain_rate_mm_per_h: Annotated[Real, Field(gt=0, le=300)] = 5.0
+    """as a weather service would say it: how fast the drops are expected to fall. Their Doppler moves the end of the
+    rain, and with it ranges of ground that is fainter than the rain."""
 
 
 class ProcessingTable(Table):

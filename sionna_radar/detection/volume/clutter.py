@@ -188,8 +188,7 @@ def _law(
     return guess.mean * np.exp(k - loss * reach)
 
 
-# Rain rate that sets the expected fall speed; at 77 GHz it is 4.1 m/s at 1 mm/h and 4.9 m/s at 25 mm/h.
-TYPICAL_RAIN_MM_PER_H = 5.0
+# Of drops, whose mean fall speed at 77 GHz is 4.1 m/s in rain of 1 mm/h and 4.9 m/s in 25 mm/h.
 TYPICAL_TEMPERATURE_K = 283.0
 # Snowflakes fall at 0.8 to 1.5 m/s whatever their size (Locatelli and Hobbs 1974, J. Geophys. Res. 79, 2185).
 SNOW_FALL_MPS = 1.1
@@ -223,13 +222,14 @@ def falling(fall_mps: float) -> VolumeMotion:
     return VolumeMotion(velocity_mps=np.array([0.0, 0.0, -fall_mps]), fall_spread_mps=FALL_SPREAD * fall_mps)
 
 
-def expected_motion(carrier_hz: float) -> VolumeMotion:
+def expected_motion(carrier_hz: float, rain_rate_mm_per_h: float) -> VolumeMotion:
     """Return the motion of rain in still air, drops weighted by their echo at the carrier."""
-    return falling(_rain_fall_mps(carrier_hz))
+    return falling(_rain_fall_mps(carrier_hz, rain_rate_mm_per_h))
 
 
 def estimated_motion(
     carrier_hz: float,
+    rain_rate_mm_per_h: float,
     boresight: Float[np.ndarray, "pulse 3"],
     likelihood: Callable[[float], Float[np.ndarray, " pulse"]],
 ) -> VolumeMotion:
@@ -239,6 +239,8 @@ def estimated_motion(
     ----------
     carrier_hz:
         Carrier, which determines the echo weight of each drop size.
+    rain_rate_mm_per_h:
+        Expected rain.
     boresight:
         Boresights of pulses sampled over the survey, from their measured poses.
     likelihood:
@@ -268,7 +270,7 @@ def estimated_motion(
         spread_mps = FALL_SPREAD * max(-float(best.x[2]), 0.0)
         return best.fun, VolumeMotion(velocity_mps=best.x, fall_spread_mps=spread_mps)
 
-    falls = (_rain_fall_mps(carrier_hz), SNOW_FALL_MPS, 0.0)
+    falls = (_rain_fall_mps(carrier_hz, rain_rate_mm_per_h), SNOW_FALL_MPS, 0.0)
     chosen = falling(falls[0])
     lowest_cost = cost(chosen.velocity_mps, falls[0]) - max(
         _loss_by_error(by_speed.sum(axis=1)), MIN_GAIN * len(boresight)
@@ -287,6 +289,6 @@ def _loss_by_error(total: Float[np.ndarray, " speed"]) -> float:
     return float((total[best] - total[[best - 1, best + 1]].mean()) * (MODEL_ERROR_MPS / step_mps) ** 2)
 
 
-def _rain_fall_mps(carrier_hz: float) -> float:
-    speeds = echo_speeds(carrier_hz, drops=marshall_palmer(TYPICAL_RAIN_MM_PER_H), temperature_k=TYPICAL_TEMPERATURE_K)
+def _rain_fall_mps(carrier_hz: float, rate_mm_per_h: float) -> float:
+    speeds = echo_speeds(carrier_hz, drops=marshall_palmer(rate_mm_per_h), temperature_k=TYPICAL_TEMPERATURE_K)
     return float(np.mean(speeds.at((np.arange(200) + 0.5) / 200)))

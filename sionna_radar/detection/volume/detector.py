@@ -256,7 +256,8 @@ def volume_in_front(
         return None
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
-    through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
+    rain = expected_motion(sweep.carrier_hz, detector.volume.rain_rate_mm_per_h)
+    through = _through(detector, guess, unknown_ground(), rain, pulses, sweep)
     for _ in range(detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     moving = _with_motion(through, cells, pulses, sweep)
@@ -343,7 +344,8 @@ def _with_motion(
         drift_m = sweep.doppler_range_m(np.full(len(rows), speed_mps))
         return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
 
-    motion = estimated_motion(sweep.carrier_hz, pulses.rows(rows).measured.boresight, likelihood)
+    rain_rate = through.detector.volume.rain_rate_mm_per_h
+    motion = estimated_motion(sweep.carrier_hz, rain_rate, pulses.rows(rows).measured.boresight, likelihood)
     return _through(through.detector, through.volume, end.ground, motion, pulses, sweep)
 
 

@@ -7,7 +7,7 @@ from sionna_radar.detection.volume.clutter import MODEL_ERROR_MPS, VolumeClutter
 from sionna_radar.detection.volume.end import LEVELS, SLOPES, learned_ground
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 
-CARRIER_HZ = 77e9
+CARRIER_HZ, RAIN_MM_PER_H = 77e9, 5.0
 # A scan 40 deg to each side, 45 deg forward, of a platform that heads north.
 SCAN_RAD = np.deg2rad(np.tile(np.linspace(-40, 40, 20), 5))
 BORESIGHT = (R_WORLD_NED @ whisk_broom_from_antenna(np.pi / 4, SCAN_RAD))[:, :, 0]
@@ -22,31 +22,39 @@ def parabolas(velocity_mps, *, scatter_mps=0.0, sharpness=0.5):
 
 @pytest.mark.parametrize("off_mps", [0.0, 0.4 * MODEL_ERROR_MPS, -0.4 * MODEL_ERROR_MPS])
 def test_rain_in_still_air_is_kept_within_an_error_of_the_model(off_mps):
-    rain = expected_motion(CARRIER_HZ)
-    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas(rain.velocity_mps + np.array([0.0, 0.0, off_mps])))
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
+    found = estimated_motion(
+        CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas(rain.velocity_mps + np.array([0.0, 0.0, off_mps]))
+    )
     np.testing.assert_array_equal(found.velocity_mps, rain.velocity_mps)
     assert found.fall_spread_mps == rain.fall_spread_mps
 
 
+def test_drops_of_heavier_rain_fall_faster():
+    """Mean Doppler velocities at vertical incidence, 77 GHz: 4.1 m/s in 1 mm/h, 4.9 m/s in 25 mm/h."""
+    fall = [-expected_motion(CARRIER_HZ, rate).velocity_mps[2] for rate in (1.0, 25.0)]
+    assert fall == pytest.approx([4.1, 4.9], abs=0.1)
+
+
 @pytest.mark.parametrize("wind_mps", [(-10.0, 0.0), (0.0, 10.0), (0.0, -10.0), (7.0, 7.0)])
 def test_the_wind_is_found(wind_mps):
-    rain = expected_motion(CARRIER_HZ)
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
     velocity = rain.velocity_mps + np.array([*wind_mps, 0.0])
-    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas(velocity, scatter_mps=1.0))
+    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas(velocity, scatter_mps=1.0))
     assert np.abs(found.range_rate_mps(BORESIGHT) - BORESIGHT @ velocity).max() < 0.5
 
 
 @pytest.mark.parametrize("fall_mps", [0.8, 1.1, 1.5])
 def test_snow_falls_as_snow(fall_mps):
-    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas([0.0, 0.0, -fall_mps], scatter_mps=0.5))
+    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas([0.0, 0.0, -fall_mps], scatter_mps=0.5))
     assert np.abs(found.range_rate_mps(BORESIGHT) + fall_mps * BORESIGHT[:, 2]).max() < 0.5
 
 
 def test_pulses_that_say_little_keep_rain():
     """A twentieth of a neper a pulse, over all speeds: what weak ground leaves to chance."""
     likelihood = parabolas([-10.0, 0.0, -1.0], sharpness=0.05 / 15.0**2)
-    found = estimated_motion(CARRIER_HZ, BORESIGHT, likelihood)
-    np.testing.assert_array_equal(found.velocity_mps, expected_motion(CARRIER_HZ).velocity_mps)
+    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, likelihood)
+    np.testing.assert_array_equal(found.velocity_mps, expected_motion(CARRIER_HZ, RAIN_MM_PER_H).velocity_mps)
 
 
 def levels_of(pulses, shares, best_slope):
