@@ -94,8 +94,11 @@ class RecordingTable(Table):
     """a .npy or .npz array, or the raw capture (.bin) of TI's DCA1000 card."""
     variable: str = "samples"
     """name of the array in a .npz file."""
-    axes: tuple[Literal["pulse", "receiver", "sample", "iq"], ...] = ("pulse", "sample")
-    """what the axes of an array are, the slowest first; "iq" holds I and Q, unless samples are complex."""
+    axes: tuple[Literal["pulse", "receiver", "sample", "range", "iq"], ...] = ("pulse", "sample")
+    """what the axes of an array are, the slowest first: "sample" of beat signals, or "range" of range profiles; "iq"
+    holds I and Q, unless values are complex."""
+    values: Literal["complex", "power", "power_db"] = "complex"
+    """of range profiles: complex, mean powers (of any number of chirps), or these in dB."""
     config: InputPath | None = None
     """chirp configuration of a capture: a .cfg file, or mmWave Studio's .mmwave.json."""
     lanes: Literal[2, 4] = 2
@@ -114,9 +117,21 @@ class RecordingTable(Table):
 
     @model_validator(mode="after")
     def _axes_of_pulses(self) -> RecordingTable:
-        if len(set(self.axes)) < len(self.axes) or not {"pulse", "sample"} <= set(self.axes):
-            raise refuse("axes", f"{list(self.axes)}: name each axis once, pulse and sample among them")
+        kinds = {"sample", "range"} & set(self.axes)
+        if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
+            raise refuse("axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them")
+        if self.values != "complex" and (self.kind == "sample" or "iq" in self.axes):
+            raise refuse("values", f"{self.values!r} is of range profiles; name their axis range, and no iq")
+        if self.kind == "range" and self.used_samples is not None:
+            raise refuse("used_samples", "is of beat signals; of range profiles set processing.min_range_m")
+        if self.values != "complex" and self.background is not None:
+            raise refuse("background", "is subtracted from signals and complex profiles; powers have no phase")
         return self
+
+    @property
+    def kind(self) -> Literal["sample", "range"]:
+        """What the fast axis of an array holds."""
+        return "range" if "range" in self.axes else "sample"
 
 
 class SweepTable(RecordedRadar):

@@ -43,7 +43,7 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.recordings.described import DescribedSignals, open_described
+from sionna_radar.survey.recordings.described import WHOLE_CELLS, DescribedSignals, open_described
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
@@ -291,6 +291,9 @@ def _source(
         "dem.method": parts.dem_method,
     }
     _check_custom_parts(file, overrides, given, source)
+    if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
+        message = "has no effect on powers: range profiles keep their cells; leave it out"
+        raise ScenarioError([Problem(min(wrong), message)], source)
     changes = {**file.settings, **overrides} if isinstance(file, DescribedSignals) else overrides
     settings: Scenario | RecordedSettings
     if file.scenario is None:

@@ -140,6 +140,35 @@ def test_an_array_is_read_along_its_axes(tmp_path, sent, axes):
     assert abs(measured(path) - range_of(0, 1)) < 0.005
 
 
+PROFILE_AXES = 'axes = ["pulse", "range"]'
+
+
+def test_complex_profiles_are_the_signals_that_they_were_made_from(tmp_path, sent):
+    """Spectra without a window, echoes of delay tau at +|S| tau: the inverse transform gives the signals."""
+    beat = sent[:, :, 0, 0].reshape(-1, SAMPLES)
+    np.save(tmp_path / "beat.npy", beat)
+    np.save(tmp_path / "profiles.npy", np.fft.fft(beat, axis=1) / SAMPLES)
+    signals = process(described(tmp_path, 'samples = "beat.npy"\nrange_zero_m = 1.25', SWEEP))
+    profiles = process(described(tmp_path, f'samples = "profiles.npy"\nrange_zero_m = 1.25\n{PROFILE_AXES}', SWEEP))
+    np.testing.assert_allclose(profiles.echoes.range_m, signals.echoes.range_m, rtol=1e-12)
+    np.testing.assert_allclose(profiles.echoes.power, signals.echoes.power, rtol=1e-9)
+
+
+@pytest.mark.parametrize("values", ["power", "power_db"])
+@pytest.mark.parametrize("zero_m", [0.0, 1.25])
+def test_averaged_powers_keep_their_cells_and_levels(tmp_path, sent, values, zero_m):
+    beat = sent[:, :, 0, 0].reshape(-1, 4, SAMPLES) * np.hanning(SAMPLES) * 2
+    power = (np.abs(np.fft.fft(beat, axis=-1) / SAMPLES) ** 2).mean(axis=1)
+    np.save(tmp_path / "profiles.npy", power if values == "power" else 10 * np.log10(power))
+    recording = f'samples = "profiles.npy"\nvalues = "{values}"\nrange_zero_m = {zero_m}\n{PROFILE_AXES}'
+    found = process(described(tmp_path, recording, SWEEP))
+    if zero_m == 0:
+        np.testing.assert_allclose(found.spectrum.mean, power.mean(axis=0), rtol=1e-9)
+    assert abs(np.median(found.echoes.range_m) - (range_of(0, 0) - zero_m)) < 0.02
+    with pytest.raises(ScenarioError, match=r"processing.window: has no effect on powers"):
+        process(described(tmp_path, recording, SWEEP), {"processing.window": "hann"})
+
+
 @pytest.mark.parametrize("real", [True, False])
 def test_ranges_count_from_the_radars_zero(tmp_path, sent, real):
     beat = sent[:, :, 0, 0].reshape(-1, SAMPLES)
@@ -218,6 +247,11 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "beat.npy"\naxes = ["pulse", "receiver", "sample"]', SWEEP, "recording.axes names"),
         ('samples = "beat.npy"\nreceiver = 2', SWEEP, "has 1 receivers"),
         ('samples = "beat.npy"\nused_samples = [20, 900]', SWEEP, "give first and end within 256"),
+        (f'samples = "beat.npy"\n{PROFILE_AXES}\nvalues = "power"', SWEEP, "holds complex128, and powers are real"),
+        (f'samples = "real.npy"\n{PROFILE_AXES}', SWEEP, "set recording.values = 'power'"),
+        (f'samples = "real.npy"\n{PROFILE_AXES}\nvalues = "power"', SWEEP, "holds negative powers"),
+        ('samples = "beat.npy"\nvalues = "power"', SWEEP, "is of range profiles; name their axis range"),
+        ('samples = "beat.npy"\naxes = ["pulse", "sample", "range"]', SWEEP, "and either sample or range among them"),
         ('samples = "adc_data.bin"\nconfig = "profile.cfg"\ntransmitter = 3', "", "no chirp of a frame"),
         ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
         ('samples = "adc_data.bin"\nconfig = "empty.cfg"', "", "has no channelCfg"),
@@ -236,6 +270,7 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
+    np.save(tmp_path / "real.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES).real)
     (tmp_path / "profile.cfg").write_text(CONFIG)
     with pytest.raises((InputFileError, ScenarioError)) as refused:
         process(described(tmp_path, recording, rest))

@@ -11,6 +11,8 @@
     sampling_rate_hz = 2.5e6
     pulse_rate_hz = 100.0
 
+An array may hold range profiles instead: `_signals_of` says how they are read.
+
     [poses]                             # a flight log, in any format that `platform.log` takes
     log = "flight.csv"
 
@@ -31,7 +33,7 @@ from typing import Any, NoReturn
 from zipfile import BadZipFile
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int, Num
+from jaxtyping import Complex, Float, Inexact, Int, Num
 from pydantic import ValidationError
 from scipy.signal import hilbert
 
@@ -56,6 +58,8 @@ from sionna_radar.survey.recordings.signal_file import (
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
 MAX_BYTES = 64_000_000_000
+# What alone returns the powers of profiles as they are: the analysis without a window and zero-padding.
+WHOLE_CELLS: dict[str, Any] = {"processing.window": "boxcar", "processing.zero_padding": 1}
 PoseAt = Callable[[Float[np.ndarray, " n"]], Pose]
 
 
@@ -65,6 +69,7 @@ class DescribedSignals:
 
     samples: complex for I/Q. time_s: of each pulse, from the first position of the log, or else from the first pulse.
     background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    powers: whether only the powers of the spectra are known, cell by cell.
     pose_at: returns the poses at some times; None if they are not known.
     settings: values of `processing`, `dem` and `radar` in the description, by dotted keys. files: that it names.
     """
@@ -74,6 +79,7 @@ class DescribedSignals:
     time_s: Float[np.ndarray, " pulse"]
     background: Inexact[np.ndarray, " sample"] | None
     range_zero_m: float
+    powers: bool
     pose_at: PoseAt | None
     georeference: Georeference | None
     settings: Mapping[str, Any]
@@ -155,10 +161,11 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         radar=radar,
         time_s=time_s,
         background=background,
-        range_zero_m=own.range_zero_m,
+        range_zero_m=own.range_zero_m if own.values == "complex" else 0.0,
+        powers=own.values != "complex",
         pose_at=pose_at,
         georeference=georeference,
-        settings=table.settings(),
+        settings=table.settings() | (WHOLE_CELLS if own.values != "complex" else {}),
         files=tuple(file for file in (own.samples, own.config, own.background, log) if file is not None),
     )
 
@@ -201,6 +208,8 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None) -> _Channel
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
         raise ScenarioError([Problem("sweep", message)], str(path))
     samples = _array(own)
+    if own.kind == "range":
+        samples = _signals_of(samples, own, sweep)
     radar = RecordedRadar(**sweep.model_dump(exclude={"pulse_rate_hz"}))
     return _Channel(samples=samples, radar=radar, time_s=np.arange(len(samples)) / sweep.pulse_rate_hz)
 
@@ -230,6 +239,8 @@ def _array(own: RecordingTable) -> Num[np.ndarray, "pulse sample"]:
         if pair.shape[-1] != 2:
             _fail(own.samples, f"has {pair.shape[-1]} values along iq; it holds I and Q")
         values = pair[..., 0] + 1j * pair[..., 1]
+    elif own.kind == "range" and own.values == "complex" and values.dtype.kind != "c":
+        _fail(own.samples, f"holds {values.dtype}, and complex profiles are complex; set recording.values = 'power'")
     named = [axis for axis in own.axes if axis != "iq"]
     if "receiver" in named:
         place = named.index("receiver")
@@ -238,7 +249,31 @@ def _array(own: RecordingTable) -> Num[np.ndarray, "pulse sample"]:
         named.remove("receiver")
     else:
         _check_receiver(own, 1)
-    return values if named == ["pulse", "sample"] else values.T
+    return values if named[0] == "pulse" else values.T
+
+
+def _signals_of(
+    profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable, sweep: SweepTable
+) -> Complex[np.ndarray, "pulse sample"]:
+    """Return the I/Q samples whose spectra are the given range profiles.
+
+    Those of powers have spectra with these powers and no phase, which an analysis without a window and zero-padding
+    returns as they are; their ranges are counted from the radar's zero here, between cells linearly.
+    """
+    if own.values == "complex":
+        return np.fft.ifft(profiles, axis=1, norm="forward")
+    if profiles.dtype.kind == "c":
+        _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
+    power = np.asarray(profiles, dtype=np.float64)
+    if own.values == "power_db":
+        power = 10 ** (power / 10)
+    if not (np.isfinite(power).all() and (power >= 0).all()):
+        _fail(own.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
+    if own.range_zero_m:
+        cell = np.arange(power.shape[1], dtype=np.float64)
+        seen = cell + own.range_zero_m * 2 * sweep.bandwidth_hz / sweep.propagation_mps
+        power = np.stack([np.interp(seen, cell, row) for row in power])
+    return np.fft.ifft(np.sqrt(power), axis=1, norm="forward")
 
 
 # --------------------------------------------------------------------------------------------- captures of TI's card
