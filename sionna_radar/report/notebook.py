@@ -11,11 +11,10 @@ from rich.table import Table
 from sionna_radar.report.studies import budget as budget_figures
 from sionna_radar.report.studies import crosscheck as crosscheck_figures
 from sionna_radar.report.studies import imagery as imagery_figures
-from sionna_radar.report.studies import sweep_figures
 from sionna_radar.report.studies.budget import grades_table, limits_table
 from sionna_radar.report.studies.crosscheck import crosscheck_table
 from sionna_radar.report.studies.imagery import image_table
-from sionna_radar.report.studies.sweep import sweep_table
+from sionna_radar.report.studies.sweep import errors, sweep_table
 from sionna_radar.report.survey.figures import draw_dem
 from sionna_radar.report.survey.summary import survey_table
 from sionna_radar.studies.budget import Budget
@@ -43,7 +42,7 @@ def shown(result: object) -> list[Table | Figure]:
             return [survey_table(result), draw_dem(result)]
         case Sweep():
             flown = any(case.trials for case in result.cases)
-            return [sweep_table(result), *([sweep_figures.errors(result)] if flown else [])]
+            return [sweep_table(result), *([errors(result)] if flown else [])]
         case CrossCheck():
             return [crosscheck_table(result), crosscheck_figures.dems(result)]
         case Budget():

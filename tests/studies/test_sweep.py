@@ -16,8 +16,7 @@ from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.notebook import html_of
-from sionna_radar.report.studies.sweep import print_sweep, summary
-from sionna_radar.report.studies.sweep_figures import abscissa, errors
+from sionna_radar.report.studies.sweep import abscissa, errors, print_sweep, summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design import Axis, parse_design
 from sionna_radar.studies.sweep import label, plan_sweep, run_sweep

@@ -1,25 +1,310 @@
-"""Recorders of a survey in flight, by kind: the range profiles around its echoes, and its traced paths.
+"""Recorders of a survey in flight, by kind: beat signals, the range profiles around its echoes, and its traced paths.
 
-A recording appears whole or not at all: it grows in a staging folder beside its place, and is moved there at the end.
+The layout of signals is that of recordings of real radars, too: see `SignalFile`. Every recording holds of its survey
+the pulses with their poses, the scenario and the place on the map. It appears whole or not at all: it grows in a
+staging folder beside its place, and is moved there at the end.
 """
 
+import json
+import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Bool
+from pyproj import CRS
 
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
+from sionna_radar.foundation.errors import OutputError, PluginError, Problem, ScenarioError
+from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.observation import Recorder, SampleType
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recordings.signals import SignalRecorder, new_recording, write_pulses
+from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
+from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
 from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME
+
+PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
+POSES = ("true", "measured")
+
+
+def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> NetcdfFile:
+    """Return a new recording of a survey, with columns of its pulses that `write_pulses` fills."""
+    scenario = prepared.scenario
+    file = NetcdfFile(
+        path,
+        {
+            "title": title,
+            "source": f"sionna-radar {version('sionna-radar')}",
+            # Undated, so that the same survey gives the same file.
+            "history": "recorded while the survey was flown",
+            "comment": scenario.description or "no description",
+            "recording": kind,
+            "layout": LAYOUT,
+            "seed": scenario.seed,
+            "replaced": json.dumps(prepared.custom.described()),
+            "versions": json.dumps({"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}),
+        },
+    )
+    file.text("scenario", to_toml(scenario), "scenario with all values resolved, TOML")
+    _add_place(file, prepared.scene.scene.georeference)
+    _add_pulses(file, prepared)
+    return file
+
+
+def write_pulses(file: NetcdfFile, pulses: Pulses) -> None:
+    """Fill in the columns of a block of pulses."""
+    start = int(pulses.index[0])
+    file.write("time", start, pulses.time_s)
+    file.write("scan_angle", start, pulses.scan_rad)
+    if pulses.scan_number is not None:
+        file.write("scan_number", start, pulses.scan_number)
+    if pulses.beam is not None:
+        file.write("beam", start, pulses.beam)
+    for name in POSES:
+        pose = getattr(pulses, name)
+        file.write(f"{name}_position", start, pose.position_m)
+        file.write(f"{name}_velocity", start, pose.velocity_mps)
+        file.write(f"{name}_rotation", start, pose.R_world_antenna)
+
+
+def _add_pulses(file: NetcdfFile, prepared: Prepared) -> None:
+    count, sample = len(prepared), prepared.flight.pulses(np.zeros(1, dtype=np.int64))
+    file.dimension("pulse", count)
+    file.dimension("axis", 3)
+    file.dimension("antenna_axis", 3)
+
+    def column(name: str, kind: type = float, dimensions: tuple[str, ...] = (), **attributes: Any) -> None:
+        file.variable(name, ("pulse", *dimensions), dtype=np.dtype(kind), **attributes)
+
+    column("time", long_name="time of the middle of the chirp since the start of the flight", units="s")
+    column("scan_angle", long_name="scan angle of the antenna, zero in the middle of its sector", units="rad")
+    if sample.scan_number is not None:
+        column("scan_number", np.int64, long_name="scan of the antenna that the pulse belongs to, from 0")
+    if sample.beam is not None:
+        column("beam", np.int64, long_name="beam of the electronic scan")
+    for name, whose in zip(POSES, ("true", "as the navigation system reports it"), strict=True):
+        column(
+            f"{name}_position",
+            dimensions=("axis",),
+            long_name=f"position of the antenna ({whose}): east, north, up of the local origin",
+            units="m",
+        )
+        column(
+            f"{name}_velocity",
+            dimensions=("axis",),
+            long_name=f"velocity of the antenna ({whose}): east, north, up",
+            units="m s-1",
+        )
+        column(
+            f"{name}_rotation",
+            dimensions=("axis", "antenna_axis"),
+            long_name=f"axes of the antenna ({whose}), in columns: boresight, left and up of the antenna, each east, "
+            "north, up",
+            units="1",
+        )
+
+
+def _add_place(file: NetcdfFile, place: Georeference | None) -> None:
+    """Add the place of the local frame on the map, as a grid mapping."""
+    if place is None:
+        return
+    cells = place.cells
+    whole = CRS.from_wkt(place.crs_wkt)
+    flat = whole.sub_crs_list[0] if whole.is_compound else whole.to_2d()
+    attributes = {key: value for key, value in flat.to_cf().items() if value is not None}
+    file.variable(
+        "crs",
+        (),
+        np.int32(0),
+        **attributes
+        | {
+            "long_name": "map coordinates are local ones plus the local origin",
+            "local_frame_wkt": place.crs_wkt,
+            "local_origin_m": np.array(place.origin_m),
+            "cell_corner_m": None if cells is None else np.array(cells.corner_m),
+            "cell_size_m": None if cells is None else np.array(cells.size_m),
+        },
+    )
+
+
+FULL_SCALE = 2**15 - 1
+PACKED_AT_ONCE = 4_000_000
+
+
+class SignalRecorder:
+    """Writes the beat signals of each block, and at the end the true heights.
+
+    Samples of 64 bits give the same ranges, points and DEM again, bit for bit. Those of 16 bits are packed after the
+    flight, when the greatest is known: until then they lie beside the recording in 32 bits.
+    """
+
+    def __init__(self, path: Path, prepared: Prepared, sample_type: SampleType = "float64") -> None:
+        self._file = new_recording(path, prepared, "signals", "beat signals of a simulated FMCW radar")
+        self._prepared, self._sample_type = prepared, sample_type
+        chirp = prepared.receiver.chirp
+        self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
+        self._sweeps = len(prepared.receiver.sweeps)
+        self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if sample_type == "int16" else {}
+        self._greatest = 0.0
+        samples = len(prepared) * chirp.samples * self._sweeps * len(self._parts)
+        check_room(path.parent, samples * (4 + 2 if self._loose else np.dtype(sample_type).itemsize))
+        self._add_radar()
+        if not self._loose:
+            self._add_samples(np.dtype(sample_type))
+
+    def write(self, pulses: Pulses, seen: Observation) -> None:
+        """Write a block of pulses and their beat signals."""
+        write_pulses(self._file, pulses)
+        samples = self._samples(pulses, seen)
+        for name, values in zip(self._parts, (samples.real, samples.imag), strict=False):
+            if self._loose:
+                self._greatest = max(self._greatest, float(np.abs(values).max(initial=0.0)))
+                with self._loose[name].open("ab") as loose:
+                    loose.write(np.ascontiguousarray(values, dtype="<f4").tobytes())
+            else:
+                self._file.write(name, int(pulses.index[0]), values)
+
+    def finish(self, comparison: Comparison) -> None:
+        """Add the truth on the DEM's grid, pack the samples if they are to be, and close the file."""
+        self._add_truth(comparison.truth)
+        self._add_mask("lit", comparison.lit, "whether the main beam reached the cell", "unlit lit")
+        if comparison.beside_wall is not None:
+            meaning = "whether a wall lies within half a footprint of the cell"
+            self._add_mask("beside_wall", comparison.beside_wall, meaning, "away_from_walls beside_wall")
+        if self._loose:
+            self._pack()
+        self.close()
+
+    def _add_mask(self, name: str, cells: Bool[np.ndarray, "row column"], meaning: str, flags: str) -> None:
+        """Add a mask of the DEM's cells."""
+        self._file.variable(
+            name,
+            ("y", "x"),
+            cells.astype(np.int8),
+            long_name=meaning,
+            flag_values=np.array([0, 1], dtype=np.int8),
+            flag_meanings=flags,
+        )
+
+    def _add_truth(self, truth: Raster) -> None:
+        """Add the true heights over the origin; on the map their cells have its coordinates, otherwise local ones.
+
+        Attributes keep the local grid exactly.
+        """
+        place, grid = self._prepared.scene.scene.georeference, truth.grid
+        east_m, north_m, _ = place.origin_m if place else (0.0, 0.0, 0.0)
+        for name, values, way in (("x", grid.x_m + east_m, "east"), ("y", grid.y_m + north_m, "north")):
+            self._file.dimension(name, len(values))
+            self._file.variable(
+                name,
+                (name,),
+                values,
+                long_name=f"centre of a cell: {way}ing" if place else f"centre of a cell, {way} of the origin",
+                standard_name=f"projection_{name}_coordinate" if place else None,
+                units="m",
+            )
+        self._file.variable(
+            "true_height",
+            ("y", "x"),
+            truth.height_m,
+            long_name="true height over the height of the local origin",
+            units="m",
+            grid_mapping="crs" if place else None,
+            local_west_m=grid.west_m,
+            local_south_m=grid.south_m,
+            spacing_m=grid.spacing_m,
+        )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _samples(self, pulses: Pulses, seen: Observation) -> np.ndarray:
+        """Return the samples of a block as the file has them: (pulse, sample), or (pulse, sweep, sample) for pairs."""
+        if seen.beats is None:
+            message = f"{self._prepared.scenario.sensor!r} makes no beat signals to record; record 'paths' instead"
+            raise ScenarioError([Problem("sensor", message)])
+        wanted = (len(pulses), self._prepared.receiver.chirp.samples)
+        if len(seen.beats) != self._sweeps or any(np.shape(beat) != wanted for beat in seen.beats):
+            message = f"sensor: beats are to be {self._sweeps} arrays of {wanted}, one for each sweep"
+            raise PluginError(message)
+        return seen.beats[0] if self._sweeps == 1 else np.stack(list(seen.beats), axis=1)
+
+    def _add_radar(self) -> None:
+        prepared, file = self._prepared, self._file
+        receiver, chirp = prepared.receiver, prepared.receiver.chirp
+        file.dimension("sample", chirp.samples)
+        if self._sweeps > 1:
+            file.dimension("sweep", self._sweeps)
+        file.variable(
+            "sample_time",
+            ("sample",),
+            chirp.sample_time_s,
+            long_name="time of the sample from the middle of its sweep",
+            units="s",
+        )
+        flight, radar = prepared.flown, prepared.local.radar
+        file.variable(
+            "radar",
+            (),
+            np.int32(0),
+            long_name="the radar, by its attributes",
+            carrier_hz=chirp.carrier_hz,
+            bandwidth_hz=chirp.bandwidth_hz,
+            sampling_rate_hz=chirp.sampling_rate_hz,
+            sweep=radar.sweep,
+            propagation_mps=chirp.propagation_mps,
+            transmit_power_w=receiver.transmit_power_w,
+            noise_power_w=receiver.noise_power_w,
+        )
+        file.variable(
+            "survey",
+            (),
+            np.int32(0),
+            long_name="what maps need of the flight, by attributes: the ground that the beam's axis meets (west, "
+            "south, east, north), the height over it, and the widest spacing of neighbouring beams on level ground",
+            ground_extent_m=np.array(prepared.ground_extent_m),
+            altitude_m=flight.altitude_m,
+            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, radar.mean_rate_hz),
+        )
+
+    def _add_samples(self, kind: np.dtype, **attributes: float) -> None:
+        dimensions = ("pulse", "sample") if self._sweeps == 1 else ("pulse", "sweep", "sample")
+        relative = self._prepared.local.radar.snr_db is not None
+        for name, part in zip(self._parts, ("in-phase", "quadrature"), strict=False):
+            self._file.variable(
+                name,
+                dimensions,
+                dtype=kind,
+                long_name=f"beat signal, {part} part" if len(self._parts) > 1 else "beat signal",
+                units="1" if relative else "V",
+                comment="its mean square is the received power"
+                + (", relative to the transmitted one" if relative else " in W, as across 1 ohm"),
+                coordinates="time sample_time",
+                **attributes,
+            )
+
+    def _pack(self) -> None:
+        """Write the loose samples as whole numbers of 16 bits, the greatest at full scale."""
+        scale = (self._greatest or 1.0) / FULL_SCALE
+        self._add_samples(np.dtype(np.int16), scale_factor=scale, add_offset=0.0)
+        samples = self._prepared.receiver.chirp.samples
+        shape = (samples,) if self._sweeps == 1 else (self._sweeps, samples)
+        step = max(1, PACKED_AT_ONCE // int(np.prod(shape)))
+        for name, loose in self._loose.items():
+            kept = np.memmap(loose, dtype="<f4", mode="r").reshape(-1, *shape)
+            for start in range(0, len(kept), step):
+                self._file.write(name, start, np.rint(kept[start : start + step] / scale).astype(np.int16))
+            del kept
+            loose.unlink()
 
 
 class ProfileRecorder:
