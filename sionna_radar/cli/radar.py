@@ -70,7 +70,7 @@ def range_doppler(
 ) -> None:
     """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
     from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
-    from sionna_radar.studies.range_doppler import run_frames
+    from sionna_radar.studies.images import run_frames
 
     checked = session.load()
     session.produce(

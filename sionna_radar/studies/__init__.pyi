@@ -9,7 +9,9 @@ from .design import Sampler as Sampler
 from .design import Span as Span
 from .design import parse_design as parse_design
 from .design import read_settings as read_settings
+from .images import Frames as Frames
 from .images import Imagery as Imagery
+from .images import run_frames as run_frames
 from .images import run_images as run_images
 from .link import LinkBudget as LinkBudget
 from .link import run_link_budget as run_link_budget
@@ -20,8 +22,6 @@ from .planning import Wanted as Wanted
 from .planning import check_plan as check_plan
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
-from .range_doppler import Frames as Frames
-from .range_doppler import run_frames as run_frames
 from .sweep import Case as Case
 from .sweep import Sweep as Sweep
 from .sweep import Trial as Trial

@@ -16,7 +16,7 @@ from sionna_radar.report.drawing import ORANGE, RED, ReportFigure, save_figures
 from sionna_radar.report.files.contents import without_nan
 from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, number
-from sionna_radar.studies.range_doppler import Frames
+from sionna_radar.studies.images import Frames
 
 # Shown dynamic range below the strongest cell, dB.
 SHOWN_DB = 60.0
