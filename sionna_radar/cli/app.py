@@ -40,7 +40,11 @@ TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
         ("budget", commands.budget),
         ("compare", tools.compare),
     ),
-    "Real data": (("process", recordings.process_command), ("log", tools.log_command)),
+    "Real data": (
+        ("process", recordings.process_command),
+        ("twin", recordings.twin_command),
+        ("log", tools.log_command),
+    ),
     "Reference": (
         ("scenes", tools.scenes),
         ("presets", tools.presets),

@@ -151,3 +151,38 @@ def process_command(
         show=print_processed,
         products=[coordinates, page.name, *heights.products],
     )
+
+
+def twin_command(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="As for `process`, with poses.")],
+    terrain: Annotated[
+        Path | None,
+        typer.Option("--terrain", metavar="FILE", help="Elevation raster of the ground; default: the scenario's own."),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            "--base", metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."
+        ),
+    ] = None,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    report: ReportOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
+    from sionna_radar.report.files.contents import Report
+    from sionna_radar.report.studies.twin import MARKER, print_twin, write_twin
+    from sionna_radar.studies.twin import run_twin
+
+    page = Report.PAGE if report else Report.NONE
+    session = Session.of(str(recording), output, set_, set_file, None, quiet)
+    session.produce(
+        lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
+        suffix="_twin",
+        marker=MARKER,
+        write=lambda twin, folder: write_twin(twin, folder, report=page),
+        show=print_twin,
+        products=[page.name],
+    )

@@ -4,7 +4,7 @@ The chirps of a burst are averaged to one pulse of the survey, in the middle of 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
-from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
 
 CHIRPS_AT_ONCE = 100_000
@@ -278,6 +278,104 @@ def schedule_pulses(
         lever_arm_m=lever_arm_m,
         navigation=navigation,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenSchedule(PulseSchedule):
+    """Pulses with given poses, which are both the true and the measured ones."""
+
+    poses: Pose
+    scan_rad: Float[np.ndarray, " pulse"]
+    scan_number: Int[np.ndarray, " pulse"] | None
+    beam: Int[np.ndarray, " pulse"] | None
+
+    def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
+        """Return pulses by their numbers; their times are known."""
+        del time_s
+        pose = self.poses.rows(index)
+        return Pulses(
+            index=index,
+            time_s=self.time_s[index],
+            scan_rad=self.scan_rad[index],
+            true=pose,
+            measured=pose,
+            scan_number=None if self.scan_number is None else self.scan_number[index],
+            beam=None if self.beam is None else self.beam[index],
+        )
+
+    @property
+    def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+        """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
+        return self.scan_number
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenFlight:
+    """The pulses of a recorded flight in the metres of a scenario, before its ground is known; a `Route`.
+
+    pulses: all of them; their heights are those of the map, or local ones where the ground has no place on it.
+    nominal_m: nominal height above ground; None for the median of the flight.
+    """
+
+    pulses: Pulses
+    nominal_m: float | None = None
+    altitude_m: float | None = None
+
+    @property
+    def _track_m(self) -> Float[np.ndarray, "pulse 3"]:
+        return self.pulses.measured.position_m
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first pulse to the last."""
+        return float(np.ptp(self.pulses.time_s))
+
+    @property
+    def length_m(self) -> float:
+        """Length of the track."""
+        return float(np.linalg.norm(np.diff(self._track_m[:, :2], axis=0), axis=1).sum())
+
+    @property
+    def speed_mps(self) -> float:
+        """Median speed over the ground."""
+        return max(float(np.median(np.hypot(*self.pulses.measured.velocity_mps[:, :2].T))), 1e-3)
+
+    def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
+        """Return the extent within a reach of it: west, south, east, north."""
+        (west, south), (east, north) = self._track_m[:, :2].min(axis=0), self._track_m[:, :2].max(axis=0)
+        return float(west - reach_m), float(south - reach_m), float(east + reach_m), float(north + reach_m)
+
+    def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
+        """Return the flight over ground of given heights."""
+        del seed  # nothing of it is random
+        time_s, track_m = self.pulses.time_s, self._track_m - [0.0, 0.0, origin_height_m]
+        clearance_m = track_m[:, 2] - ground_m(track_m[:, :2])
+
+        def along(values: Float[np.ndarray, "pulse 3"]) -> Callable[[Float[np.ndarray, " n"]], np.ndarray]:
+            return lambda at_s: np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
+
+        trajectory = Trajectory(
+            position=along(track_m),
+            velocity=along(self.pulses.measured.velocity_mps),
+            euler=lambda at_s: np.zeros((len(at_s), 3)),
+            phases=((Phase.CRUISE, float(time_s[0]), float(time_s[-1])),),
+        )
+        over_ground_m = clearance_m[np.isfinite(clearance_m)]
+        altitude_m = self.nominal_m or (float(np.median(over_ground_m)) if len(over_ground_m) else 1.0)
+        return Flight(trajectory=trajectory, altitude_m=max(altitude_m, 1e-3), speed_mps=self.speed_mps)
+
+    def schedule(self, flown: Flight, scan: Scan, origin_height_m: float) -> GivenSchedule:
+        """Return its pulses, with heights over the local origin."""
+        pulses, pose = self.pulses, self.pulses.measured
+        return GivenSchedule(
+            trajectory=flown.trajectory,
+            scan=scan,
+            time_s=pulses.time_s,
+            poses=replace(pose, position_m=pose.position_m - [0.0, 0.0, origin_height_m]),
+            scan_rad=pulses.scan_rad,
+            scan_number=pulses.scan_number,
+            beam=pulses.beam,
+        )
 
 
 # Interval between chirps, in periods, above which the scan has paused.

@@ -17,6 +17,7 @@ from .studies.log import draw_log as draw_log
 from .studies.log import write_log as write_log
 from .studies.range_doppler import write_frames as write_frames
 from .studies.sweep import write_sweep as write_sweep
+from .studies.twin import write_twin as write_twin
 from .survey.figures import draw_chirp as draw_chirp
 from .survey.figures import draw_dem as draw_dem
 from .survey.figures import draw_environment as draw_environment

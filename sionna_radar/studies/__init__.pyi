@@ -28,3 +28,5 @@ from .sweep import Trial as Trial
 from .sweep import label as label
 from .sweep import plan_sweep as plan_sweep
 from .sweep import run_sweep as run_sweep
+from .twin import Twin as Twin
+from .twin import run_twin as run_twin

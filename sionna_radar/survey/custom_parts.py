@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from sionna_radar.detection.ranging.estimator import RangeEstimator
-from sionna_radar.flight.pulses import Navigation
+from sionna_radar.flight.pulses import GivenFlight, Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Raster
@@ -75,6 +75,7 @@ class CustomParts:
     """
 
     antenna: Antenna | None = None
+    flight: GivenFlight | None = None
     scan: Scan | None = None
     navigation: Navigation | None = None
     terrain: GivenTerrain | None = None
@@ -106,6 +107,7 @@ class CustomParts:
         return described(
             antenna=self.antenna,
             parts={
+                "platform": self.flight,
                 "radar.scan": self.scan,
                 "platform.navigation": self.navigation,
                 "terrain": self.terrain,

@@ -309,7 +309,7 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None, *, world: Worl
 def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared:
     local = in_local_frame(scenario)
     radar = _radar(local, custom, shared)
-    route = _route(scenario, local, radar)
+    route = custom.flight or _route(scenario, local, radar)
     processing = _processing(local, radar, route, custom)
     advance()
     world = _world(local, route.window_m(radar.chirp.max_range_m), custom, shared)
@@ -425,7 +425,10 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
     flown = route.fly(world.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:
         check_paths(local, radar.chirp, flown.altitude_m, radar.antenna.beamwidths_rad, radar.scan.incidence_rad)
-    schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
+    if custom.flight is not None:
+        schedule: PulseSchedule = custom.flight.schedule(flown, radar.scan, place.origin_m[2] if place else 0.0)
+    else:
+        schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
     bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
     schedule = schedule if bursts is None else bursts.schedule
     check_pulses(schedule, local)

@@ -304,7 +304,7 @@ def _source(
     else:
         settings = recorded_scenario(file.scenario, overrides, source)
         sweeps = build_sweeps(settings.radar)
-        _check_same_radar(sweeps, file.sweeps, source)
+        check_same_radar(sweeps, file.sweeps, source)
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
     refuse_average(processing, "a recording")
@@ -331,7 +331,7 @@ def _source(
     )
 
 
-def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
+def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
     """Raise ScenarioError if the radar of the settings differs from that of the samples."""
     if len(wanted) != len(recorded):
         raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
