@@ -27,7 +27,6 @@ from .studies.images import run_images as run_images
 from .studies.sweep import Sweep as Sweep
 from .studies.sweep import plan_sweep as plan_sweep
 from .studies.sweep import run_sweep as run_sweep
-from .studies.twin import Twin as Twin
 from .studies.twin import run_twin as run_twin
 from .surfaces import register_material as register_material
 from .survey import CustomParts as CustomParts

@@ -36,8 +36,8 @@ from sionna_radar.studies.twin_statistics import (
     dem_rows,
     power_rows,
     range_rows,
+    rows_of,
     shape_rows,
-    tested,
 )
 from sionna_radar.survey.custom_parts import CustomParts, over_file
 from sionna_radar.survey.observation import place
@@ -337,7 +337,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
     return Twin(
         source=source.path,
         scenario=prepared.scenario,
-        rows=tested(statistics, blocks, prepared.scenario.seed),
+        rows=rows_of(statistics, blocks, prepared.scenario.seed),
         pulses=count,
         blocks=(blocks, count // blocks),
         profile_m=np.arange(-reach, reach + 1) * analyser.bin_m,

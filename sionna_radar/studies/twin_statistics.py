@@ -166,6 +166,13 @@ def _width(sums: Sums) -> Float[np.ndarray, " ..."]:
     return np.sqrt(np.maximum(sums[..., 2] / power - (sums[..., 1] / power) ** 2, 0.0))
 
 
+def _slope(sums: Sums) -> Float[np.ndarray, " ..."]:
+    """Return the slope of y over x: sums of one, x, x squared, y and their product."""
+    mean = _mean(sums)
+    covariance = sums[..., 4] / sums[..., 0] - mean * sums[..., 3] / sums[..., 0]
+    return covariance / (sums[..., 2] / sums[..., 0] - mean**2)
+
+
 def _ones(values: Float[np.ndarray, " item"], *further: Float[np.ndarray, " item"]) -> Float[np.ndarray, "item sum"]:
     return np.stack([np.ones(len(values)), values, *further], axis=1)
 
@@ -179,7 +186,7 @@ def _in_pairs(values: Float[np.ndarray, " pulse"], scan: Int[np.ndarray, " pulse
     return _ones(mean, square, values * following)
 
 
-def tested(statistics: list[Statistic], blocks: int, seed: int) -> tuple[Row, ...]:
+def rows_of(statistics: list[Statistic], blocks: int, seed: int) -> tuple[Row, ...]:
     """Return the rows of statistics, tested together."""
     exchanged = np.random.default_rng(seed).random((EXCHANGES, blocks)) < 0.5
     observed, spread, greatest = [], [], np.zeros(EXCHANGES)
@@ -187,9 +194,9 @@ def tested(statistics: list[Statistic], blocks: int, seed: int) -> tuple[Row, ..
         for statistic in statistics:
             measured, simulated = statistic.sums(blocks)
             kept = np.where(exchanged[:, :, None], simulated, measured).sum(axis=1)
-            gap = statistic.of(kept) - statistic.of(measured.sum(axis=0) + simulated.sum(axis=0) - kept)
+            gap = statistic.of(kept) - statistic.of((measured + simulated).sum(axis=0) - kept)
             sigma = float(np.sqrt(np.nanmean(gap**2)))
-            one, other = (float(statistic.of(side.sum(axis=0))) for side in (measured, simulated))
+            one, other = (float(statistic.of(side.sum(axis=0, keepdims=True))[0]) for side in (measured, simulated))
             observed.append((one, other))
             spread.append(sigma)
             greatest = np.fmax(greatest, np.abs(gap) / sigma if sigma > 0 else 0.0)
@@ -311,6 +318,12 @@ def shape_rows(pair: Pair) -> list[Statistic]:
         power = excess(side)
         return np.stack([np.where(inside, power, 0.0).sum(1), np.where(inside, 0.0, power).sum(1)], axis=1)
 
+    def follows(side: Side) -> Float[np.ndarray, "item sum"]:
+        power = np.where(inside, excess(side), 0.0).sum(axis=1)
+        # About their means: exchanged blocks of another level would hide the slope.
+        power, floor = power - np.nanmean(power), side.floor - side.floor.mean()
+        return _ones(power, power**2, floor, floor * power)
+
     def skirt(measured: float, simulated: float) -> str:
         what = "phase noise or side lobes"
         return f"{what} {10 * np.log10(measured / simulated):+.1f} dB" if min(measured, simulated) > 0 else what
@@ -322,6 +335,7 @@ def shape_rows(pair: Pair) -> list[Statistic]:
     speckle = {id(side): power / level for side, power in zip(pair.sides, whole, strict=True)}
     return [
         pair.row("echo width", "m", _width, moments, beam),
+        pair.row("floor that follows the echo", "share", _slope, follows, skirt),
         pair.row("power beside the echo", "share", lambda sums: sums[..., 1] / sums[..., 0], beside, skirt),
         pair.row(
             "speckle contrast",

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from browser import chromium, colours_in, opened, started
-from sionna_radar import load_scenario, process, run
+from sionna_radar import load_scenario, process, run, run_twin
 from sionna_radar.report.page.compare import comparison_page
 from sionna_radar.report.page.show import show_page
 from sionna_radar.report.studies.processed import recording_page
+from sionna_radar.report.studies.twin import twin_page
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.studies.comparison import compare_results
 
@@ -103,6 +104,18 @@ def test_the_page_of_a_scenario_draws_its_world(browser, survey, tmp_path):
 
 
 @pytest.mark.study
+def test_the_page_of_a_twin_draws_its_rows_and_its_echo(browser, tmp_path):
+    run(load_scenario("hills", {"platform.length_m": 10.0}), recordings={"signals": tmp_path / "flown.nc"})
+    twin = run_twin(tmp_path / "flown.nc", overrides={"radar.snr_db": 10.0})
+    path = tmp_path / "twin.html"
+    path.write_text(twin_page(replace(twin, source=Path(f"{HOSTILE}.nc"))))
+    page = opened(browser, path, width=1600)
+    for place in ("#profile", "#scores"):
+        assert colours_in(page.picture(place, tmp_path / "chart.png")) > 4
+    assert "noise floor" in page.page.inner_text("table")
+    seen(page, path)
+
+
 def test_the_page_of_a_comparison_zooms_its_maps_together(browser, results, tmp_path):
     path = tmp_path / "compare.html"
     named = [replace(one, name=f"{one.name} {HOSTILE}") for one in results]

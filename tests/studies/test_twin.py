@@ -1,0 +1,229 @@
+"""The twin of a recording: alike with other seeds, and the right row differs for each thing that is changed."""
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from pyproj import Transformer
+from scipy.constants import speed_of_light
+
+from elevation_files import cell_centres, from_origin, write_heights
+from sionna_radar import load_scenario, run, run_twin
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.report.studies.twin import twin_document, twin_page, write_twin
+from sionna_radar.studies.twin_statistics import FALSE_ALARM, Statistic, rows_of
+
+BLOCKS, LENGTH = 48, 20
+
+
+def walk(rng: np.random.Generator, correlation: float) -> np.ndarray:
+    """A stationary series of unit variance whose neighbours correlate."""
+    steps = rng.normal(size=BLOCKS * LENGTH) * np.sqrt(1 - correlation**2)
+    steps[0] = rng.normal()
+    for n in range(1, len(steps)):
+        steps[n] += correlation * steps[n - 1]
+    return steps
+
+
+def means(measured: np.ndarray, simulated: np.ndarray) -> Statistic:
+    ones = np.ones(len(measured))
+    return Statistic(
+        name="mean",
+        unit="",
+        of=lambda sums: sums[..., 1] / sums[..., 0],
+        measured=np.stack([ones, measured], axis=1),
+        simulated=np.stack([ones, simulated], axis=1),
+        block=np.arange(len(measured)) // LENGTH,
+        needs=lambda measured, simulated: f"{measured - simulated:+.1f}",
+    )
+
+
+def test_the_rate_of_false_alarms_is_that_of_all_rows_together_and_holds_along_correlated_tracks():
+    """200 trials of four rows at 1 %: more than 8 alarms have a probability of 2e-4."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for trial in range(200):
+        rows = rows_of([means(walk(rng, 0.7), walk(rng, 0.7)) for _ in range(4)], BLOCKS, trial)
+        alarms += any(row.differs for row in rows)
+    assert FALSE_ALARM == 0.01
+    assert alarms <= 8
+
+
+def test_a_difference_is_found_with_its_deviation():
+    """The mean of independent values: the deviation of the difference is the square root of 2 over their number."""
+    rng = np.random.default_rng(4)
+    one, other = walk(rng, 0.0), walk(rng, 0.0)
+    (alike,) = rows_of([means(one, other)], BLOCKS, 1)
+    assert alike.sigma == pytest.approx(np.sqrt(2 / (BLOCKS * LENGTH)), rel=0.25)
+    assert not alike.differs
+    (row,) = rows_of([means(one + 0.5, other)], BLOCKS, 1)
+    assert row.differs
+    assert row.needs == f"{row.difference:+.1f}"
+
+
+FLOWN = {
+    "platform.length_m": 25.0,
+    "terrain.spacing_m": 1.0,
+    "radar.sampling": "iq",
+    "radar.samples_per_chirp": 512,
+    "radar.snr_db": None,
+    "radar.transmit_power_dbm": 10.0,
+    "radar.noise_figure_db": 12.0,
+    "materials.ground": {"model": "constant_gamma", "gamma_db": -10.0},
+}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("twin") / "flown.nc"
+    run(load_scenario("hills", FLOWN), recordings={"signals": path})
+    return path
+
+
+@pytest.fixture(scope="module")
+def alike(flown):
+    return run_twin(flown)
+
+
+def test_with_another_seed_nothing_differs(alike):
+    assert alike.differing == ()
+    assert alike.scenario.seed == 2
+    names = [row.name for row in alike.rows]
+    assert len(names) >= 13
+    assert {"noise floor", "echo width", "speckle contrast", "range bias", "DEM spread"} <= set(names)
+
+
+NOISY = [[1e4, -62.0], [1e5, -77.0], [1e6, -92.0]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "measured_is", "needs"),
+    [
+        ({"radar.antenna.beamwidth_deg": 2.4}, "echo width", "less", "beam of 2.0"),
+        ({"materials.ground.gamma_db": -7.0}, "echo power at 45 to 60 deg", "less", "(gamma), or twice the gain, -3."),
+        ({"radar.noise_figure_db": 6.0}, "noise floor", "more", "noise figure, or gain, +6.0 dB"),
+        (
+            {"radar.receiver.oscillator.phase_noise_dbc_hz": NOISY},
+            "floor that follows the echo",
+            "less",
+            "phase noise or side lobes",
+        ),
+    ],
+)
+def test_what_is_changed_is_told_by_its_row(flown, changes, name, measured_is, needs):
+    row = run_twin(flown, overrides=changes).row(name)
+    assert row.differs
+    assert (row.difference < 0) == (measured_is == "less")
+    assert needs in row.needs
+
+
+def test_a_bias_of_range_is_told_with_its_size(flown, tmp_path):
+    path = shutil.copy(flown, tmp_path / "biased.nc")
+    with h5py.File(path, "r+") as file:
+        beat = file["beat_i"][...] + 1j * file["beat_q"][...]
+        radar = file["radar"].attrs
+        slope = radar["bandwidth_hz"] * radar["sampling_rate_hz"] / beat.shape[1]
+        time_s = np.arange(beat.shape[1]) / radar["sampling_rate_hz"]
+        beat *= np.exp(2j * np.pi * 2 * slope * 0.3 / speed_of_light * time_s)
+        file["beat_i"][...], file["beat_q"][...] = beat.real, beat.imag
+    twin = run_twin(path)
+    row = twin.row("range bias")
+    assert row.differs
+    assert row.difference == pytest.approx(0.3, abs=4 * row.sigma)
+    assert row.needs == f"range_zero_m {row.difference:+.3f} m"
+    assert twin.row("DEM bias").difference < 0
+    assert not twin.row("echo power at 45 to 60 deg").differs
+
+
+@pytest.fixture
+def foreign(flown, tmp_path) -> Path:
+    """The recording as of a real radar: counts of a converter, and neither scenario nor truth."""
+    path = shutil.copy(flown, tmp_path / "foreign.nc")
+    with h5py.File(path, "r+") as file:
+        for name in ("scenario", "survey", "true_height", "lit"):
+            del file[name]
+        for name in ("beat_i", "beat_q"):
+            file[name][...] = 3e6 * file[name][...]
+    return path
+
+
+def test_a_recording_in_an_unknown_unit_is_compared_over_its_floor(foreign):
+    base = {key: value for key, value in FLOWN.items() if key not in ("platform.length_m", "radar.samples_per_chirp")}
+    twin = run_twin(foreign, base="hills", overrides=base)
+    assert twin.differing == ()
+    assert not twin.levels_known
+    names = [row.name for row in twin.rows]
+    assert "noise floor" not in names
+    assert twin.row("echo power at 45 to 60 deg").measured > 30
+    with pytest.raises(ScenarioError, match=r"--base: is needed"):
+        run_twin(foreign)
+
+
+UTM = "EPSG:32631"
+
+
+@pytest.mark.parametrize("crs", [UTM, "EPSG:32632"])
+def test_a_recording_on_the_map_flies_over_a_raster_in_its_own_crs_or_another(tmp_path, crs):
+    """A slope; the raster of the other zone has its north turned by the convergence of 1.0 and 3.3 deg."""
+    east, north = (609_000.0, 5_095_000.0)
+
+    def raster(name: str, crs: str) -> Path:
+        to_own = Transformer.from_crs(crs, UTM, always_xy=True)
+        x, y = to_own.transform(east, north, direction="INVERSE")
+        place = from_origin(round(x) - 200.0, round(y) + 200.0, 1.0, 1.0)
+        own_east, own_north = to_own.transform(*cell_centres(place, 400, 400))
+        height = 100.0 + 0.1 * (own_east - east) - 0.05 * (own_north - north)
+        return write_heights(tmp_path / name, height, place, crs=crs)
+
+    radar = {key: value for key, value in FLOWN.items() if key.startswith(("radar", "materials"))}
+    ground = {"terrain": {"kind": "raster", "path": str(raster("own.tif", UTM))}}
+    track = {"platform.start_m": [-20.0, 0.0], "platform.length_m": 20.0}
+    run(load_scenario("hills", ground | track | radar), recordings={"signals": tmp_path / "flown.nc"})
+    reference = raster("reference.tif", crs)
+    twin = run_twin(tmp_path / "flown.nc", terrain=reference)
+    assert twin.differing == ()
+    assert abs(twin.row("range bias").measured) < 0.1
+    assert abs(twin.row("DEM bias").measured) < 0.1
+
+
+def test_what_cannot_be_flown_again_is_one_clear_error(flown, foreign, tmp_path):
+    with pytest.raises(ScenarioError, match=r"radar: the scenario's bandwidth_hz is"):
+        run_twin(flown, overrides={"radar.bandwidth_hz": 400e6})
+    ground = write_heights(tmp_path / "dem.tif", np.zeros((50, 50)), from_origin(5e5, 5e6, 1.0, 1.0), crs=UTM)
+    with pytest.raises(ScenarioError, match=r"terrain: the recording has no place on the map"):
+        run_twin(flown, terrain=ground)
+    with h5py.File(foreign, "r+") as file:
+        for name in ("measured_position", "measured_velocity", "measured_rotation"):
+            del file[name]
+    with pytest.raises(InputFileError, match="has no poses, which a twin flies"):
+        run_twin(foreign, base="hills")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_twin_leaves_its_numbers_and_its_page(alike, tmp_path):
+    files = {path.name for path in write_twin(alike, tmp_path / "out")}
+    assert {"twin.json", "report.html", "scenario.toml"} <= files
+    document = json.loads((tmp_path / "out" / "twin.json").read_text())
+    assert document == json.loads(json.dumps(twin_document(alike)))
+    assert document["false_alarm_rate"] == FALSE_ALARM
+    page = twin_page(alike)
+    for row in alike.rows:
+        assert row.name in page
+    assert "sionna-radar twin flown.nc" in page
+
+
+@pytest.mark.study
+def test_other_seeds_differ_in_no_row_in_95_of_100(tmp_path):
+    """Each recording and each twin has a seed of its own."""
+    alarms = []
+    for seed in range(0, 200, 2):
+        path = tmp_path / f"{seed}.nc"
+        run(load_scenario("hills", FLOWN | {"seed": seed}), recordings={"signals": path})
+        twin = run_twin(path)
+        path.unlink()
+        alarms += [twin.differing] if twin.differing else []
+    print(f"{len(alarms)} of 100 differ: {alarms}")
+    assert len(alarms) <= 5
