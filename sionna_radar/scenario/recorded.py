@@ -87,6 +87,19 @@ class RecordedSettings(Table):
     """how echoes are turned into heights."""
 
 
+class ReadingsTable(Table):
+    """Ranges that a radar or a laser read by itself, as an altimeter does."""
+
+    file: InputPath
+    """a CSV file or .npz with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
+    columns: dict[Literal["time_s", "range_m", "sigma_m"], str] = {}
+    """names in the file, by ours."""
+    range_cell_m: Annotated[Positive, Field(le=1e4)] = 1.0
+    """length of a range cell of the radar: neighbouring readings share errors of the map within some of them."""
+    range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
+    """range that is read at range zero: cables, filters, internal delay."""
+
+
 class RecordingTable(Table):
     """The samples of a recording, and what is to be done to them before they are processed."""
 
@@ -165,16 +178,24 @@ class PosesTable(Table):
 class DescribedRecording(RecordedSettings):
     """A recording of another program: the description beside its samples."""
 
-    recording: RecordingTable
+    recording: RecordingTable | None = None
     """the samples."""
+    readings: ReadingsTable | None = None
+    """ranges instead of samples."""
     sweep: SweepTable | None = None
     """what the radar sent; a capture's configuration says it itself."""
     poses: PosesTable | None = None
     """where the antenna was; without them there are ranges, and no map."""
 
+    @model_validator(mode="after")
+    def _samples_or_ranges(self) -> DescribedRecording:
+        if (self.recording is None) == (self.readings is None):
+            raise refuse("recording", "give [recording] with samples or [readings] with ranges, one of them")
+        return self
+
     def settings(self) -> dict[str, Any]:
         """Return the settings of its processing by dotted keys, those that are given."""
-        given = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "sweep", "poses"})
+        given = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "readings", "sweep", "poses"})
         radar = given.pop("radar", {})
         return given | {f"radar.{key}": value for key, value in radar.items()}
 

@@ -42,7 +42,14 @@ from sionna_radar.studies.twin_statistics import (
 from sionna_radar.survey.custom_parts import CustomParts, over_file
 from sionna_radar.survey.observation import place
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.reprocessing import SPECTRUM_PULSES, RecordingSource, check_same_radar, open_recording
+from sionna_radar.survey.recordings.described import DescribedRanges
+from sionna_radar.survey.reprocessing import (
+    SPECTRUM_PULSES,
+    RecordedSensor,
+    RecordingSource,
+    check_same_radar,
+    open_recording,
+)
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sweeps import Beats
 
@@ -158,6 +165,9 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
 @on_one_thread
 def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | None) -> Twin:
     file, flight = source.file, source.flight
+    if isinstance(file, DescribedRanges):
+        message = f"{source.path}: holds readings; a twin compares signals, and `process --reference` compares readings"
+        raise InputFileError(message)
     if not flight.located:
         message = f"{source.path}: has no poses, which a twin flies; add measured positions, velocities and rotations"
         raise InputFileError(message)
@@ -236,6 +246,7 @@ def _observed(
     """Return what one side says, processed by the settings of the recording."""
     analyser = source.detector.analyser
     sensor = source.build_sensor()
+    assert isinstance(sensor, RecordedSensor)
     sensor.sweeps = replace(sensor.sweeps, beats=beats_of)
     reach = int(np.ceil(BESIDE_WIDTHS * look.echo_m / analyser.bin_m))
     offsets, leaking = np.arange(-reach, reach + 1), analyser.range_m < _leakage_end_m(source)

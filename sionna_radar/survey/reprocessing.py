@@ -43,16 +43,16 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.recordings.described import WHOLE_CELLS, DescribedSignals, open_described
+from sionna_radar.survey.recordings.described import WHOLE_CELLS, DescribedRanges, DescribedSignals, open_described
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
-from sionna_radar.survey.sensors.sensor import Observation, Sensor
+from sionna_radar.survey.sensors.sensor import Observation
 from sionna_radar.survey.sensors.sweeps import ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
-BeatSource = SignalFile | DescribedSignals
+RecordingFile = SignalFile | DescribedSignals | DescribedRanges
 
 # Pulses sampled over the recording for the mean and median spectrum.
 SPECTRUM_PULSES = 512
@@ -120,7 +120,7 @@ def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> di
     Raises InputFileError for a file that is no recording.
     """
     with _opened(path) as file:
-        files = [path, *(file.files if isinstance(file, DescribedSignals) else ())]
+        files = [path, *(file.files if isinstance(file, DescribedSignals | DescribedRanges) else ())]
     return {"recording": content_key({"files": files}), "settings": dict(overrides), "block_size": block_size}
 
 
@@ -133,7 +133,7 @@ def open_recording(
         yield _source(path, file, dict(overrides), parts or CustomParts())
 
 
-def _opened(path: Path) -> AbstractContextManager[BeatSource]:
+def _opened(path: Path) -> AbstractContextManager[RecordingFile]:
     """Open a recording: a netCDF file, or a TOML file that describes one."""
     return open_described(path) if path.suffix.lower() == ".toml" else open_signals(path)
 
@@ -148,7 +148,7 @@ class RecordingSource:
     path: Path
     overrides: Mapping[str, Any]
     parts: CustomParts
-    file: BeatSource
+    file: RecordingFile
     settings: Scenario | RecordedSettings
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
@@ -174,8 +174,10 @@ class RecordingSource:
     def tally(self) -> None:
         """Return None: a recording holds no true hits."""
 
-    def build_sensor(self) -> "RecordedSensor":
-        """Return the detector of its echoes."""
+    def build_sensor(self) -> "RecordedSensor | RangeReadings":
+        """Return the detector of its echoes, or the readings themselves."""
+        if isinstance(self.file, DescribedRanges):
+            return RangeReadings(self.file)
         expected, flight = self.settings.processing.expected_ground, self.file.flight
         ground = None
         if expected is not None and flight is not None:
@@ -185,6 +187,7 @@ class RecordingSource:
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
+        assert not isinstance(self.file, DescribedRanges), "readings have no signals"
         beats = self.file.beats(pulses)
         return [beat.conj() for beat in beats] if self.conjugate else beats
 
@@ -211,7 +214,7 @@ class RecordingSource:
             dem,
             dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
-            self.antenna,
+            None if isinstance(self.file, DescribedRanges) else self.antenna,
             self.detector.analyser,
             self.settings.processing.doppler_correction,
             self.parts.dem_method,
@@ -263,6 +266,25 @@ class RecordedSensor:
         return self.sweeps.record_chirps(pulses)[0]
 
 
+@dataclass(frozen=True)
+class RangeReadings:
+    """A sensor whose ranges were read before."""
+
+    file: DescribedRanges
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the readings of a block of pulses."""
+        return Observation(paths=Paths.none(), echoes=self.file.echoes(pulses))
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return the readings as they are: whoever read them has corrected what there was."""
+        del pulse, measured
+        return echoes
+
+    def record_chirp(self, pulses: Pulses) -> None:
+        """Return None: no chirps are known."""
+
+
 @on_one_thread
 def recorded_segment_task(task: Task) -> bytes:
     """Process a segment of a recording on a worker, and return it serialised."""
@@ -271,7 +293,7 @@ def recorded_segment_task(task: Task) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, RecordedSensor, ExitStack]:
+def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, RecordedSensor | RangeReadings, ExitStack]:
     """Return a recording, its sensor and its open file, cached for the segments of one recording."""
     kept_open = ExitStack()
     source = kept_open.enter_context(open_recording(Path(path), json.loads(overrides)))
@@ -280,7 +302,7 @@ def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, Recorde
 
 def _source(
     path: Path,
-    file: BeatSource,
+    file: RecordingFile,
     overrides: dict[str, Any],
     parts: CustomParts,
 ) -> RecordingSource:
@@ -294,7 +316,7 @@ def _source(
     if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
         message = "has no effect on powers: range profiles keep their cells; leave it out"
         raise ScenarioError([Problem(min(wrong), message)], source)
-    changes = {**file.settings, **overrides} if isinstance(file, DescribedSignals) else overrides
+    changes = {**file.settings, **overrides} if isinstance(file, DescribedSignals | DescribedRanges) else overrides
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(changes, source), file.sweeps
@@ -318,6 +340,12 @@ def _source(
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
         raise ScenarioError([Problem("processing.expected_ground", message)], source)
     antenna = parts.antenna or build_antenna(settings.radar.antenna)
+    if (
+        isinstance(file, DescribedRanges)
+        and (parts.dem_method or build_dem_method(settings.dem)).profiles == "required"
+    ):
+        message = "needs range profiles, which readings do not have; set dem.method = 'smooth'"
+        raise ScenarioError([Problem("dem.method", message)], source)
     high_pass = build_high_pass(settings.radar.receiver)
     return RecordingSource(
         path=path,
@@ -344,7 +372,7 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
 
 
 def _check_custom_parts(
-    file: BeatSource, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
+    file: RecordingFile, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
 ) -> None:
     """Raise ScenarioError if a custom part of the simulated flight is missing."""
     for key, what in file.replaced.items():
@@ -380,12 +408,13 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
                 estimate = source.mapper_of(points).map(points, observed.profiles, file.pose)
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
-    spectrum = _spectrum(source)
+    readings = isinstance(file, DescribedRanges)
+    spectrum = None if readings else _spectrum(source)
     return Processed(
         source=source.path,
         overrides=source.overrides,
         settings=source.settings,
-        sweeps=source.sweeps,
+        sweeps=() if readings else source.sweeps,
         time_s=flight.time_s,
         echoes=observed.echoes if points is None else replace(observed.echoes, range_m=points.range_m),
         points=points,
@@ -396,16 +425,10 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         comparison=comparison,
         georeference=file.georeference,
         spectrum=spectrum,
-        chirp=_middle_chirp(sensor, flight),
+        chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
         warnings=_warnings(source, observed.echoes, comparison, spectrum),
     )
-
-
-def _middle_chirp(sensor: Sensor, flight: RecordedPulses) -> ChirpRecord:
-    chirp = sensor.record_chirp(flight.pulses(np.array([len(flight) // 2])))
-    assert chirp is not None  # recordings are of radars
-    return chirp
 
 
 def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
@@ -424,7 +447,10 @@ def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
 def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[ChirpRecord]:
     """Return records of pulses from a recording that has been closed since."""
     with open_recording(source.path, source.overrides, source.parts) as again:
-        return again.build_sensor().sweeps.record_chirps(again.flight.pulses(index))
+        sensor = again.build_sensor()
+        if isinstance(sensor, RangeReadings):
+            return []
+        return sensor.sweeps.record_chirps(again.flight.pulses(index))
 
 
 def _spectrum(source: RecordingSource) -> RangeSpectrum:
@@ -434,13 +460,14 @@ def _spectrum(source: RecordingSource) -> RangeSpectrum:
 
 
 def _warnings(
-    source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum
+    source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum | None
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
     warnings: tuple[str, ...] = ()
     if not source.file.pulses.located:
         warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
-    if source.file.scenario is None and source.sweeps[0].sampling == "iq" and _turned(spectrum, source.detector):
+    complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"
+    if source.file.scenario is None and spectrum is not None and complex_signals and _turned(spectrum, source.detector):
         warnings += (
             f"{BAND_HELD:.0%} of the energy of echoes lies in the farther half of the ranges, as where Q has the other "
             f"sign; if none is expected there, set radar.conjugate = {str(not source.conjugate).lower()}",

@@ -241,12 +241,12 @@ class Processed(_ComparedWithReference):
 
     source, overrides: the recording, and the settings that were changed, by dotted keys.
     scenario: that of a simulated one, as it was processed; None for a real one, whose `settings` are these.
-    sweeps: of a pulse. time_s: of each pulse.
+    sweeps: of a pulse; none for ranges that were read before. time_s: of each pulse.
     echoes: corrected for Doppler where the velocity is known.
     points, measured: the located echoes, and the measured poses of pulses; None where the recording has no poses.
     dem, dem_sigma, uncertainty: see `Survey`; None without points.
     comparison: None where the truth is not known on this grid.
-    spectrum, chirp: of pulses spread over the recording, and of the one in its middle.
+    spectrum, chirp: of pulses spread over the recording, and of the one in its middle; None for ranges.
     reference: the DEM against measured heights, from `with_reference`.
     record_chirps: returns the records of further pulses, read from the recording again.
 
@@ -275,8 +275,8 @@ class Processed(_ComparedWithReference):
     uncertainty: Uncertainty | None
     comparison: Comparison | None
     georeference: Georeference | None
-    spectrum: RangeSpectrum
-    chirp: ChirpRecord
+    spectrum: RangeSpectrum | None
+    chirp: ChirpRecord | None
     record_chirps: Callable[[Int[np.ndarray, " pulse"]], list[ChirpRecord]]
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()

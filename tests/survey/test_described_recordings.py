@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.studies.processed import recording_page
+from sionna_radar.report.studies.processed import recording_page, write_processed
 from sionna_radar.survey.reprocessing import identity_of
 
 SLOPE, RATE_HZ, SAMPLES = 60e12, 5e6, 256
@@ -216,6 +216,67 @@ def test_pulses_outside_the_log_are_refused_with_its_span(tmp_path, sent):
     poses = '[poses]\nlog = "flight.csv"\nfirst_pulse_s = 1.9\n'
     with pytest.raises(ScenarioError, match=r"poses.first_pulse_s: is at 1.9 s: pulses are at 1.90 to 2.13 s"):
         process(described(tmp_path, 'samples = "beat.npy"', SWEEP + poses))
+
+
+def readings(folder: Path, name: str, readings: str = "", rest: str = "") -> Path:
+    path = folder / "readings.toml"
+    path.write_text(f'[readings]\nfile = "{name}"\n{readings}\n{rest}', encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
+    """Level ground 104.3 m under a flight along 20 m, read 1.5 m too far, with a gap."""
+    time_s = 70.0 + np.arange(0.0, 4.0, 0.05)
+    range_m = np.where(np.arange(len(time_s)) == 7, np.nan, 105.8)
+    if suffix == "csv":
+        rows = [f"{t:.2f},{'' if np.isnan(r) else r}" for t, r in zip(time_s, range_m, strict=True)]
+        (tmp_path / "alt.csv").write_text("\n".join(["utc,radar_m", *rows]))
+    else:
+        np.savez(tmp_path / "alt.npz", utc=time_s, radar_m=range_m)
+    flight = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 6.01, 0.1)]
+    (tmp_path / "flight.csv").write_text("\n".join([COLUMNS, *flight]))
+    named = 'columns = { time_s = "utc", range_m = "radar_m" }\nrange_zero_m = 1.5'
+    poses = '[poses]\nlog = "flight.csv"\nfirst_pulse_s = 1.0\n[dem]\nmethod = "smooth"\nspacing_m = 0.5\n'
+    path = readings(tmp_path, f"alt.{suffix}", named, poses)
+    found = process(path)
+    assert len(found.echoes) == len(time_s) - 1
+    assert found.sweeps == ()
+    assert found.chirp is None
+    np.testing.assert_allclose(found.points.position_m[:, 2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found.points.position_m[[0, -1], 0], [5.0, 5.0 + 5 * 3.95], atol=1e-6)
+    assert np.abs(found.dem.height_m[found.dem.filled]).max() < 1e-3
+    files = {file.name for file in write_processed(found, tmp_path / "out")}
+    assert {"processed.json", "report.html", "readings.png", "dem.tif", "echoes.csv"} <= files
+    assert "79 of 80" in recording_page(found)
+    with pytest.raises(ScenarioError, match=r"dem.method: needs range profiles"):
+        process(path, {"dem.method": "refined"})
+
+
+@pytest.mark.parametrize(
+    ("text", "keys", "words"),
+    [
+        ("time_s,height_m\n0,1\n1,2", "", "has time_s, height_m, and not range_m"),
+        ("time_s,range_m\n0,1\n0,2", "", "times that are missing or do not increase"),
+        ("time_s,range_m\n0,\n1,", "", "has no range"),
+        ("time_s,range_m\n0,5\n1,2", "range_zero_m = 3.0", "one that is not positive"),
+        ("time_s,range_m,sigma_m\n0,5,1\n1,2,", "", "a sigma_m that is negative or missing"),
+        ("time_s,range_m\n0,5\n1,2,7", "", "cannot be read as a table"),
+        ("time_s,range_m\n0,5\n1,2", "axes = []", "unknown key"),
+    ],
+)
+def test_readings_that_do_not_fit_are_one_clear_error(tmp_path, text, keys, words):
+    (tmp_path / "alt.csv").write_text(text)
+    with pytest.raises((InputFileError, ScenarioError)) as refused:
+        process(readings(tmp_path, "alt.csv", keys))
+    assert words in str(refused.value)
+
+
+def test_a_description_has_samples_or_readings(tmp_path):
+    path = tmp_path / "both.toml"
+    path.write_text('[recording]\nsamples = "a.npy"\n[readings]\nfile = "b.csv"\n')
+    with pytest.raises(ScenarioError, match=r"recording: give \[recording\] with samples or \[readings\]"):
+        process(path)
 
 
 def test_a_log_gives_points_and_a_map(tmp_path):

@@ -19,6 +19,7 @@ from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.progress import peak_memory_mb
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
@@ -77,7 +78,8 @@ from sionna_radar.report.page.sections import (
 from sionna_radar.report.survey.products import other_side, provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import console, number, reference_rows
-from sionna_radar.survey.result import Processed
+from sionna_radar.survey.result import Processed, RangeSpectrum
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 # Quantile of |error| beyond which colours saturate.
 SATURATED = 0.98
@@ -86,7 +88,7 @@ TINY = 1e-300
 
 def draw_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw the spectrum and the DEM, if any, into a directory as PNG, and return the files."""
-    figures = {"spectrum": draw_spectrum}
+    figures = {"readings": draw_readings} if processed.chirp is None else {"spectrum": draw_spectrum}
     if processed.dem is not None and processed.dem.filled.any():
         figures["dem"] = partial(draw_map, coordinates=coordinates)
     return save_figures(processed, figures, directory)
@@ -95,6 +97,8 @@ def draw_processed(processed: Processed, directory: Path, coordinates: Coordinat
 def draw_spectrum(processed: Processed) -> Figure:
     """Draw the beat signal of one chirp, and its spectrum with the mean, median, floor and threshold of all."""
     record, spectrum = processed.chirp, processed.spectrum
+    assert record is not None
+    assert spectrum is not None
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
@@ -104,14 +108,24 @@ def draw_spectrum(processed: Processed) -> Figure:
     time_axes.set(xlabel="Time in the sweep (ms)", ylabel="Beat signal (as recorded)")
     time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
     time_axes.legend(frameon=False, ncols=2)
-    _draw_powers(range_axes, processed)
+    _draw_powers(range_axes, record, spectrum)
     range_axes.axhline(10 * np.log10(max(spectrum.floor, TINY)), color="black", lw=0.8, ls=":", label="Noise floor")
     range_axes.legend(loc="upper right", framealpha=0.9, ncols=2)
     return figure
 
 
-def _draw_powers(axes: Axes, processed: Processed) -> None:
-    record, spectrum = processed.chirp, processed.spectrum
+def draw_readings(processed: Processed) -> Figure:
+    """Draw ranges that were read before against their time."""
+    echoes = processed.echoes
+    figure = ReportFigure(figsize=(9.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(processed.time_s[echoes.pulse], echoes.range_m, color=BLUE, ls="", marker=".", ms=3)
+    axes.set(xlabel="Time (s)", ylabel="Range (m)")
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def _draw_powers(axes: Axes, record: ChirpRecord, spectrum: RangeSpectrum) -> None:
     axes.plot(record.range_m, decibels(record.power), color=BLUE, lw=0.6, alpha=0.6, label=f"Pulse {record.pulse}")
     axes.plot(record.range_m, decibels(record.threshold), color=ORANGE, lw=1.2, ls="--", label="CFAR threshold")
     axes.plot(spectrum.range_m, decibels(spectrum.mean), color="0.2", lw=1.2, label="Mean of pulses")
@@ -219,8 +233,9 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
     """
     frame, pack = frame_of(processed.georeference, coordinates), Pack()
     beat_unit, power_unit = units_of(processed.scenario)
-    index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(processed.chirp)))
-    records = processed.record_chirps(index)
+    chirp = processed.chirp
+    index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(chirp)) if chirp else 1)
+    records = processed.record_chirps(index) if chirp else []
     dem, points, compared = processed.dem, processed.points, processed.comparison
     world: dict[str, Any] | None = None
     maps: list[dict[str, Any]] = []
@@ -271,11 +286,10 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
 
 def _tiles(processed: Processed) -> list[tuple[str, str, str]]:
     """Return the key figures of the page: value, name and remark."""
-    peak_m, _ = processed.spectrum.peak
-    tiles = [
-        (f"{len(processed.echoes):,}", "echoes", f"of {len(processed.time_s):,} pulses"),
-        (f"{peak_m:.2f} m", "peak of the mean spectrum", "range, not corrected for Doppler"),
-    ]
+    tiles = [(f"{len(processed.echoes):,}", "echoes", f"of {len(processed.time_s):,} pulses")]
+    if processed.spectrum is not None:
+        peak_m, _ = processed.spectrum.peak
+        tiles.append((f"{peak_m:.2f} m", "peak of the mean spectrum", "range, not corrected for Doppler"))
     if processed.dem is not None:
         tiles.append(
             (f"{int(processed.dem.filled.sum()):,}", "cells", f"of {processed.dem.grid.spacing_m:g} m, filled")
@@ -343,26 +357,17 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
 
 
 def _document(processed: Processed) -> dict[str, Any]:
-    sweep, points, comparison = processed.sweeps[0], processed.points, processed.comparison
+    points, comparison = processed.points, processed.comparison
     document: dict[str, Any] = {
         "recording": processed.source.name,
         "settings": processed.settings.model_dump(mode="json"),
         "warnings": processed.warnings,
         "crs": crs_name(processed.georeference),
         "georeference": georeference(processed.georeference),
-        "sweep": {
-            "carrier_hz": sweep.carrier_hz,
-            "bandwidth_hz": sweep.bandwidth_hz,
-            "duration_s": sweep.duration_s,
-            "samples": sweep.samples,
-            "sampling": sweep.sampling,
-            "sweeps": len(processed.sweeps),
-            "propagation_mps": sweep.propagation_mps,
-            "range_cell_m": sweep.range_resolution_m,
-        },
+        "sweep": _sweep(processed.sweeps) if processed.sweeps else None,
         "pulses": len(processed.time_s),
         "echoes": len(processed.echoes),
-        "noise_floor": processed.spectrum.floor,
+        "noise_floor": processed.spectrum.floor if processed.spectrum else None,
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
         "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
@@ -372,6 +377,20 @@ def _document(processed: Processed) -> dict[str, Any]:
     }
     cleaned: dict[str, Any] = without_nan(document)
     return cleaned
+
+
+def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
+    sweep = sweeps[0]
+    return {
+        "carrier_hz": sweep.carrier_hz,
+        "bandwidth_hz": sweep.bandwidth_hz,
+        "duration_s": sweep.duration_s,
+        "samples": sweep.samples,
+        "sampling": sweep.sampling,
+        "sweeps": len(sweeps),
+        "propagation_mps": sweep.propagation_mps,
+        "range_cell_m": sweep.range_resolution_m,
+    }
 
 
 def print_processed(processed: Processed) -> None:
@@ -388,7 +407,14 @@ def processed_table(processed: Processed) -> Table:
 
 
 def _recorded(processed: Processed) -> dict[str, str]:
-    sweep, spectrum = processed.sweeps[0], processed.spectrum
+    spectrum = processed.spectrum
+    if spectrum is None:
+        spread = np.quantile(processed.echoes.range_m, [0.0, 0.5, 1.0]) if len(processed.echoes) else [np.nan] * 3
+        return {
+            "readings": f"{len(processed.echoes):,} of {len(processed.time_s):,}",
+            "range": f"{spread[0]:.2f} to {spread[2]:.2f} m, median {spread[1]:.2f} m",
+        }
+    sweep = processed.sweeps[0]
     count = "one sweep" if len(processed.sweeps) == 1 else "two sweeps"
     kind = f"{count} of {sweep.samples:,} {'I/Q' if sweep.sampling == 'iq' else 'real'} samples"
     peak, strongest = spectrum.peak

@@ -11,7 +11,8 @@
     sampling_rate_hz = 2.5e6
     pulse_rate_hz = 100.0
 
-An array may hold range profiles instead: `_signals_of` says how they are read.
+An array may hold range profiles instead: `_signals_of` says how they are read. Ranges that an altimeter read stand in
+`[readings]` in place of `[recording]` and `[sweep]`.
 
     [poses]                             # a flight log, in any format that `platform.log` takes
     log = "flight.csv"
@@ -35,8 +36,10 @@ from zipfile import BadZipFile
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int, Num
 from pydantic import ValidationError
+from scipy.constants import speed_of_light
 from scipy.signal import hilbert
 
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.elevation.local_frame import MapFrame, frame_at
 from sionna_radar.flight.frames import conical_from_antenna, world_from_body
 from sionna_radar.flight.logs.reader import read_log
@@ -58,6 +61,8 @@ from sionna_radar.survey.recordings.signal_file import (
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
 MAX_BYTES = 64_000_000_000
+# Samples of the nominal sweep of readings; its range cells alone count.
+CELLS_OF_READINGS = 4096
 # What alone returns the powers of profiles as they are: the analysis without a window and zero-padding.
 WHOLE_CELLS: dict[str, Any] = {"processing.window": "boxcar", "processing.zero_padding": 1}
 PoseAt = Callable[[Float[np.ndarray, " n"]], Pose]
@@ -101,13 +106,7 @@ class DescribedSignals:
     @cached_property
     def pulses(self) -> RecordedPulses:
         """The pulses."""
-        return RecordedPulses(
-            poses=None if self.pose_at is None else self.pose,
-            time_s=self.time_s,
-            scan_rad=np.zeros(len(self.time_s)),
-            scan_number=None,
-            beam=None,
-        )
+        return _pulses_at(self.time_s, self.pose_at)
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of pulses, with ranges that count from the radar's zero."""
@@ -129,14 +128,80 @@ class DescribedSignals:
         return self.pose_at(self.time_s[index])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DescribedRanges:
+    """Ranges that a radar or laser read by itself, as an altimeter does; the rest as of `DescribedSignals`.
+
+    range_m, sigma_m: of each pulse, NaN without a reading; sigma is 0 where it is not known.
+    cell_m: length of a range cell of the radar that read them.
+    """
+
+    range_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+    time_s: Float[np.ndarray, " pulse"]
+    cell_m: float
+    pose_at: PoseAt | None
+    georeference: Georeference | None
+    settings: Mapping[str, Any]
+    files: tuple[Path, ...]
+    scenario: None = None
+    flight: None = None
+    truth: None = None
+
+    @property
+    def replaced(self) -> dict[str, str]:
+        """No parts: nothing was simulated."""
+        return {}
+
+    @property
+    def sweeps(self) -> tuple[Chirp, ...]:
+        """A sweep with the range cells of the readings, of which no samples are known."""
+        bandwidth_hz = speed_of_light / (2 * self.cell_m)
+        radar = RecordedRadar(carrier_hz=max(bandwidth_hz, 1e9), bandwidth_hz=bandwidth_hz, sampling_rate_hz=1e6)
+        return sweeps_of(radar, CELLS_OF_READINGS, iq=False)
+
+    @cached_property
+    def pulses(self) -> RecordedPulses:
+        """The pulses."""
+        return _pulses_at(self.time_s, self.pose_at)
+
+    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
+        """Return the poses of pulses."""
+        assert self.pose_at is not None
+        return self.pose_at(self.time_s[index])
+
+    def echoes(self, pulses: Pulses) -> Echoes:
+        """Return the readings of some pulses; power and signal-to-noise ratio are not known."""
+        range_m = self.range_m[pulses.index]
+        known = np.isfinite(range_m)
+        count = int(np.count_nonzero(known))
+        return Echoes(
+            pulse=pulses.index[known],
+            number=np.zeros(count, dtype=np.int64),
+            range_m=range_m[known],
+            range_sigma_m=self.sigma_m[pulses.index][known],
+            power=np.ones(count),
+            snr_db=np.full(count, np.nan),
+        )
+
+
+def _pulses_at(time_s: Float[np.ndarray, " pulse"], pose_at: PoseAt | None) -> RecordedPulses:
+    poses = None if pose_at is None else lambda index: pose_at(time_s[index])
+    return RecordedPulses(poses=poses, time_s=time_s, scan_rad=np.zeros(len(time_s)), scan_number=None, beam=None)
+
+
 @contextmanager
-def open_described(path: Path) -> Iterator[DescribedSignals]:
+def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
     """Open a recording that a TOML file describes.
 
     Raises InputFileError or ScenarioError for a description, samples or a log that cannot be used.
     """
     table = _description(path)
-    own, log = table.recording, None if table.poses is None else table.poses.log
+    yield _signals(path, table, table.recording) if table.recording else _ranges(table)
+
+
+def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> DescribedSignals:
+    """Return described signals."""
     channel = _read(path, own, table.sweep)
     samples, radar, background = channel.samples, channel.radar, None
     if own.background is not None:
@@ -156,7 +221,7 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[1]:,} samples; they cannot be processed")
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
-    yield DescribedSignals(
+    return DescribedSignals(
         samples=samples,
         radar=radar,
         time_s=time_s,
@@ -166,8 +231,65 @@ def open_described(path: Path) -> Iterator[DescribedSignals]:
         pose_at=pose_at,
         georeference=georeference,
         settings=table.settings() | (WHOLE_CELLS if own.values != "complex" else {}),
-        files=tuple(file for file in (own.samples, own.config, own.background, log) if file is not None),
+        files=_files(table, own.samples, own.config, own.background),
     )
+
+
+def _files(table: DescribedRecording, *own: Path | None) -> tuple[Path, ...]:
+    log = None if table.poses is None else table.poses.log
+    return tuple(file for file in (*own, log) if file is not None)
+
+
+def _ranges(table: DescribedRecording) -> DescribedRanges:
+    """Return described ranges: their times count from the first one, or with poses from the log's first position."""
+    own = table.readings
+    assert own is not None
+    known = _columns(own.file, own.columns)
+    time_s, range_m = known["time_s"], known["range_m"] - own.range_zero_m
+    if not (0 < len(time_s) <= MAX_PULSES and np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
+        _fail(own.file, "has times that are missing or do not increase; sort the readings by time")
+    if not np.isfinite(range_m).any() or np.nanmin(range_m) <= 0:
+        _fail(own.file, "has no range, or one that is not positive; leave those cells empty (nan)")
+    sigma_m = known.get("sigma_m", np.zeros(len(time_s)))
+    if not (sigma_m[np.isfinite(range_m)] >= 0).all():
+        _fail(own.file, "has a sigma_m that is negative or missing; give metres, or leave the column out")
+    time_s = time_s - time_s[0] + (0.0 if table.poses is None else table.poses.first_pulse_s)
+    pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
+    return DescribedRanges(
+        range_m=range_m,
+        sigma_m=sigma_m,
+        time_s=time_s,
+        cell_m=own.range_cell_m,
+        pose_at=pose_at,
+        georeference=georeference,
+        settings=table.settings(),
+        files=_files(table, own.file),
+    )
+
+
+def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarray, " row"]]:
+    """Return the columns of a file of ranges by our names."""
+    regular_file(path, "readings.file =", REMEDY, MAX_BYTES)
+    wanted = {name: renamed.get(name, name) for name in ("time_s", "range_m", "sigma_m")}
+    try:
+        if path.suffix.lower() == ".npz":
+            with np.load(path, allow_pickle=False) as file:
+                found = {name: np.asarray(file[key], np.float64) for name, key in wanted.items() if key in file}
+                names = list(file)
+        else:
+            table: np.ndarray = np.genfromtxt(
+                path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8", ndmin=1
+            )
+            names = list(table.dtype.names or ())
+            found = {name: np.asarray(table[key]) for name, key in wanted.items() if key in names}
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        _fail(path, f"cannot be read as a table ({str(error).splitlines()[0]})")
+    missing = [wanted[name] for name in wanted if name not in found and (name != "sigma_m" or name in renamed)]
+    if missing:
+        _fail(path, f"has {', '.join(names)}, and not {missing[0]}; name it in [readings.columns]")
+    if len({column.shape for column in found.values()}) != 1 or found["time_s"].ndim != 1:
+        _fail(path, "has columns of different lengths; give one value a reading")
+    return found
 
 
 def _description(path: Path) -> DescribedRecording:
@@ -181,8 +303,12 @@ def _description(path: Path) -> DescribedRecording:
     except ValidationError as error:
         raise ScenarioError(translate(error.errors(), DescribedRecording), str(path)) from error
     beside = lambda file: None if file is None else path.parent / Path(file).expanduser()  # noqa: E731
-    own = {name: beside(getattr(table.recording, name)) for name in ("samples", "config", "background")}
-    changes: dict[str, Any] = {"recording": table.recording.model_copy(update=own)}
+    changes: dict[str, Any] = {}
+    if table.recording is not None:
+        own = {name: beside(getattr(table.recording, name)) for name in ("samples", "config", "background")}
+        changes["recording"] = table.recording.model_copy(update=own)
+    if table.readings is not None:
+        changes["readings"] = table.readings.model_copy(update={"file": beside(table.readings.file)})
     if table.poses is not None:
         changes["poses"] = table.poses.model_copy(update={"log": beside(table.poses.log)})
     return table.model_copy(update=changes)
