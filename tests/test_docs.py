@@ -104,8 +104,8 @@ def merged(block: str) -> dict:
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")], ids=name)
 def test_scenarios_on_a_page_are_valid(page):
     for block in blocks(page, "toml"):
-        if "recording" in tomllib.loads(block):
-            assert DescribedRecording.model_validate(tomllib.loads(block)).recording.samples
+        if {"recording", "readings"} & tomllib.loads(block).keys():
+            assert DescribedRecording.model_validate(tomllib.loads(block)).poses
             continue
         tables = merged(block)
         assert parse_scenario(tables).terrain.kind == tables["terrain"]["kind"]
