@@ -158,8 +158,12 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
         message = f"{scenario.sensor!r} has no beat signals to compare; set sensor = 'radar'"
         raise ScenarioError([Problem("sensor", message)], str(source.path))
     check_same_radar(build_sweeps(scenario.radar), source.sweeps, str(source.path))
-    # The recording's own seed would draw its noise and speckle again.
-    return scenario if "seed" in changes else scenario.replace({"seed": scenario.seed + 1})
+    if "seed" not in changes:
+        return scenario.replace({"seed": scenario.seed + 1})
+    if isinstance(source.settings, Scenario) and scenario.seed == source.settings.seed:
+        message = f"{scenario.seed} is the recording's own, which draws its noise and speckle again; give another one"
+        raise ScenarioError([Problem("seed", message)], str(source.path))
+    return scenario
 
 
 @on_one_thread

@@ -192,6 +192,8 @@ def test_a_recording_on_the_map_flies_over_a_raster_in_its_own_crs_or_another(tm
 def test_what_cannot_be_flown_again_is_one_clear_error(flown, foreign, tmp_path):
     with pytest.raises(ScenarioError, match=r"radar: the scenario's bandwidth_hz is"):
         run_twin(flown, overrides={"radar.bandwidth_hz": 400e6})
+    with pytest.raises(ScenarioError, match=r"seed: 1 is the recording's own"):
+        run_twin(flown, overrides={"seed": 1})
     ground = write_heights(tmp_path / "dem.tif", np.zeros((50, 50)), from_origin(5e5, 5e6, 1.0, 1.0), crs=UTM)
     with pytest.raises(ScenarioError, match=r"terrain: the recording has no place on the map"):
         run_twin(flown, terrain=ground)
