@@ -53,8 +53,10 @@ from sionna_radar.survey.reprocessing import (
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sweeps import Beats
 
-# Blocks along the track: at most, and at least for a test; the pulses that one holds at least.
-MAX_BLOCKS, MIN_BLOCKS, MIN_BLOCK_PULSES = 64, 12, 4
+# Halvings of the ground into tiles: at most, and at least for a test; the pulses that a tile holds at least.
+MAX_HALVINGS, MIN_HALVINGS, MIN_TILE_PULSES = 6, 4, 4
+# Footprints across a tile, at least: neighbouring beams share ground, and with it their speckle and errors.
+TILE_FOOTPRINTS = 2.0
 # Half-width of the echo's cells: range cells, and spreads of the beam over the ground; of those beside it, in these.
 ECHO_CELLS, ECHO_SPREADS, BESIDE_WIDTHS = 4.0, 1.5, 3.0
 # Steepest incidence from which the spread of an echo is taken.
@@ -69,7 +71,7 @@ class Twin:
     """A recording beside its simulation.
 
     source: the recording. scenario: what was simulated. rows: the comparison.
-    blocks: number of blocks along the track that the test exchanges, and pulses in each.
+    blocks: number of tiles of the ground whose labels the test exchanges, and pulses in each.
     profiles: mean power about the expected range, measured and simulated, at offsets `profile_m`.
     levels_known: whether the unit of the recorded power is that of the simulation; otherwise powers count from the
         floor.
@@ -321,9 +323,8 @@ def _strongest(echoes: Echoes) -> Int[np.ndarray, " pulse"]:
 def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> Twin:
     """Observe both sides, and compare them."""
     count = len(source.flight)
-    blocks = min(MAX_BLOCKS, count // MIN_BLOCK_PULSES)
-    if blocks < MIN_BLOCKS:
-        message = f"{source.path}: has {count} pulses; {MIN_BLOCKS * MIN_BLOCK_PULSES} at least can be compared"
+    if count < (least := MIN_TILE_PULSES << MIN_HALVINGS):
+        message = f"{source.path}: has {count} pulses; {least} at least can be compared"
         raise InputFileError(message)
     simulator = prepared.build_sensor()
     assert isinstance(simulator, Radar)
@@ -332,6 +333,8 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         return simulator.sweeps.beats(prepared.flight.pulses(pulses.index))
 
     look, quiet = _look(source, prepared), _quiet(source, (source.beats, simulated_beats))
+    block = _tiles(look, recorded.measured, max(prepared.antenna.beamwidths_rad))
+    blocks = int(block.max()) + 1
     measured = _observed(source, source.beats, look, quiet, "reading")
     simulated = _observed(source, simulated_beats, look, quiet, "tracing")
     analyser = source.detector.analyser
@@ -339,7 +342,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         measured=measured.side,
         simulated=simulated.side,
         look=look,
-        block=np.arange(count) * blocks // count,
+        block=block,
         scan=source.flight.scan_numbers,
         bin_m=analyser.bin_m,
         chirp=analyser.chirp,
@@ -361,6 +364,35 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         overrides={},
         warnings=prepared.warnings,
     )
+
+
+def _tiles(look: Look, pose: Pose, beam_rad: float) -> Int[np.ndarray, " pulse"]:
+    """Return the tile of the ground that each pulse looks at: halves of halves along their longer side.
+
+    Beams of the same ground, of one scan or of several, are in one tile. A pulse that meets nothing belongs to the
+    tile of the one before.
+    """
+    hit = np.flatnonzero(np.isfinite(look.range_m))
+    if len(hit) < MIN_TILE_PULSES << MIN_HALVINGS:
+        message = f"{len(hit)} of the beams meet the ground; fly over it, or give a larger --terrain"
+        raise InputFileError(message)
+    place_m = (pose.position_m + look.range_m[:, None] * pose.boresight)[hit, :2]
+    footprint_m = float(np.median(look.range_m[hit]) * beam_rad)
+    tile = np.zeros(len(hit), dtype=np.int64)
+    for halvings in range(MAX_HALVINGS):
+        halved = tile.copy()
+        for number in range(1 << halvings):
+            own = np.flatnonzero(tile == number)
+            axis = int(np.argmax(np.ptp(place_m[own], axis=0)))
+            order = own[np.argsort(place_m[own, axis], kind="stable")]
+            halved[order[len(order) // 2 :]] += 1 << halvings
+        across_m = [float(np.hypot(*np.ptp(place_m[halved == number], axis=0))) for number in range(2 << halvings)]
+        small = np.median(across_m) < TILE_FOOTPRINTS * footprint_m or len(hit) < MIN_TILE_PULSES * len(across_m)
+        if halvings >= MIN_HALVINGS and small:
+            break
+        tile = halved
+    whole = np.searchsorted(hit, np.arange(len(look.range_m)), side="right") - 1
+    return tile[np.maximum(whole, 0)]
 
 
 def _of_maps(

@@ -1,10 +1,10 @@
 """Statistics of a recording beside its simulation, tested together.
 
 Each row is a statistic of the pulses, such as the mean noise floor, with its difference, measured minus simulated. Were
-the two alike, their labels could be exchanged in any stretch of the flight: a permutation test exchanges them in blocks
-along the track, which respects correlation within a block, and takes the greatest standardised difference of all rows
-(Westfall and Young 1993, "Resampling-based multiple testing", single-step maxT), so that the stated false-alarm rate is
-that of all rows together.
+the two alike, their labels could be exchanged over any part of the ground: a permutation test exchanges them in blocks,
+tiles of the ground, which respects correlation within a tile, along the track or across it. It takes the greatest
+standardised difference of all rows (Westfall and Young 1993, "Resampling-based multiple testing", single-step maxT), so
+that the stated false-alarm rate is that of all rows together.
 """
 
 from collections.abc import Callable

@@ -101,7 +101,7 @@ def print_twin(twin: Twin) -> None:
 def meaning_of(twin: Twin) -> str:
     """Return what the columns mean."""
     text = (
-        f"The differences are tested together by exchanging the labels of {twin.blocks[0]} blocks along the track: two "
+        f"The differences are tested together by exchanging the labels of {twin.blocks[0]} tiles of the ground: two "
         f"that are alike differ in any row in {FALSE_ALARM:.0%} of the cases. The deviation is that of the difference "
         "between two that are alike."
     )
@@ -132,7 +132,7 @@ def twin_page(twin: Twin) -> str:
         warnings=twin.warnings,
         tiles=[
             (str(len(twin.differing)), "rows differ", f"of {len(twin.rows)}"),
-            (f"{twin.pulses:,}", "pulses", f"in {twin.blocks[0]} blocks of {twin.blocks[1]} or more"),
+            (f"{twin.pulses:,}", "pulses", f"in {twin.blocks[0]} tiles of the ground, about {twin.blocks[1]} each"),
         ],
         head=list(HEAD),
         rows=[[row.name, *_cells(row, number)] for number, row in enumerate(twin.rows)],
