@@ -53,7 +53,7 @@ def plan(
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
     """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
-    from sionna_radar.report.studies.plan import PLAN_FILE, parse_pair, print_check, print_plan
+    from sionna_radar.report.studies.flights import PLAN_FILE, parse_pair, print_check, print_plan
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
 
@@ -247,7 +247,7 @@ def log_command(
     quiet: QuietOption = False,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
-    from sionna_radar.report.studies.log import MARKER, print_log, write_log
+    from sionna_radar.report.studies.flights import MARKER, print_log, write_log
     from sionna_radar.studies.log_inspection import inspect_log
 
     ground = _ground(over, terrain)

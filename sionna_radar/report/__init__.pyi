@@ -9,12 +9,12 @@ from .page.compare import write_comparison as write_comparison
 from .page.show import show_page as show_page
 from .studies.budget import write_budget as write_budget
 from .studies.crosscheck import write_crosscheck as write_crosscheck
+from .studies.flights import draw_log as draw_log
+from .studies.flights import write_log as write_log
 from .studies.imagery import write_imagery as write_imagery
 from .studies.link import draw_floors as draw_floors
 from .studies.link import draw_link as draw_link
 from .studies.link import write_link as write_link
-from .studies.log import draw_log as draw_log
-from .studies.log import write_log as write_log
 from .studies.range_doppler import write_frames as write_frames
 from .studies.sweep import write_sweep as write_sweep
 from .survey.figures import draw_chirp as draw_chirp
