@@ -1,4 +1,4 @@
-"""The commands that simulate: `demo`, `run`, `crosscheck`, `budget`, `sweep`, `merge`, `link`, `image`, `range-doppler`."""
+"""The commands that simulate: surveys, studies, images, range-Doppler maps and link budgets."""
 
 from collections.abc import Sequence
 from functools import partial
