@@ -35,6 +35,7 @@ TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
         ("crosscheck", commands.crosscheck),
     ),
     "Study": (
+        ("design", commands.design),
         ("sweep", commands.sweep),
         ("merge", commands.merge),
         ("budget", commands.budget),

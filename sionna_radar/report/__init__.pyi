@@ -15,6 +15,10 @@ from .studies.imagery import write_imagery as write_imagery
 from .studies.link import draw_floors as draw_floors
 from .studies.link import draw_link as draw_link
 from .studies.link import write_link as write_link
+from .studies.radar_design import draw_front as draw_front
+from .studies.radar_design import draw_slices as draw_slices
+from .studies.radar_design import print_design as print_design
+from .studies.radar_design import write_design as write_design
 from .studies.range_doppler import write_frames as write_frames
 from .studies.sweep import write_sweep as write_sweep
 from .survey.figures import draw_chirp as draw_chirp

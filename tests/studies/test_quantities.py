@@ -10,9 +10,17 @@ from sionna_radar.flight.build import build_scan
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import taylor
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.expressions import check_names, parse_expression, parse_requirement, read_costs
 from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
-from sionna_radar.studies.quantities import QUANTITIES, Area, quantities_of, taylor_aperture_m
+from sionna_radar.studies.quantities import (
+    QUANTITIES,
+    Area,
+    check_names,
+    parse_expression,
+    parse_requirement,
+    quantities_of,
+    read_costs,
+    taylor_aperture_m,
+)
 
 H, V = 50.0, 10.0
 

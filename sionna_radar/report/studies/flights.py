@@ -31,8 +31,7 @@ from sionna_radar.report.drawing import (
     save_figures,
     shaded,
 )
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.files.signed_file import SignedFile
+from sionna_radar.report.files.folder import SignedFile, write_study
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.log_inspection import LogInspection
 from sionna_radar.studies.planning import FlightPlan, PlanCheck
