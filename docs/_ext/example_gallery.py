@@ -25,6 +25,7 @@ SECTIONS = {
         "fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills fig13_edge_error "
         "fig14_buildings table3_beamwidth",
     ),
+    "designs": ("Which radar do I need?", "design_lighter design_rain design_corridor"),
 }
 ORDER = [f"plot_{name}.py" for _, names in SECTIONS.values() for name in names.split()]
 HEADER = """Examples

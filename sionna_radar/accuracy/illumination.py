@@ -10,8 +10,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.coverage import Illumination
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.main_lobe import LIT, in_main_lobe, voltage_at
+from sionna_radar.radar.antenna import LIT, Antenna, in_main_lobe, voltage_at
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.paths import Paths
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from sionna_radar.cli import commands, radar, recordings, tools
+from sionna_radar.cli import commands, recordings, tools
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
 
 # The commands as `--help` lists them, by task.
@@ -29,12 +29,13 @@ TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
     ),
     "Simulate": (
         ("run", commands.run_command),
-        ("image", radar.image),
-        ("range-doppler", radar.range_doppler),
-        ("link", radar.link),
+        ("image", commands.image),
+        ("range-doppler", commands.range_doppler),
+        ("link", commands.link),
         ("crosscheck", commands.crosscheck),
     ),
     "Study": (
+        ("design", commands.design),
         ("sweep", commands.sweep),
         ("merge", commands.merge),
         ("budget", commands.budget),

@@ -1,5 +1,6 @@
-"""The commands that simulate: `demo`, `run`, `crosscheck`, `budget`, `sweep`, `merge`."""
+"""The commands that simulate: surveys, studies, images, range-Doppler maps and link budgets."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
     from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck import CrossCheck
+    from sionna_radar.studies.radar_design import RadarDesign
     from sionna_radar.studies.sweep import Sweep
     from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
@@ -179,21 +181,41 @@ def budget(
         Path | None,
         typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
+    limit: Annotated[
+        str | None,
+        typer.Option(metavar="rms=M", help="Largest RMS of the DEM, m, in place of the growth by 10 %: rms=0.15."),
+    ] = None,
 ) -> None:
     """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
     from sionna_radar.studies.budget import GRADES, GROWTH, identity_of, load_grades, run_budget
 
+    limit_m = None if limit is None else _rms_limit(limit)
     checked = session.load_and_precompile()
     known = GRADES | load_grades(grades) if grades else GRADES
 
+    asked = identity_of(checked, GROWTH, repeat, known) | ({} if limit_m is None else {"limit": limit_m})
+
     def fly(keep: "OpenCheckpoints") -> "Budget":
         with session.team() as team:
-            execution = Execution(workers=team, checkpoints=keep(identity_of(checked, GROWTH, repeat, known)))
-            return run_budget(checked, repeat=repeat, grades=known, execution=execution)
+            execution = Execution(workers=team, checkpoints=keep(asked))
+            return run_budget(checked, limit_m=limit_m, repeat=repeat, grades=known, execution=execution)
 
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
+
+
+def _rms_limit(text: str) -> float:
+    """Return the limit of `rms=M`; raises ScenarioError for anything else."""
+    name, _, value = text.partition("=")
+    try:
+        limit_m = float(value)
+    except ValueError:
+        limit_m = 0.0
+    if name.strip() != "rms" or not 0 < limit_m < float("inf"):
+        problem = Problem("--limit", f"{text!r} is no limit; give rms=M with the largest RMS error in m, e.g. rms=0.15")
+        raise ScenarioError([problem], "command line")
+    return limit_m
 
 
 @command_on_a_scenario(team=True)
@@ -225,16 +247,31 @@ def sweep(
         str | None,
         typer.Option("--shard", metavar="I/N", help="Simulate the I-th of N equal shards, to be combined by `merge`."),
     ] = None,
+    sort: Annotated[
+        str | None,
+        typer.Option(
+            "--sort", metavar="EXPR", help="Order of the table, least first; what seeds cannot tell apart is marked."
+        ),
+    ] = None,
+    require: Annotated[
+        list[str] | None,
+        typer.Option("--require", metavar="CONDITION", help="Mark what meets it, e.g. 'rms_m < 0.10' (repeat)."),
+    ] = None,
+    pareto: Annotated[
+        list[str] | None,
+        typer.Option("--pareto", metavar="EXPR", help="Mark the Pareto front of expressions, each minimised (repeat)."),
+    ] = None,
 ) -> None:
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, write_sweep
+    from sionna_radar.studies.comparison import Ranking
     from sionna_radar.studies.design import parse_design
     from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
 
     design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
-    files = runs or RUNS_FILES
+    files, ranking = runs or RUNS_FILES, Ranking.parse(sort, require or [], pareto or [])
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
@@ -245,9 +282,96 @@ def sweep(
             return run_sweep(plan, shard=part, execution=execution)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
-    write = partial(write_sweep, runs=files)
     session.produce(
-        fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep, exit_code=_tell_failures, products=files
+        fly,
+        suffix=suffix,
+        marker=MARKER,
+        write=partial(write_sweep, runs=files, ranking=ranking),
+        show=partial(print_sweep, ranking=ranking),
+        exit_code=_tell_failures,
+        products=[*files, *([sort] if sort else []), *(require or []), *(pareto or [])],
+    )
+
+
+@command_on_a_scenario(team=True)
+def design(
+    session: Session,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="KEY=LOW:HIGH[:log]|V1,V2,...",
+            help="Free parameter: range or values of a dotted key (repeat), e.g. dem.method=linear,smooth.",
+            autocompletion=complete_key,
+        ),
+    ] = None,
+    minimise: Annotated[
+        list[str] | None,
+        typer.Option("--minimise", metavar="EXPR", help="What shall be least; twice for a Pareto front."),
+    ] = None,
+    maximise: Annotated[
+        list[str] | None, typer.Option("--maximise", metavar="EXPR", help="What shall be greatest.")
+    ] = None,
+    require: Annotated[
+        list[str] | None,
+        typer.Option("--require", metavar="CONDITION", help="What must hold, e.g. 'rms_m < 0.10' (repeat)."),
+    ] = None,
+    worst_of: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--worst-of",
+            metavar="SCENARIO|KEY=VALUE[;...]",
+            help="Fly each setting there, too, and take the worst of all (repeat), e.g. weather.rain_rate_mm_per_h=10.",
+        ),
+    ] = None,
+    costs: Annotated[
+        Path | None,
+        typer.Option("--costs", metavar="FILE", help="Costs by component, TOML or CSV, as quantities, e.g. mass_kg."),
+    ] = None,
+    area: Annotated[
+        str | None,
+        typer.Option("--area", metavar="EASTxNORTH", help="Area of flying_time_s and lines, m; default the flight's."),
+    ] = None,
+    overlap: Annotated[float, typer.Option(help="Overlap of neighbouring swaths over it, as a share.")] = 0.2,
+    surveys: Annotated[int, typer.Option(metavar="N", help="Number of surveys in all.")] = 60,
+    repeat: Annotated[int, typer.Option(min=2, metavar="N", help="Seeds with which the optimum is checked.")] = 5,
+    confidence: Annotated[float, typer.Option(help="Probability with which each requirement must hold.")] = 0.9,
+) -> None:
+    """Find the radar and flight that meet requirements at the least cost, and how sure that is; exit code 1 if none."""
+    from sionna_radar.execution.execution import Execution
+    from sionna_radar.report.studies.flights import parse_pair
+    from sionna_radar.report.studies.radar_design import MARKER, print_design, write_design
+    from sionna_radar.studies.design_search import run_design
+    from sionna_radar.studies.quantities import Area, read_costs
+    from sionna_radar.studies.radar_design import plan_design
+
+    size = None if area is None else parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150")
+
+    def fly(keep: "OpenCheckpoints") -> "RadarDesign":
+        with session.team() as team:
+            plan = plan_design(
+                session.scenario,
+                free or [],
+                minimise=minimise or [],
+                maximise=maximise or [],
+                require=require or [],
+                overrides=session.overrides,
+                worst_of=worst_of or [],
+                costs=None if costs is None else read_costs(costs),
+                area=None if size is None else Area(size_m=size, overlap=overlap),
+                surveys=surveys,
+                repeat=repeat,
+                confidence=confidence,
+            )
+            return run_design(plan, execution=Execution(workers=team, checkpoints=keep(plan.identity())))
+
+    session.produce(
+        fly,
+        suffix="_design",
+        marker=MARKER,
+        write=write_design,
+        show=print_design,
+        exit_code=lambda result: 0 if result.holds else 1,
     )
 
 
@@ -277,3 +401,76 @@ def _tell_failures(result: "Sweep") -> int:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} settings failed", err=True)
     return 1 if result.failed else 0
+
+
+@command_on_a_scenario()
+def link(
+    session: Session,
+    incidence: Annotated[
+        str | None,
+        typer.Option("--incidence", metavar="A1,A2,...", help="Incidence angles, degrees."),
+    ] = None,
+    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
+    pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
+) -> None:
+    """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
+    from sionna_radar.report.studies.link import MARKER, print_link, write_link
+    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, run_link_budget
+
+    angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
+    checked = session.load()
+    session.produce(
+        lambda _: run_link_budget(checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses),
+        suffix="_link",
+        marker=MARKER,
+        write=write_link,
+        show=print_link,
+        exit_code=lambda result: 0 if result.agrees else 1,
+    )
+
+
+def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[float]:
+    """Return the numbers of an option, separated by commas."""
+    if text is None:
+        return list(default)
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        message = f"{text!r} are not numbers; give some, separated by commas"
+        raise ScenarioError([Problem(option, message)], "command line") from error
+
+
+@command_on_a_scenario()
+def image(session: Session) -> None:
+    """Simulate a side-looking scenario; write its slant-range image and, with persistent speckle, the focused one."""
+    from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
+    from sionna_radar.studies.images import run_images
+
+    checked = session.load()
+    session.produce(
+        lambda _: run_images(checked),
+        suffix="_image",
+        marker=MARKER,
+        write=write_imagery,
+        show=print_image,
+    )
+
+
+@command_on_a_scenario()
+def range_doppler(
+    session: Session,
+    chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
+    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Number of consecutive frames.")] = 8,
+) -> None:
+    """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
+    from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
+    from sionna_radar.studies.images import run_frames
+
+    checked = session.load()
+    session.produce(
+        lambda _: run_frames(checked, chirps=chirps, frames=frames),
+        suffix="_range_doppler",
+        marker=MARKER,
+        write=write_frames,
+        show=print_frames,
+    )

@@ -25,7 +25,7 @@ from sionna_radar.cli.session import (
     overrides_of,
     progress_shown,
 )
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def plan(
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
     """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
-    from sionna_radar.report.studies.plan import PLAN_FILE, parse_pair, print_check, print_plan
+    from sionna_radar.report.studies.flights import PLAN_FILE, parse_pair, print_check, print_plan
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
 
@@ -247,7 +247,7 @@ def log_command(
     quiet: QuietOption = False,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
-    from sionna_radar.report.studies.log import MARKER, print_log, write_log
+    from sionna_radar.report.studies.flights import MARKER, print_log, write_log
     from sionna_radar.studies.log_inspection import inspect_log
 
     ground = _ground(over, terrain)
@@ -261,7 +261,6 @@ def log_command(
 
 
 def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
-    from sionna_radar.foundation.errors import Problem, ScenarioError
     from sionna_radar.scenario import load_scenario
     from sionna_radar.scenario.terrain import RasterTerrain
 
@@ -301,7 +300,10 @@ def show(
 
 
 def compare(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR1 DIR2 ...", help="Folders of results of `run`.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR1 DIR2 ...", help="Folders of results of `run`; or of `sweep` and `design`."),
+    ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for compare.html (default: none).")
     ] = None,
@@ -320,9 +322,16 @@ def compare(
         read_results,
         write_comparison,
     )
+    from sionna_radar.report.studies.radar_design import is_study, print_studies
     from sionna_radar.studies.comparison import compare_results
 
     log_to_stderr(quiet)
+    if any(is_study(folder) for folder in folders):
+        if output is not None or reference is not None:
+            option = "--reference" if output is None else "-o"
+            raise ScenarioError([Problem(option, "is for folders of `run`; leave it out for studies")], "command line")
+        print_studies(folders)
+        return
     directory = check_output(output, MARKER) if output else None
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
     if heights.path is not None:

@@ -14,10 +14,9 @@ from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
 from sionna_radar.radar.build import build_side_receivers
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
 from sionna_radar.scenario.radar import RadarTable

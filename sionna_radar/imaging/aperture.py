@@ -13,9 +13,8 @@ from scipy.signal import get_window
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import FOLDING, Antenna, Cut, lobe_samples
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.main_lobe import FOLDING, lobe_samples
 
 WINDOW_NODES = 1024
 

@@ -12,7 +12,7 @@ from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model.model import Sightings, footprints
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.points import Points
-from sionna_radar.radar.main_lobe import LIT
+from sionna_radar.radar.antenna import LIT
 
 PULSES_AT_ONCE = 256
 # Places along each axis of a point's footprint at which it counts as seen, in standard deviations.

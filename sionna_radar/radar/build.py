@@ -8,11 +8,10 @@ from jaxtyping import Complex, Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import from_db
-from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
+from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, reach_of_power
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
-from sionna_radar.radar.main_lobe import reach_of_power
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.radar.second_receiver import UNAMBIGUOUS, SideReceiver, baseline_of, difference_pattern
 from sionna_radar.scenario.bases import AntennaParameters

@@ -14,8 +14,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float
 
-from sionna_radar.radar.antenna import Cut
-from sionna_radar.radar.main_lobe import lobe_samples
+from sionna_radar.radar.antenna import Cut, lobe_samples
 
 # Standard deviation of the phase over the two-way beam with the default baseline. The phase of an echo of many
 # scatterers gives their mean direction with an error of second order in this phase; the error from noise is inverse to

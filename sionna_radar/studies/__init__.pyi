@@ -9,6 +9,7 @@ from .design import Sampler as Sampler
 from .design import Span as Span
 from .design import parse_design as parse_design
 from .design import read_settings as read_settings
+from .design_search import run_design as run_design
 from .images import Frames as Frames
 from .images import Imagery as Imagery
 from .images import run_frames as run_frames
@@ -22,6 +23,13 @@ from .planning import Wanted as Wanted
 from .planning import check_plan as check_plan
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
+from .quantities import Area as Area
+from .quantities import Costs as Costs
+from .quantities import quantities_of as quantities_of
+from .quantities import read_costs as read_costs
+from .radar_design import DesignPlan as DesignPlan
+from .radar_design import RadarDesign as RadarDesign
+from .radar_design import plan_design as plan_design
 from .sweep import Case as Case
 from .sweep import Sweep as Sweep
 from .sweep import Trial as Trial

@@ -241,6 +241,7 @@ def run_budget(
     scenario: Scenario,
     *,
     growth: float = GROWTH,
+    limit_m: float | None = None,
     repeat: int = 5,
     errors: tuple[NavigationError, ...] | None = None,
     grades: Mapping[str, Grade] = GRADES,
@@ -257,6 +258,8 @@ def run_budget(
         The survey; its own navigation errors are ignored.
     growth:
         Allowed relative growth of the DEM's RMS error.
+    limit_m:
+        Largest RMS error allowed, in place of the growth, m.
     repeat:
         Draws of the random errors.
     errors, grades:
@@ -287,6 +290,13 @@ def run_budget(
             else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
         )
         raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
+    if limit_m is not None:
+        growth = limit_m / exact - 1
+        if not growth > 0:
+            message = (
+                f"rms = {limit_m:g} m is no more than the error with the pose known exactly, {exact:.3g} m; raise it"
+            )
+            raise ScenarioError([Problem("--limit", message)], "command line")
     inputs = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}

@@ -65,7 +65,7 @@ class Span:
         if self.logarithmic and self.low <= 0:
             refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0")
 
-    def at(self, share: Float[np.ndarray, " sample"], *, whole: bool) -> list[float] | list[int]:
+    def at(self, share: Float[np.ndarray, " sample"], *, whole: bool, digits: int = DIGITS) -> list[float] | list[int]:
         """Return the values at fractions, from 0 to below 1, of the interval from low to high."""
         if whole:
             # Every whole number, both ends included, has the same share of the interval.
@@ -73,7 +73,7 @@ class Span:
             if low >= high:
                 refuse(f"{self.key} = {self.low:g}:{self.high:g} holds no whole number, which that key must be")
             return [int(v) for v in np.floor(self._between(float(low), float(high), share))]
-        drawn = [float(f"{value:.{DIGITS}g}") for value in self._between(self.low, self.high, share)]
+        drawn = [float(f"{value:.{digits}g}") for value in self._between(self.low, self.high, share)]
         return [min(max(value, self.low), self.high) for value in drawn]
 
     def _between(self, low: float, high: float, share: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
@@ -228,24 +228,30 @@ def parse_design(assignments: Iterable[str], sample: str | None = None, table: P
         The table cannot be read.
 
     """
+    listed, spans = parse_varied(assignments)
+    return Design(
+        listed=listed,
+        spans=spans,
+        sampler=None if sample is None else parse_sampler(sample),
+        rows=() if table is None else read_settings(table),
+    )
+
+
+def parse_varied(assignments: Iterable[str], option: str = "--vary") -> tuple[tuple[Axis, ...], tuple[Span, ...]]:
+    """Return the listed keys and the ranges of assignments; raises ScenarioError as `parse_design`."""
     listed: list[Axis] = []
     spans: list[Span] = []
     for assignment in assignments:
         key, separator, text = (part.strip() for part in assignment.partition("="))
         if not separator or not key or not text:
-            refuse(f"{shown(assignment)} is not KEY=V1,V2,... or KEY=LOW:HIGH")
+            refuse(f"{shown(assignment)} is not KEY=V1,V2,... or KEY=LOW:HIGH", option)
         span = RANGE.fullmatch(text)
         if span:
             low, high, logarithmic = span.groups()
             spans.append(Span(key=key, low=float(low), high=float(high), logarithmic=logarithmic is not None))
         else:
             listed.append(Axis(key=key, values=_values(key, text)))
-    return Design(
-        listed=tuple(listed),
-        spans=tuple(spans),
-        sampler=None if sample is None else parse_sampler(sample),
-        rows=() if table is None else read_settings(table),
-    )
+    return tuple(listed), tuple(spans)
 
 
 def parse_sampler(text: str) -> Sampler:

@@ -305,6 +305,25 @@ def _lines(
     return float(spacing), tuple((float(x), float(y)) for x, y in wanted.to_world(np.array(waypoints)))
 
 
+def lines_over(
+    size_m: tuple[float, float],
+    altitude_m: float,
+    swath_m: float,
+    incidence_rad: float,
+    overlap: float,
+    sampling_m: float,
+) -> tuple[int, float]:
+    """Return the number of flight lines over an area and the length of the whole track, m, ways between lines included.
+
+    The lines are those of `plan_flight` for a given swath, and run along the longer side of the area.
+    """
+    half_swath = math.atan(swath_m / (2 * altitude_m))
+    wanted = Wanted(size_m=size_m, sampling_m=sampling_m, overlap=overlap)
+    _check_lines(wanted, altitude_m, half_swath)
+    _, waypoints = _lines(wanted, altitude_m, incidence_rad, half_swath)
+    return len(waypoints) // 2, float(np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum())
+
+
 def _default_base() -> Scenario:
     return parse_scenario(
         {

@@ -30,6 +30,7 @@ from sionna_radar.scenario.loading import input_files
 from sionna_radar.studies.design import Axis, Design, Setting, refuse
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.result import Survey
 
 MAX_RUNS = 100_000
 # Longest shown value, in characters.
@@ -240,9 +241,13 @@ def short(value: Any) -> str:
 MAX_LINES = 8
 # Statistics by their names in the results: the trial's error, and the field of this `DemError`.
 STATISTICS = {
-    **{name: ("lit_error", name) for name in ("rms_m", "mean_m", "std_m", "nmad_m", "min_m", "max_m", "coverage")},
+    **{
+        name: ("lit_error", name)
+        for name in ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "coverage")
+    },
     "off_wall_rms_m": ("off_wall_error", "rms_m"),
     "all_cells_rms_m": ("dem_error", "rms_m"),
+    "stated_sigma_m": ("", "stated_sigma_m"),
 }
 
 
@@ -250,6 +255,7 @@ STATISTICS = {
 class Trial:
     """One survey of a sweep; its errors are those of `Survey`.
 
+    stated_sigma_m: root mean square of the DEM's stated standard deviation over lit cells; None if none is stated.
     wall_s, peak_memory_mb: cost of the flight, which varies from run to run and is ignored in comparisons.
     """
 
@@ -260,8 +266,15 @@ class Trial:
     lit_error: DemError
     off_wall_error: DemError | None
     warnings: tuple[str, ...]
+    stated_sigma_m: float | None = None
     wall_s: float = field(compare=False)
     peak_memory_mb: float = field(compare=False)
+
+    def statistic(self, name: str) -> float:
+        """Return one of STATISTICS; NaN where undefined."""
+        cells, key = STATISTICS[name]
+        value = getattr(getattr(self, cells) if cells else self, key, None)
+        return float("nan") if value is None else float(value)
 
     @staticmethod
     def of_document(document: Mapping[str, Any]) -> "Trial":
@@ -284,8 +297,7 @@ class Case:
 
     def of_trials(self, statistic: str) -> Float[np.ndarray, " trial"]:
         """Return one of STATISTICS in every trial; NaN where undefined."""
-        cells, name = STATISTICS[statistic]
-        return np.array([getattr(getattr(t, cells), name, np.nan) for t in self.trials], dtype=float)
+        return np.array([t.statistic(statistic) for t in self.trials], dtype=float)
 
     def mean(self, statistic: str) -> float:
         """Return the mean over the trials; NaN if undefined in one, or no trials."""
@@ -443,9 +455,17 @@ def _trial(scenario: Scenario, execution: Execution) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
+        stated_sigma_m=_stated_sigma_m(survey),
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
     )
+
+
+def _stated_sigma_m(survey: Survey) -> float | None:
+    if survey.dem_sigma is None:
+        return None
+    stated = survey.dem_sigma.height_m[survey.lit & survey.dem_sigma.filled]
+    return float(np.sqrt(np.mean(stated**2))) if len(stated) else None
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:

@@ -31,7 +31,7 @@ from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
-from sionna_radar.weather.rain_map import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.rain import RainCell, RainField, RainMap, RainTogether
 from sionna_radar.weather.validity import Precipitation
 
 

@@ -11,8 +11,7 @@ from sionna_radar.weather.drops import FLOATING, EchoSpeeds, marshall_palmer
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
 from sionna_radar.weather.obscurants import fog_attenuation_db_per_km, fog_droplets, obscurant
 from sionna_radar.weather.path import wet_radome_loss_db
-from sionna_radar.weather.rain import drop_echo, rain_attenuations_db_per_km
-from sionna_radar.weather.rain_map import RainMap
+from sionna_radar.weather.rain import RainMap, drop_echo, rain_attenuations_db_per_km
 from sionna_radar.weather.scattering import Aerosol
 from sionna_radar.weather.snow import snow_attenuation_db_per_km, snow_reflectivity_per_m, snow_speeds
 from sionna_radar.weather.validity import Obscurant, Precipitation

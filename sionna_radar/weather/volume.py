@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import SpeedMixture
-from sionna_radar.weather.rain_map import MAX_MM_PER_H, MIN_MM_PER_H, RainMap
+from sionna_radar.weather.rain import MAX_MM_PER_H, MIN_MM_PER_H, RainMap
 
 # Numbers of rates and of fall-speed quantiles at which non-uniform rain is computed, interpolated in between.
 RATES = 21

@@ -9,9 +9,8 @@ from sionna_radar.accuracy.illumination import light, main_beam_hits
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.coverage import Illumination
-from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.antenna import LIT, Antenna
 from sionna_radar.radar.array_antenna import taylor_cut
-from sionna_radar.radar.main_lobe import LIT
 from sionna_radar.tracing.paths import Paths
 
 GRID = Grid(west_m=-10.0, south_m=-10.0, spacing_m=1.0, columns=21, rows=21)

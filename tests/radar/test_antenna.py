@@ -8,12 +8,22 @@ from scipy.special import erf
 
 from beams import make_antenna, plane_power
 from sionna_radar.flight.frames import steering
-from sionna_radar.radar.antenna import Antenna, Cut, antenna_of, measured_cut
+from sionna_radar.radar.antenna import (
+    FOLDING,
+    FOLLOWED,
+    LIT,
+    Antenna,
+    Cut,
+    antenna_of,
+    in_main_lobe,
+    lobe_samples,
+    measured_cut,
+    reach_of_power,
+)
 from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import plane_echo, two_way_beam_sr
-from sionna_radar.radar.main_lobe import FOLDING, FOLLOWED, LIT, in_main_lobe, lobe_samples, reach_of_power
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, angles_of, directions_of
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter

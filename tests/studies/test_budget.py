@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sionna_radar.execution.execution import Execution
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
-from sionna_radar.scenario import parse_scenario
+from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.studies.budget import (
     GRADES,
     NavigationError,
@@ -114,3 +114,11 @@ def test_grades_of_ones_own(tmp_path):
             load_grades(path)
     with pytest.raises(InputFileError):
         load_grades(tmp_path / "none.toml")
+
+
+def test_a_limit_in_metres_is_a_growth(small):
+    scenario = load_scenario(small)
+    exact = run_budget(scenario, errors=(), grades={}).rms_m
+    assert run_budget(scenario, errors=(), grades={}, limit_m=1.25 * exact).growth == pytest.approx(0.25)
+    with pytest.raises(ScenarioError, match=r"--limit.*raise it"):
+        run_budget(scenario, errors=(), grades={}, limit_m=0.9 * exact)

@@ -18,6 +18,7 @@ from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.notebook import html_of
 from sionna_radar.report.studies.sweep import abscissa, errors, print_sweep, summary
 from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.comparison import Ranking, ranked
 from sionna_radar.studies.design import Axis, parse_design
 from sionna_radar.studies.sweep import label, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
@@ -341,3 +342,42 @@ def test_each_line_of_the_figure_has_a_style_of_its_own_and_one_trial_no_bars(fl
     texts = errors(replace(single, cases=failed)).legends[0].texts
     assert len(texts) == 13
     assert all(bars.has_yerr for bars in errors(sweep).axes[0].containers)
+
+
+def test_a_ranked_table_marks_what_meets_what_is_on_the_front_and_what_is_undecided(flown):
+    _, sweep, _ = flown
+    errors = [0.10, 0.11, 0.30, 0.20]
+    cases = []
+    for case, rms in zip(sweep.cases, errors, strict=True):
+        trials = [
+            replace(trial, lit_error=replace(trial.lit_error, rms_m=rms + 0.01 * turn, coverage=0.9))
+            for trial, turn in zip(case.trials, (-1, 1), strict=True)
+        ]
+        cases.append(replace(case, trials=tuple(trials)))
+    judged = replace(sweep, cases=tuple(cases))
+    rows = ranked(judged, Ranking.parse("rms_m", ["rms_m < 0.25", "coverage > 0.5"], ["rms_m", "aperture_m"]))
+    assert [case.mean("rms_m") for case, _ in rows] == pytest.approx([0.10, 0.11, 0.20, 0.30])
+    assert [row["meets"] for _, row in rows] == [True, True, True, False]
+    assert [row["undecided"] for _, row in rows] == [False, True, False, False]
+    # Both narrow beams have one aperture, so that the worse of them is off the front; the wide one is smaller.
+    assert [row["pareto"] for _, row in rows] == [True, False, True, False]
+    assert {row["method"] for _, row in rows} == {"linear"}
+    assert rows[0][1]["line_gap_m"] == pytest.approx(5.0)
+
+
+def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
+    vary = ["--vary", f"{BEAM}=2,4", "--require", "rms_m < 9", "--pareto", "rms_m", "--pareto", "aperture_m"]
+    done = cli("sweep", small, *vary, "--sort", "-aperture_m", "-o", tmp_path / "a")
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "a" / "table.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [float(row[BEAM]) for row in table] == [2.0, 4.0]
+    assert float(table[0]["aperture_m"]) > float(table[1]["aperture_m"])
+    assert {row["meets"] for row in table} == {"True"}
+    assert {row["dem.method"] for row in table} == {"linear"}
+    shown = cli("compare", tmp_path / "a", tmp_path / "a")
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stdout.count("beamwidth_deg = 4") == 2
+    refused = cli("compare", tmp_path / "a", tmp_path / "b")
+    assert refused.returncode == 2
+    assert cli("sweep", small, *vary, "--sort", "rsm_m", "-o", tmp_path / "c").returncode == 2

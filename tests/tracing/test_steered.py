@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.main_lobe import in_main_lobe
+from sionna_radar.radar.antenna import in_main_lobe
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import prepare
 from sionna_radar.survey.warnings import steered_warnings

@@ -13,12 +13,14 @@ from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
+    RainCell,
+    RainField,
+    RainTogether,
     drop_reflectivity_per_m,
     rain_attenuation_db_per_km,
     rain_power_law,
     rain_reflectivity_per_m,
 )
-from sionna_radar.weather.rain_map import RainCell, RainField, RainTogether
 from sionna_radar.weather.validity import Precipitation, ValidityError
 from sionna_radar.weather.volume import EvenVolume, UnevenVolume, volume_of
 

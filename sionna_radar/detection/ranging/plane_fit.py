@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
+from sionna_radar.radar.antenna import FOLLOWED, Antenna, lobe_samples
 
 SAMPLES = 65
 SLOPES = np.geomspace(0.1, 5.0, 8)

@@ -11,8 +11,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse import csr_matrix
 
-from sionna_radar.radar.antenna import Antenna, Cut
-from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
+from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
 
 # Rays along which the range is computed, in azimuth and elevation, and the finer samples of power between two rays:
 # more in elevation, along which the range of level ground changes.

@@ -94,7 +94,7 @@ def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) 
     """Print the DEMs of some folders against the same measured heights."""
     table = Table(title="Against measured heights", title_justify="left")
     table.add_column("")
-    for name in _names(folders):
+    for name in folder_names(folders):
         table.add_column(name, overflow="fold")
     shown_rows = [reference_rows(check) for check in checks]
     for key in shown_rows[0]:
@@ -235,7 +235,7 @@ def read_results(folders: Sequence[Path]) -> list[FlownResult]:
 
     Raises InputFileError for a folder without a result, or with damaged files.
     """
-    names = _names(folders)
+    names = folder_names(folders)
     return [read_result(folder, name) for folder, name in zip(folders, names, strict=True)]
 
 
@@ -252,7 +252,8 @@ def read_result(folder: Path, name: str) -> FlownResult:
     return FlownResult(name=name, summary=summary, settings=settings, crs=crs, dem=dem, error=error)
 
 
-def _names(folders: Sequence[Path]) -> list[str]:
+def folder_names(folders: Sequence[Path]) -> list[str]:
+    """Return the shortest unique end of each path."""
     parts = [folder.absolute().parts for folder in folders]
     for length in range(1, max(map(len, parts), default=1) + 1):
         names = ["/".join(path[-length:]) for path in parts]
@@ -261,13 +262,18 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return [f"{names[0]} ({number})" for number in range(1, len(folders) + 1)] if folders else []
 
 
-def _summary(path: Path) -> dict[str, Any]:
+def read_document(path: Path) -> Any:
+    """Return a JSON document of a result; raises InputFileError if it cannot be read."""
     text = read_text(path, "summary =", REMEDY)
     try:
-        document = json.loads(text)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         message = f"summary = {shown(path)} is not JSON ({error}); {REMEDY}"
         raise InputFileError(message) from None
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    document = read_document(path)
     for key in RESULT_ERRORS:
         errors = document.get(key) if isinstance(document, dict) else None
         if not isinstance(errors, dict) or not all(_number(errors.get(name, "")) for name in NUMBERS):

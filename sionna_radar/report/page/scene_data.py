@@ -22,8 +22,7 @@ from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.main_lobe import LIT
+from sionna_radar.radar.antenna import LIT, Antenna
 from sionna_radar.report.files.contents import without_nan
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster

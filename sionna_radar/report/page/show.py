@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
-from sionna_radar.report.files.signed_file import SignedFile
+from sionna_radar.report.files.folder import SignedFile
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     Beams,

@@ -36,6 +36,7 @@ from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
 from sionna_radar.report.terminal import NONE, console, number
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
 from sionna_radar.studies.design import Axis
 from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, short
 
@@ -246,6 +247,7 @@ COSTS = ("wall_s", "peak_memory_mb")
 KINDS = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
 RUNS_MEANING = {
     "run_seed": "seed of the survey",
+    "stated_sigma_m": "root mean square of the DEM's stated standard deviation over lit cells",
     "reason": "why the setting was not flown, or not with all seeds",
     "wall_s": "time the survey took, s",
     "peak_memory_mb": "most memory of its process until then, MB",
@@ -277,7 +279,7 @@ def _numbers(trial: Trial | None) -> Row:
     for prefix, kind in KINDS.items():
         error = getattr(trial, kind, None)
         row |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
-    row["reason"] = None
+    row |= {"stated_sigma_m": _number(getattr(trial, "stated_sigma_m", None)), "reason": None}
     return row | {name: _number(getattr(trial, name, None)) for name in COSTS}
 
 
@@ -334,6 +336,8 @@ def _of_one_type(values: Sequence[Any]) -> list[Any]:
 
 
 MARKER = "sweep.json"
+METHOD = "dem.method"
+UNRANKED = Ranking()
 MEANING = {
     "cells": "lit_error: cells that the main beam reached, and all statistics without another name; off_wall_error: "
     "those of them farther than half a footprint from any wall; dem_error: all cells that the DEM fills",
@@ -343,7 +347,9 @@ MEANING = {
 }
 
 
-def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_FILES) -> list[Path]:
+def write_sweep(
+    sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_FILES, ranking: Ranking = UNRANKED
+) -> list[Path]:
     """Write `sweep.json`, `table.csv`, a table of all surveys and the figures, all or nothing, and return the files.
 
     Parameters
@@ -354,6 +360,8 @@ def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_F
         Output folder; only the files of an earlier result in it are replaced.
     runs:
         Formats of the table with one row per survey.
+    ranking:
+        Order and judgement of the settings in `table.csv`.
 
     Raises
     ------
@@ -364,7 +372,7 @@ def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_F
 
     def fill(folder: Path) -> None:
         write_text(folder / MARKER, strict_json(summary(sweep)))
-        write_text(folder / "table.csv", table_csv(sweep))
+        write_text(folder / "table.csv", table_csv(sweep, ranking))
         if RunsFile.CSV in runs:
             write_text(folder / RUNS_CSV, runs_csv(sweep))
         if RunsFile.PARQUET in runs:
@@ -397,19 +405,20 @@ def summary(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def table_csv(sweep: Sweep) -> str:
-    """Return one row per case: the setting, the mean of each statistic and its spread; empty for NaN.
+def table_csv(sweep: Sweep, ranking: Ranking = UNRANKED) -> str:
+    """Return one row per case, ranked: setting, mean of each statistic and its spread, judgements; empty for NaN.
 
     The errors are those of lit cells unless the column name states otherwise.
     """
-    return table_text([_row(case, sweep) for case in sweep.cases])
+    return table_text([_row(case, judged, sweep) for case, judged in ranked(sweep, ranking)])
 
 
-def _row(case: Case, sweep: Sweep) -> Row:
+def _row(case: Case, judged: Mapping[str, Any], sweep: Sweep) -> Row:
     row: Row = {axis.key: setting_text(case.setting, axis.key) for axis in sweep.axes}
     row["runs"] = len(case.trials)
     for statistic in STATISTICS:
         row |= {statistic: case.mean(statistic), f"{statistic}_spread": case.spread(statistic)}
+    row |= {METHOD if name == "method" else name: value for name, value in judged.items() if name not in row}
     return {name: "" if value != value else value for name, value in row.items()} | {"reason": case.reason}
 
 
@@ -423,21 +432,25 @@ HEADINGS = {
     "mean_m": "mean",
     "std_m": "std",
     "nmad_m": "NMAD",
+    "le90_m": "LE90",
     "min_m": "min",
     "max_m": "max",
     "coverage": "coverage",
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
+    "stated_sigma_m": "stated sigma",
 }
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
+# Shown only where a case has them.
+OPTIONAL = ("off_wall_rms_m", "stated_sigma_m")
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
-def print_sweep(result: Sweep) -> None:
+def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
     """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
     out = console()
-    table = sweep_table(result, "+-" if out.options.ascii_only else "±")
+    table = sweep_table(result, "+-" if out.options.ascii_only else "±", ranking)
     # Do not truncate the numbers to a narrow terminal, or the 80 columns of a pipe.
     needed = console(width=1000).measure(table).maximum
     console(width=max(out.width, needed)).print(table)
@@ -449,8 +462,11 @@ def print_sweep(result: Sweep) -> None:
             out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
 
 
-def sweep_table(result: Sweep, sign: str = "±") -> Table:
-    """Return one row per case: mean and spread of each statistic, with a sign between them."""
+def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) -> Table:
+    """Return one row per case, ranked: mean and spread of each statistic with a sign between them, and judgements.
+
+    Of the quantities in closed form those are shown that differ between cases.
+    """
     trials = (
         f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
     )
@@ -458,13 +474,32 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
     table = Table(title=title, title_justify="left")
     for axis in result.axes:
         table.add_column(axis.key, justify="right", overflow="fold")
-    columns = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    columns = [s for s in STATISTICS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
     for statistic in columns:
         table.add_column(HEADINGS[statistic], justify="right")
-    for case in result.cases[:MAX_ROWS]:
+    rows = ranked(result, ranking)
+    varied = {axis.key for axis in result.axes}
+    names = [
+        name
+        for name in (rows[0][1] if rows else ())
+        if (name == "method" and METHOD not in varied)
+        or (name not in COLUMNS and name != "method")
+        or (name in COLUMNS and len({judged[name] for _, judged in rows if judged[name] == judged[name]}) > 1)
+    ]
+    for name in names:
+        table.add_column("DEM method" if name == "method" else name, justify="right")
+    for case, judged in rows[:MAX_ROWS]:
         setting = (short(setting_text(case.setting, axis.key)) for axis in result.axes)
-        table.add_row(*setting, *(_with_spread(case, s, sign) for s in columns))
+        table.add_row(
+            *setting, *(_with_spread(case, s, sign) for s in columns), *(_judgement(judged[name]) for name in names)
+        )
     return table
+
+
+def _judgement(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else ""
+    return value if isinstance(value, str) else number(value, ".3g")
 
 
 def _warnings(case: Case) -> list[str]:

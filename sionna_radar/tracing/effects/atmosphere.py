@@ -13,8 +13,7 @@ from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, Volum
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.path import two_way_attenuation
-from sionna_radar.weather.rain import rain_power_laws
-from sionna_radar.weather.rain_map import RainMap
+from sionna_radar.weather.rain import RainMap, rain_power_laws
 from sionna_radar.weather.volume import volume_of
 
 

@@ -23,8 +23,7 @@ from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
 from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
-from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_power_laws
-from sionna_radar.weather.rain_map import RainCell, RainTogether
+from sionna_radar.weather.rain import RainCell, RainTogether, rain_attenuation_db_per_km, rain_power_laws
 from sionna_radar.weather.validity import Precipitation
 from worlds import make_surface
 

@@ -23,8 +23,7 @@ from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.path import rain_clutter_power
-from sionna_radar.weather.rain import echo_speeds
-from sionna_radar.weather.rain_map import RainCell
+from sionna_radar.weather.rain import RainCell, echo_speeds
 from sionna_radar.weather.snow import snow_reflectivity_per_m
 from sionna_radar.weather.validity import Precipitation
 from sionna_radar.weather.volume import EvenVolume, UnevenVolume

@@ -1,0 +1,449 @@
+"""A radar design as a sentence, tables, figures, `design.json` and one page; and several studies in one table."""
+
+from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from sionna_radar.execution.workers import versions
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.report.drawing import (
+    BLUE,
+    ERRORS,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    ReportFigure,
+    readable,
+    save_figures,
+    show_raster,
+)
+from sionna_radar.report.files.contents import strict_json, write_page, write_text
+from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.page.compare import folder_names, read_document
+from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.scene_data import Pack
+from sionna_radar.report.studies.sweep import MARKER as SWEEP_MARKER
+from sionna_radar.report.studies.sweep import read_sweep, table_text
+from sionna_radar.report.terminal import NONE, console, number
+from sionna_radar.scenario import to_toml
+from sionna_radar.scenario.overrides import apply_overrides
+from sionna_radar.studies.quantities import QUANTITIES
+from sionna_radar.studies.radar_design import FLAT, RELAXED, Checked, RadarDesign, Slice
+from sionna_radar.studies.sweep import STATISTICS, label, short
+
+MARKER = "design.json"
+# Designs listed in a terminal and on the page.
+MAX_LISTED = 6
+SHOWN = ("rms_m", "le90_m", "coverage")
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
+
+
+def sentence(design: RadarDesign) -> str:
+    """Return the answer in a sentence."""
+    best = design.best
+    setting = ", ".join(f"{readable(key)} {short(value)}" for key, value in best.setting.items())
+    reached = " and ".join(
+        f"{objective.expression.text} = {value:.3g}"
+        for objective, value in zip(design.plan.objectives, best.objectives, strict=True)
+    )
+    least = min(best.standing, key=lambda standing: standing.probability, default=None)
+    sure = "" if least is None else f"; least sure is {least.requirement}, with probability {least.probability:.2f}"
+    if not design.holds:
+        asked = design.plan.confidence
+        none = f"No design was shown to meet all requirements with probability {asked:g}"
+        return f"{none}; the nearest: {setting}: {reached}{sure}."
+    kind = "Best compromise" if len(best.objectives) == 2 else "Best"
+    return f"{kind} of {design.surveys} surveys: {setting}: {reached}, over {best.seeds} seeds{sure}."
+
+
+def statements(design: RadarDesign) -> list[str]:
+    """Return what else is to be known of the optimum: how flat it is, what binds and what relaxing saves."""
+    found = []
+    for cut in design.slices:
+        if cut.flat:
+            low, high = cut.flat[0], cut.flat[-1]
+            kept = f"{low:g} to {high:g}" if isinstance(low, Real) else ", ".join(map(str, cut.flat))
+            found.append(f"{cut.key}: {kept} costs at most {FLAT:.0%} more, with the requirements likely to hold")
+    for relaxation in design.relaxations:
+        if not np.isfinite(relaxation.saving):
+            found.append(f"{relaxation.requirement}: no design is expected to meet it and all others")
+        elif relaxation.saving < FLAT / 10:
+            found.append(f"{relaxation.requirement}: does not bind; relaxing it by {RELAXED:.0%} saves nothing")
+        else:
+            found.append(
+                f"{relaxation.requirement}: binds; relaxed by {RELAXED:.0%} it gives {relaxation.relaxed:.3g} "
+                f"({relaxation.saving:.0%} better), without it {relaxation.without:.3g}"
+            )
+    failed = [o.reason for o in design.observations if o.reason]
+    if failed:
+        found.append(f"{len(failed)} settings could not be flown, e.g. {failed[0]}")
+    return found
+
+
+def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
+    """Return heading and rows of the designs flown with several seeds, best first."""
+    named = [name for name in design.plan.names if name not in design.plan.space.keys]
+    columns = list(dict.fromkeys([*named, *(n for n in design.plan.costs.names if n in design.best.values), *SHOWN]))
+    texts = [o.expression.text for o in design.plan.objectives if o.expression.text not in columns]
+    head = [*design.plan.space.keys, *texts, *columns, "DEM method", "seeds", "probability"]
+    listed = list(design.front) or list(design.checked)
+    rows = []
+    for one in listed[:MAX_LISTED]:
+        reached = {o.expression.text: v for o, v in zip(design.plan.objectives, one.objectives, strict=True)}
+        rows.append(
+            [
+                *(short(one.setting[key]) for key in design.plan.space.keys),
+                *(f"{reached[text]:.4g}" for text in texts),
+                *(_with_spread(one, name) for name in columns),
+                one.scenario.dem.map_method,
+                str(one.seeds),
+                f"{one.probability:.3f}",
+            ]
+        )
+    return head, rows
+
+
+def _with_spread(one: Checked, name: str) -> str:
+    value, spread = one.values.get(name, np.nan), one.spread.get(name, np.nan)
+    form = ".1%" if name == "coverage" else ".3g"
+    return number(value, form) + (f" +-{number(spread, form)}" if np.isfinite(spread) else "")
+
+
+def print_design(design: RadarDesign) -> None:
+    """Print the answer, the designs that were checked, and how they stand."""
+    out = console()
+    out.print(sentence(design), soft_wrap=True)
+    title = "Pareto front" if design.front else "Designs flown with several seeds"
+    table = Table(title=f"{title} (mean +- standard deviation of a seed)", title_justify="left")
+    head, rows = design_rows(design)
+    for name in head:
+        table.add_column(name, justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    _print_whole(table)
+    for standing in design.best.standing:
+        out.print(
+            f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
+            f"{number(standing.of_one_survey, '.2f')} for one survey",
+            soft_wrap=True,
+        )
+    for text in statements(design):
+        out.print(text, soft_wrap=True)
+
+
+def _print_whole(table: Table) -> None:
+    """Print a table at its own width: numbers truncated to a narrow terminal say nothing."""
+    console(width=max(console().width, console(width=1000).measure(table).maximum)).print(table)
+
+
+def write_design(design: RadarDesign, directory: Path) -> list[Path]:
+    """Write the numbers, the optimum as tables to paste, all surveys, figures and a page, and return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds other files, or cannot be written; see `write_folder`.
+
+    """
+
+    def fill(folder: Path) -> None:
+        write_text(folder / MARKER, strict_json(design_summary(design)))
+        write_text(folder / "design.toml", setting_toml(design.best.setting))
+        write_text(folder / "scenario.toml", to_toml(design.best.scenario, defaults=False))
+        write_text(folder / "surveys.csv", table_text(survey_rows(design)))
+        save_figures(design, figures_of(design), folder / "figures")
+        write_page(folder / "report.html", partial(design_page, design))
+
+    return write_folder(directory, MARKER, fill)
+
+
+def setting_toml(setting: Mapping[str, Any]) -> str:
+    """Return a setting as tables of a scenario, for `--set-file` and for pasting."""
+    tables: dict[str, Any] = {}
+    apply_overrides(tables, setting)
+    return tomli_w.dumps(tables)
+
+
+def survey_rows(design: RadarDesign) -> list[dict[str, Any]]:
+    """Return one row per flown setting and seed: the setting, its results, the DEM method, and why it failed."""
+    return [
+        {key: one.setting[key] for key in design.plan.space.keys}
+        | {"run_seed": one.seed, "dem.method": one.method}
+        | {name: _or_empty(one.results.get(name, np.nan)) for name in STATISTICS}
+        | {"reason": one.reason}
+        for one in design.observations
+    ]
+
+
+def _or_empty(value: float) -> Any:
+    return value if np.isfinite(value) else ""
+
+
+def design_summary(design: RadarDesign) -> dict[str, Any]:
+    """Return the design as one JSON document, strict except for NaN."""
+    plan = design.plan
+    costs = {part: {name: cost.text for name, cost in c.items()} for part, c in plan.costs.components.items()}
+    return {
+        "answer": sentence(design),
+        "source": plan.source,
+        "free": [*map(asdict, plan.space.spans), *map(asdict, plan.space.listed)],
+        "objectives": [objective.text for objective in plan.objectives],
+        "requirements": [requirement.text for requirement in plan.requirements],
+        "worlds": [{"source": source, "overrides": dict(overrides)} for source, overrides in plan.worlds],
+        "costs": costs,
+        "area": None if plan.area is None else asdict(plan.area),
+        "confidence": plan.confidence,
+        "surveys": design.surveys,
+        "holds": design.holds,
+        "best": _document(design.best),
+        "statements": statements(design),
+        "relaxations": [asdict(relaxation) for relaxation in design.relaxations],
+        "flat": {cut.key: cut.flat for cut in design.slices},
+        "sensitivity": design.sensitivity,
+        "noise": design.noise,
+        "checked": [_document(checked) for checked in design.checked],
+        "front": [_document(checked) for checked in design.front],
+        "observations": [asdict(observation) for observation in design.observations],
+        "scenario": design.best.scenario.model_dump(mode="json"),
+        "meaning": {name: f"{quantity.unit}: {quantity.formula}" for name, quantity in QUANTITIES.items()},
+        "versions": versions(),
+    }
+
+
+def _document(checked: Checked) -> dict[str, Any]:
+    return {
+        "setting": checked.setting,
+        "method": checked.scenario.dem.map_method,
+        "seeds": checked.seeds,
+        "objectives": checked.objectives,
+        "probability": checked.probability,
+        "values": checked.values,
+        "spread": checked.spread,
+        "standing": [asdict(standing) for standing in checked.standing],
+    }
+
+
+def figures_of(design: RadarDesign) -> dict[str, Any]:
+    """Return the drawings of a design by name."""
+    front = {"front": draw_front} if design.front else {}
+    return {**front, "slices": draw_slices, "sensitivity": draw_sensitivity, "maps": draw_maps}
+
+
+def draw_front(design: RadarDesign) -> Figure:
+    """Draw the Pareto front in the plane of both objectives."""
+    figure = ReportFigure(figsize=(7.0, 5.0), layout="constrained")
+    axes = figure.subplots()
+    front = np.array([one.objectives for one in design.front])
+    axes.plot(*front.T, ls="--", marker="o", color=BLUE, label="Pareto front")
+    axes.plot(*design.best.objectives, ls="", marker="*", ms=15, color=RED, label="Best compromise")
+    first, second = (objective.expression.text for objective in design.plan.objectives)
+    axes.set(xlabel=first, ylabel=second)
+    axes.legend(frameon=False)
+    _plain(axes)
+    return figure
+
+
+def draw_slices(design: RadarDesign) -> Figure:
+    """Draw each objective and result along every free parameter through the optimum, with one standard deviation."""
+    results = list(design.noise)
+    texts = [o.expression.text for o in design.plan.objectives]
+    rows = [*(text for text in texts if text not in results), *results, "Requirements hold"]
+    columns = len(design.slices)
+    figure = ReportFigure(figsize=(max(3.2 * columns, 5.0), 2.2 * len(rows)), layout="constrained")
+    panels = figure.subplots(len(rows), columns, squeeze=False, sharex="col", sharey="row")
+    for column, cut in enumerate(design.slices):
+        place, names = _places(cut.values)
+        best = place[_nearest(cut, design.best.setting[cut.key])]
+        for row, name in enumerate(rows):
+            axes = panels[row, column]
+            line = {"color": COLOURS[row % len(COLOURS)], "marker": "" if names is None else "o"}
+            if name in results:
+                mean, sigma = cut.results[name]
+                axes.plot(place, mean, **line)
+                axes.fill_between(place, mean - sigma, mean + sigma, color=line["color"], alpha=0.2, lw=0)
+            else:
+                values = cut.holds if name == rows[-1] else cut.objectives[:, texts.index(name)]
+                axes.plot(place, values, **line)
+            axes.axvline(best, color="black", lw=0.8, ls=":")
+            _plain(axes)
+            if column == 0:
+                axes.set_ylabel(name)
+        panels[-1, column].set_xlabel(readable(cut.key))
+        panels[-1, column].set_ylim(-0.05, 1.05)
+        if names is not None:
+            panels[-1, column].set_xticks(place, names)
+    figure.suptitle("Through the optimum (dotted): expected values and one standard deviation", fontsize="medium")
+    return figure
+
+
+def _places(values: tuple[Any, ...]) -> tuple[Any, list[str] | None]:
+    """Return the abscissae of values, and the names of those that are no numbers."""
+    if all(isinstance(value, Real) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=float), None
+    return np.arange(len(values)), [short(value) for value in values]
+
+
+def _nearest(cut: Slice, value: Any) -> int:
+    if _places(cut.values)[1] is None:
+        return int(np.argmin(np.abs(np.array(cut.values, dtype=float) - float(value))))
+    return [repr(known) for known in cut.values].index(repr(value))
+
+
+def draw_sensitivity(design: RadarDesign) -> Figure:
+    """Draw the share of each free parameter in the variance of results and objectives."""
+    keys = design.plan.space.keys
+    figure = ReportFigure(figsize=(7.0, 1.2 + 0.35 * len(keys) * len(design.sensitivity)), layout="constrained")
+    axes = figure.subplots()
+    height = 0.8 / len(design.sensitivity)
+    for number_of, (name, indices) in enumerate(design.sensitivity.items()):
+        at = np.arange(len(keys)) + (number_of - (len(design.sensitivity) - 1) / 2) * height
+        axes.barh(at, [indices[key] for key in keys], height * 0.9, color=COLOURS[number_of % len(COLOURS)], label=name)
+    axes.set(xlim=(0, 1.05), xlabel="Total-order Sobol index over the free ranges")
+    axes.set_yticks(range(len(keys)), [readable(key) for key in keys])
+    axes.invert_yaxis()
+    axes.legend(frameon=False, fontsize="small")
+    _plain(axes)
+    return figure
+
+
+def draw_maps(design: RadarDesign) -> Figure:
+    """Draw the height errors of the best designs side by side, on one scale."""
+    count = len(design.maps)
+    figure = ReportFigure(figsize=(4.2 * count + 1.0, 4.2), layout="constrained")
+    panels = figure.subplots(1, count, squeeze=False)[0]
+    errors = np.concatenate([error.height_m[error.filled] for _, error in design.maps])
+    limit = float(np.percentile(np.abs(errors), 98)) if len(errors) else 1.0
+    scale = Normalize(-limit, limit)
+    for axes, (name, error) in zip(panels, design.maps, strict=True):
+        show_raster(axes, error, ERRORS, scale)
+        axes.set(xlabel="East (m)", ylabel="North (m)")
+        axes.set_title(name.replace(", ", "\n"), fontsize="small")
+    figure.colorbar(panels[0].images[0], ax=panels, label="DEM minus truth (m)", extend="both")
+    return figure
+
+
+def _plain(axes: Any) -> None:
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def design_page(design: RadarDesign) -> str:
+    """Return the page of a design as HTML."""
+    head, rows = design_rows(design)
+    best = design.best
+    return document(
+        "design.html",
+        Pack().text({}),
+        (),
+        title=f"Design of {design.plan.source}",
+        answer=sentence(design),
+        holds=design.holds,
+        tiles=_tiles(design),
+        statements=statements(design),
+        asked=[*(o.text for o in design.plan.objectives), *(r.text for r in design.plan.requirements)],
+        standing=[
+            [
+                s.requirement,
+                f"{s.margin:.3g}",
+                f"{s.spread:.2g}",
+                f"{s.probability:.2f}",
+                number(s.of_one_survey, ".2f"),
+            ]
+            for s in best.standing
+        ],
+        head=head,
+        rows=rows,
+        images={name: _image(draw(design)) for name, draw in figures_of(design).items()},
+        toml=setting_toml(best.setting),
+        scenario=to_toml(best.scenario, defaults=False),
+        costs=_costs_of(design),
+        cost_head=["Component", *design.plan.costs.names],
+    )
+
+
+def _tiles(design: RadarDesign) -> list[tuple[str, str, str]]:
+    best = design.best
+    reached = [
+        (f"{value:.3g}", o.expression.text, "minimised" if o.sign > 0 else "maximised")
+        for o, value in zip(design.plan.objectives, best.objectives, strict=True)
+    ]
+    free = [(short(value), readable(key), "free") for key, value in best.setting.items()]
+    return [*reached, *free, (str(design.surveys), "surveys", "check included")]
+
+
+def _costs_of(design: RadarDesign) -> list[list[str]]:
+    """Return the costs of the optimum by component."""
+    plan: Mapping[str, Any] = design.plan.costs.components
+    if not all(name in design.best.values for name in design.plan.costs.needs):
+        return []
+    names = design.plan.costs.names
+    parts = {name: design.plan.costs.parts(name, design.best.values) for name in names}
+    return [
+        [part, *(f"{float(parts[name][part]):.3g}" if part in parts[name] else NONE for name in names)] for part in plan
+    ]
+
+
+def _image(figure: Figure) -> str:
+    assert isinstance(figure, ReportFigure)
+    return "data:image/png;base64," + b64encode(figure._repr_png_()).decode("ascii")
+
+
+def is_study(folder: Path) -> bool:
+    """Return whether a folder holds the results of a sweep or a design."""
+    return any((folder / marker).is_file() for marker in (SWEEP_MARKER, MARKER))
+
+
+def print_studies(folders: Sequence[Path]) -> None:
+    """Print the settings of sweeps and designs in one table, by their RMS error over lit cells.
+
+    Raises InputFileError for a folder of anything else, or a damaged one.
+    """
+    rows = [
+        row for folder, name in zip(folders, folder_names(folders), strict=True) for row in _study_rows(folder, name)
+    ]
+    table = Table(title="DEM minus truth of lit cells: settings of all studies", title_justify="left")
+    for column in ("study", "setting", "DEM method", "seeds"):
+        table.add_column(column, overflow="fold")
+    for column in ("RMS", "LE90", "coverage"):
+        table.add_column(column, justify="right")
+    for _, row in sorted(rows, key=lambda pair: pair[0]):
+        table.add_row(*row)
+    _print_whole(table)
+
+
+def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
+    """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
+    if (folder / SWEEP_MARKER).is_file():
+        found = [
+            (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)
+            for case in read_sweep(folder).cases
+            if case.trials
+        ]
+        return [_study_row(name, *one) for one in found]
+    document = read_document(folder / MARKER)
+    try:
+        designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
+        return [_study_row(name, *one) for one in designs]
+    except (KeyError, TypeError) as error:
+        message = f"{shown(folder / MARKER)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
+        raise InputFileError(message) from error
+
+
+def _study_row(
+    name: str, setting: dict[str, Any], method: str, seeds: int, value: Callable[[str], float]
+) -> tuple[float, list[str]]:
+    rms_m = value("rms_m")
+    numbers = [f"{rms_m:.3f}", f"{value('le90_m'):.3f}", f"{value('coverage'):.1%}"]
+    return rms_m, [name, label(setting), method, str(seeds), *numbers]

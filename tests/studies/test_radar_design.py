@@ -1,0 +1,330 @@
+"""Designs: the optimum of what is known, however it is computed, how sure it is; failures and contradictions told."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sionna_radar.execution.checkpoints import Checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import Failure, document_bytes
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.report.studies.radar_design import design_page, design_summary, print_design, sentence, write_design
+from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies import design_search
+from sionna_radar.studies.design import Axis, Span
+from sionna_radar.studies.design_search import run_design
+from sionna_radar.studies.quantities import Area, parse_requirement, read_costs
+from sionna_radar.studies.radar_design import plan_design, standing_of, worst
+from sionna_radar.studies.surrogate import Space, Surrogate, flown_probability, hypervolume, improvement, pareto
+
+BEAM, HEIGHT = "radar.antenna.beamwidth_deg", "platform.altitude_m"
+FREE = [f"{BEAM}=1:8:log", f"{HEIGHT}=30:60"]
+ERROR = {"count": 900, "min_m": -1.0, "max_m": 1.0, "std_m": 0.1, "mean_m": 0.0, "nmad_m": 0.1, "le90_m": 0.2}
+ERROR |= {"le68_m": 0.1, "le95_m": 0.3, "p95_p5_m": 0.4}
+
+
+def rms_m(beam: float, height: float) -> float:
+    """The law of the pretended surveys: the error grows with the footprint."""
+    return 0.05 * beam * height / 50
+
+
+def pretended(task):
+    """Return the trial of a survey that is not flown: `rms_m` with 3 % of noise from its seed; some places fail."""
+    scenario = Scenario.model_validate_json(task["scenario"])
+    beam, height = scenario.radar.antenna.beamwidth_deg, scenario.platform.altitude_m
+    if beam > 5.0:
+        message = "no echo at all"
+        raise RuntimeError(message)
+    noise = np.random.default_rng(scenario.seed).standard_normal(2)
+    rain = 1.5 if scenario.weather.rain_rate_mm_per_h else 1.0
+    error = ERROR | {"rms_m": rain * rms_m(beam, height) * (1 + 0.03 * noise[0]), "coverage": 0.95 + 0.005 * noise[1]}
+    trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
+    rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
+    return document_bytes(trial | rest)
+
+
+def pretend(patch):
+    """Fly nothing, and look at fewer candidates: two parameters need no more."""
+    sizes = {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64, "MAPS": 1}
+    for name, value in {"trial_task": pretended, **sizes}.items():
+        patch.setattr(design_search, name, value)
+
+
+@pytest.fixture(autouse=True)
+def _pretend(monkeypatch):
+    pretend(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def designed(small):
+    with pytest.MonkeyPatch.context() as patch:
+        pretend(patch)
+        requirements = ["rms_m < 0.1", "coverage > 0.5"]
+        plan = plan_design(small, FREE, minimise=["aperture_m"], require=requirements, surveys=40)
+        return run_design(plan)
+
+
+def test_the_optimum_lies_where_the_error_reaches_its_limit(designed):
+    """The least aperture has the widest beam of which the error allows: at the least height, 0.1 / 0.05 * 50 / 30."""
+    best = designed.best.setting
+    assert designed.holds
+    assert best[HEIGHT] == pytest.approx(30.0, abs=2.0)
+    assert best[BEAM] == pytest.approx(0.1 / 0.05 * 50 / 30, rel=0.07)
+    assert rms_m(best[BEAM], best[HEIGHT]) < 0.1
+    assert designed.surveys <= 40
+
+
+def test_it_says_what_binds_and_what_relaxing_saves(designed):
+    """A tenth more of error is a tenth more of beam, and a tenth less of aperture; coverage is of no matter."""
+    error, coverage = designed.relaxations
+    assert error.saving == pytest.approx(1 - 1 / 1.1, abs=0.03)
+    assert coverage.saving == pytest.approx(0.0, abs=0.02)
+    assert designed.noise["rms_m"] == pytest.approx(0.03, rel=0.5)
+    flat = {cut.key: cut.flat for cut in designed.slices}
+    assert 0.93 * designed.best.setting[BEAM] < flat[BEAM][0] < flat[BEAM][-1] < 1.1 * designed.best.setting[BEAM]
+
+
+def test_the_sensitivities_are_those_of_the_law(designed):
+    """The logarithm of the error is a sum: its shares are the variances of both terms."""
+    beam, height = np.log(8), np.log(np.linspace(30, 60, 10_001))
+    parts = np.array([beam**2 / 12, height.var()])
+    assert list(designed.sensitivity["rms_m"].values()) == pytest.approx(parts / parts.sum(), abs=0.1)
+
+
+def test_settings_that_fail_are_kept_with_their_reason_and_avoided(designed):
+    failed = [one for one in designed.observations if one.reason]
+    assert failed
+    assert all("no echo at all" in one.reason for one in failed)
+    assert len(failed) <= 5
+
+
+def test_the_same_seed_gives_the_same_answer_on_a_resumed_run(designed, small, tmp_path):
+    plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1", "coverage > 0.5"], surveys=40)
+    (tmp_path / "parts").mkdir()
+    kept = Checkpoints(tmp_path / "parts")
+    first = run_design(plan, execution=Execution(checkpoints=kept))
+    calls = len(kept)
+    for part in list(kept.folder.glob("*.part"))[::2]:
+        part.unlink()
+    again = run_design(plan, execution=Execution(checkpoints=kept, block_size=7))
+    assert [o.setting for o in again.observations] == [o.setting for o in first.observations]
+    assert repr(first.observations) == repr(designed.observations)
+    assert again.best.standing == first.best.standing == designed.best.standing
+    assert len(kept) == calls
+
+
+def test_the_worst_of_several_worlds_counts(small):
+    """In rain the error is half as large again, so that the beam is two thirds as wide."""
+    worlds = ["weather.rain_rate_mm_per_h=10"]
+    plan = plan_design(
+        small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], worst_of=worlds, surveys=60, repeat=3
+    )
+    found = run_design(plan)
+    assert found.best.setting[BEAM] == pytest.approx(2 / 3 * 0.1 / 0.05 * 50 / 30, rel=0.08)
+    assert found.surveys <= 60
+
+
+def test_costs_of_a_table_are_minimised_over_words_and_whole_numbers_too(small, tmp_path):
+    (tmp_path / "costs.toml").write_text(
+        "[a]\nmass_kg = '1 + 10 * aperture_m + 0.1 * radar.samples_per_chirp / 1024'\n"
+    )
+    free = [f"{BEAM}=1:6:log", "dem.method=linear,smooth", "radar.samples_per_chirp=1024:2048"]
+    plan = plan_design(
+        small,
+        free,
+        minimise=["mass_kg"],
+        require=["rms_m < 0.1", "mass_kg < 5", "flying_time_s < 600"],
+        costs=read_costs(tmp_path / "costs.toml"),
+        area=Area(size_m=(300.0, 300.0)),
+        surveys=30,
+        repeat=3,
+    )
+    found = run_design(plan)
+    assert found.holds
+    assert found.best.setting[BEAM] == pytest.approx(2.0, rel=0.08)
+    assert found.best.setting["radar.samples_per_chirp"] < 1300
+    assert found.best.setting["dem.method"] in ("linear", "smooth")
+    assert isinstance(found.best.setting["radar.samples_per_chirp"], int)
+
+
+def test_two_objectives_give_the_front(small):
+    """Over the beam the error trades against the aperture, at the least height: the product of both is constant."""
+    plan = plan_design(small, FREE, minimise=["aperture_m", "rms_m"], surveys=40, repeat=3)
+    found = run_design(plan)
+    front = np.array([one.objectives for one in found.front])
+    assert len(front) >= 8
+    assert (np.diff(front[:, 0]) > 0).all()
+    assert (np.diff(front[:, 1]) < 0).all()
+    truth = np.array([[one.values["aperture_m"], rms_m(one.setting[BEAM], one.setting[HEIGHT])] for one in found.front])
+    beams = np.geomspace(1, 5, 200)
+    ideal = np.column_stack([0.0 * beams, [rms_m(beam, 30.0) for beam in beams]])
+    scale = found.front[0].values["aperture_m"] * found.front[0].setting[BEAM]
+    ideal[:, 0] = scale / beams
+    corner = ideal.max(axis=0) * 1.1
+    assert hypervolume(truth, corner) > 0.93 * hypervolume(ideal, corner)
+    assert found.best.seeds >= 3
+
+
+def test_what_no_setting_meets_is_told(small):
+    plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.01"], surveys=24)
+    found = run_design(plan)
+    assert not found.holds
+    assert sentence(found).startswith("No design was shown to meet all requirements")
+    assert found.best.probability < 0.01
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"free": []}, "nothing is free"),
+        ({"free": [*FREE, f"{BEAM}=2,3"]}, "free twice"),
+        ({"overrides": {BEAM: 3.0}}, "both set and free"),
+        ({"free": ["seed=1:9"]}, "seed is no part of a radar"),
+        ({"minimise": []}, "0 objectives"),
+        ({"minimise": ["aperture_m", "rms_m", "swath_m"]}, "3 objectives"),
+        ({"require": []}, "no survey is needed"),
+        ({"require": ["rsm_m < 1"]}, "Did you mean rms_m"),
+        ({"require": ["rms_m < 1", "transmit_power_w < 1"]}, "transmit_power_dbm"),
+        ({"require": ["rms_m < radar.scan.mode"]}, "'whisk_broom' is no number"),
+        ({"surveys": 9}, "must be 13"),
+        ({"repeat": 1}, "at least 2"),
+        ({"confidence": 1.0}, "below 1"),
+        ({"free": ["radar.no_such=1:2"]}, "no_such"),
+        ({"free": [f"{BEAM}=400:900"]}, "400|600|650|60"),
+        ({"worst_of": ["weather.no_such=1"]}, "no_such"),
+    ],
+)
+def test_contradictory_requests_are_refused(small, changed, says):
+    given = {"free": FREE, "minimise": ["aperture_m"], "require": ["rms_m < 0.1"], "surveys": 40} | changed
+    with pytest.raises(ScenarioError, match=says):
+        plan_design(small, given.pop("free"), **given)
+
+
+def test_a_backend_that_cannot_run_ends_the_design(small, monkeypatch):
+    def missing(task):
+        from sionna_radar.foundation.errors import BackendError
+
+        message = "no libLLVM"
+        raise BackendError(message)
+
+    monkeypatch.setattr(design_search, "trial_task", missing)
+    plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
+    with pytest.raises(Exception, match="no libLLVM"):
+        run_design(plan)
+
+
+def test_results_of_a_design_are_written(designed, tmp_path, capsys):
+    files = {file.name for file in write_design(designed, tmp_path / "out")}
+    assert files == {
+        *("design.json", "design.toml", "scenario.toml", "surveys.csv", "report.html", "manifest.json"),
+        *("slices.png", "sensitivity.png", "maps.png"),
+    }
+    document = json.loads((tmp_path / "out" / "design.json").read_text())
+    assert document["best"]["setting"] == designed.best.setting
+    assert len(document["observations"]) == designed.surveys
+    again = load_scenario(tmp_path / "out" / "scenario.toml")
+    assert again == designed.best.scenario
+    print_design(designed)
+    printed = capsys.readouterr().out
+    assert "rms_m < 0.1: binds" in printed
+    assert "linear" in printed
+    assert design_summary(designed)["answer"] in printed.replace("\n", " ")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("data:image/png") == 3
+    assert "rms_m &lt; 0.1: binds" in page
+
+
+def test_a_front_is_drawn(designed):
+    front = tuple(replace(one, objectives=(*one.objectives, 1.0)) for one in designed.checked)
+    plan = replace(designed.plan, objectives=designed.plan.objectives * 2)
+    cuts = tuple(replace(cut, objectives=np.repeat(cut.objectives, 2, axis=1), flat=None) for cut in designed.slices)
+    assert (
+        design_page(replace(designed, plan=plan, front=front, best=front[0], slices=cuts)).count("data:image/png") == 4
+    )
+
+
+def test_the_probability_is_students():
+    """Of margins with mean 1 and standard deviation 1 over four seeds, the mean is two standard errors from zero."""
+    margins = np.array([1.0, 1.0, 1.0, 1.0]) + np.array([1, -1, 1, -1]) * np.sqrt(3 / 4)
+    found = standing_of(parse_requirement("rms_m < 1"), margins)
+    assert found.spread == pytest.approx(1.0)
+    assert found.probability == pytest.approx(0.9303, abs=1e-4)  # Student's t, 3 degrees of freedom, at 2
+    assert found.of_one_survey == pytest.approx(0.7810, abs=2e-3)  # at 2 / sqrt(5)
+
+
+def test_the_worst_is_the_largest_error_and_the_least_coverage():
+    assert worst("rms_m", [0.1, 0.3]) == 0.3
+    assert worst("mean_m", [0.1, -0.3]) == -0.3
+    assert worst("coverage", [0.9, 0.8]) == 0.8
+
+
+def test_settings_and_points_of_the_cube_are_each_others_inverse():
+    axes = Axis(key="n", values=(1, 2, 4)), Axis(key="w", values=("a", "b"))
+    space = Space((Span(key="x", low=1.0, high=100.0, logarithmic=True),), axes)
+    settings = [{"x": 10.0, "n": 4, "w": "a"}, {"x": 1.0, "n": 1, "w": "b"}]
+    share = space.shares(settings)
+    assert share[0] == pytest.approx([0.5, 5 / 6, 0.25])
+    assert space.settings(share) == settings
+    assert space.inputs(settings)[0] == pytest.approx([0.5, 5 / 6, 1.0, 0.0])
+
+
+def test_the_model_tells_noise_from_signal():
+    rng = np.random.default_rng(1)
+    x = rng.random((60, 2))
+    y = 0.1 * np.exp(x[:, 0]) * (1 + 0.05 * rng.standard_normal(60))
+    model = Surrogate.fit("rms_m", x, y)
+    assert model.noise == pytest.approx(0.05, rel=0.3)
+    assert model.mean(x) == pytest.approx(0.1 * np.exp(x[:, 0]), rel=0.06)
+
+
+def test_improvement_is_the_growth_of_the_hypervolume():
+    front = np.array([[0.2, 0.8], [0.5, 0.5], [0.8, 0.1]])
+    corner = np.array([1.0, 1.0])
+    before = hypervolume(front, corner)
+    assert before == pytest.approx(0.3 * 0.2 + 0.3 * 0.5 + 0.2 * 0.9)
+    values = np.random.default_rng(2).random((40, 2)) * 1.2
+    gained = improvement(values[:, None], np.concatenate([corner[None], front]))[:, 0]
+    after = [hypervolume(np.vstack([front, value]), corner) for value in values]
+    assert gained == pytest.approx(np.array(after) - before, abs=1e-12)
+    assert len(pareto(np.vstack([front, front + 0.01]))) == 3
+
+
+def test_a_region_that_fails_is_known_by_then():
+    x = np.linspace(0, 1, 12)[:, None]
+    chance = flown_probability(x, (x[:, 0] < 0.6).tolist(), np.array([[0.1], [0.95]]))
+    assert chance[0] > 0.7
+    assert chance[1] < 0.3
+    assert (flown_probability(x, [True] * 12, x) == 1).all()
+
+
+def test_failures_of_all_settings_end_the_design(small, monkeypatch):
+    def fails(task):
+        raise RuntimeError(str(Failure(kind="", text="broken").text))
+
+    monkeypatch.setattr(design_search, "trial_task", fails)
+    plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
+    with pytest.raises(ScenarioError, match=r"no setting could be flown: .*broken"):
+        run_design(plan)
+
+
+def test_the_command_flies_a_design_and_says_what_is_wrong(cli, small, tmp_path):
+    given = ["--free", f"{BEAM}=2:6:log", "--minimise", "aperture_m", "--surveys", 11, "--repeat", 2]
+    asked = ["design", small, *given, "--require", "rms_m < 9", "--confidence", 0.6, "-o", tmp_path / "out"]
+    done = cli(*asked)
+    assert done.returncode == 0, done.stderr
+    assert "Best of" in done.stdout
+    document = json.loads((tmp_path / "out" / "design.json").read_text())
+    # Every requirement holds, so that the widest beam that can be flown has the least aperture.
+    assert 4.5 < document["best"]["setting"][BEAM] <= 5.0
+    shown = cli("compare", tmp_path / "out")
+    assert "beamwidth_deg" in shown.stdout
+    refused = cli("design", small, *given, "--require", "rsm_m < 9", "-o", tmp_path / "other")
+    assert refused.returncode == 2
+    assert "Did you mean rms_m?" in refused.stderr
+    assert not (tmp_path / "other").exists()
+    again = cli(
+        "design", small, *given, "--require", "rms_m < 9", "--confidence", 0.6, "-o", tmp_path / "out", "--resume"
+    )
+    assert "nothing to do" in again.stdout
