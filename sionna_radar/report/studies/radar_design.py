@@ -118,7 +118,7 @@ def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
 def _with_spread(one: Checked, name: str) -> str:
     value, spread = one.values.get(name, np.nan), one.spread.get(name, np.nan)
     form = ".1%" if name == "coverage" else ".3g"
-    return number(value, form) + (f" +-{number(spread, form)}" if np.isfinite(spread) else "")
+    return number(value, form) + (f" ± {number(spread, form)}" if np.isfinite(spread) else "")
 
 
 def print_design(design: RadarDesign) -> None:
@@ -126,7 +126,7 @@ def print_design(design: RadarDesign) -> None:
     out = console()
     out.print(sentence(design), soft_wrap=True)
     title = "Pareto front" if design.front else "Designs flown with several seeds"
-    table = Table(title=f"{title} (mean +- standard deviation of a seed)", title_justify="left")
+    table = Table(title=f"{title} (mean ± standard deviation of a seed)", title_justify="left")
     head, rows = design_rows(design)
     for name in head:
         table.add_column(name, justify="right", overflow="fold")
