@@ -17,6 +17,7 @@ from sionna_radar.foundation.progress import TimeLeft, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from sionna_radar.accuracy.reference import ReferenceCheck
 
@@ -32,6 +33,11 @@ def console(width: int | None = None) -> "Console":
     from rich.console import Console
 
     return Console(markup=False, emoji=False, highlight=False, width=width)
+
+
+def print_whole(table: "Table") -> None:
+    """Print a table at its own width, also to a narrow terminal or a pipe: truncated numbers say nothing."""
+    console(width=max(console().width, console(width=1000).measure(table).maximum)).print(table)
 
 
 def printable(text: object) -> str:

@@ -36,7 +36,7 @@ from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.studies.sweep import MARKER as SWEEP_MARKER
 from sionna_radar.report.studies.sweep import read_sweep, table_text
-from sionna_radar.report.terminal import NONE, console, number
+from sionna_radar.report.terminal import NONE, console, number, print_whole
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.quantities import QUANTITIES
@@ -132,7 +132,7 @@ def print_design(design: RadarDesign) -> None:
         table.add_column(name, justify="right", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    _print_whole(table)
+    print_whole(table)
     for standing in design.best.standing:
         out.print(
             f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
@@ -141,11 +141,6 @@ def print_design(design: RadarDesign) -> None:
         )
     for text in statements(design):
         out.print(text, soft_wrap=True)
-
-
-def _print_whole(table: Table) -> None:
-    """Print a table at its own width: numbers truncated to a narrow terminal say nothing."""
-    console(width=max(console().width, console(width=1000).measure(table).maximum)).print(table)
 
 
 def write_design(design: RadarDesign, directory: Path) -> list[Path]:
@@ -420,7 +415,7 @@ def print_studies(folders: Sequence[Path]) -> None:
         table.add_column(column, justify="right")
     for _, row in sorted(rows, key=lambda pair: pair[0]):
         table.add_row(*row)
-    _print_whole(table)
+    print_whole(table)
 
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:

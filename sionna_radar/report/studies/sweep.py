@@ -34,7 +34,7 @@ from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, R
 from sionna_radar.report.files.contents import RUNS_FILES, RunsFile, strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
-from sionna_radar.report.terminal import NONE, console, number
+from sionna_radar.report.terminal import NONE, console, number, print_whole
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
 from sionna_radar.studies.design import Axis
@@ -450,10 +450,7 @@ SIGNED = ("min_m", "max_m", "mean_m")
 def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
     """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
     out = console()
-    table = sweep_table(result, "+-" if out.options.ascii_only else "±", ranking)
-    # Do not truncate the numbers to a narrow terminal, or the 80 columns of a pipe.
-    needed = console(width=1000).measure(table).maximum
-    console(width=max(out.width, needed)).print(table)
+    print_whole(sweep_table(result, "+-" if out.options.ascii_only else "±", ranking))
     hidden = len(result.cases) - MAX_ROWS
     if hidden > 0:
         out.print(f"and {hidden:,} more settings in table.csv")

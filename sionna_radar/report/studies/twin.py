@@ -18,7 +18,7 @@ from sionna_radar.report.files.contents import Report, strict_json, write_page, 
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import Pack
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, print_whole
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.twin import Twin
 from sionna_radar.studies.twin_statistics import EXCHANGES, FALSE_ALARM, Row
@@ -89,7 +89,7 @@ def print_twin(twin: Twin) -> None:
     for row in twin.rows:
         table.add_row(row.name, *list(_texts(row).values())[:-2])
     out = console()
-    out.print(table)
+    print_whole(table)
     for row in twin.rows:
         if row.differs:
             out.print(f"{row.name} differs: {row.needs}", soft_wrap=True)
