@@ -110,7 +110,7 @@ class Kriging:
     def _before(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         """Return the variance of heights before anything is measured."""
         if self.local is None:
-            return np.full(len(place_m), float(self.covariance.at(np.zeros(1))[0]))
+            return np.full(len(place_m), self.covariance.variance_m2 + self.covariance.microrelief.variance_m2)
         long, short = (table.value_m2[0] for table in self.local.divided(self.covariance, 1.0, 0.0, 2))
         return long + self.local.at(place_m) ** 2 * short
 
