@@ -30,10 +30,7 @@ from sionna_radar.studies.quantities import (
     parse_requirement,
     quantities_of,
 )
-from sionna_radar.studies.surrogate import (
-    Space,
-    check_installed,
-)
+from sionna_radar.studies.surrogate import Space, check_installed
 from sionna_radar.studies.sweep import STATISTICS, label
 from sionna_radar.survey.preparation import prepare
 

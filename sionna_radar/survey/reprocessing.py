@@ -43,7 +43,13 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.observation import SegmentObserver, observe, place
-from sionna_radar.survey.recordings.described import WHOLE_CELLS, DescribedRanges, DescribedSignals, open_described
+from sionna_radar.survey.recordings.described import (
+    WHOLE_CELLS,
+    Described,
+    DescribedRanges,
+    DescribedSignals,
+    open_described,
+)
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation
@@ -120,7 +126,7 @@ def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> di
     Raises InputFileError for a file that is no recording.
     """
     with _opened(path) as file:
-        files = [path, *(file.files if isinstance(file, DescribedSignals | DescribedRanges) else ())]
+        files = [path, *(file.files if isinstance(file, Described) else ())]
     return {"recording": content_key({"files": files}), "settings": dict(overrides), "block_size": block_size}
 
 
@@ -316,7 +322,7 @@ def _source(
     if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
         message = "has no effect on powers: range profiles keep their cells; leave it out"
         raise ScenarioError([Problem(min(wrong), message)], source)
-    changes = {**file.settings, **overrides} if isinstance(file, DescribedSignals | DescribedRanges) else overrides
+    changes = {**file.settings, **overrides} if isinstance(file, Described) else overrides
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(changes, source), file.sweeps

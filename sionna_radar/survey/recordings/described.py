@@ -69,22 +69,15 @@ PoseAt = Callable[[Float[np.ndarray, " n"]], Pose]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DescribedSignals:
-    """Beat signals of one receiver in memory, with the interface of `SignalFile`.
+class Described:
+    """A recording that a TOML file describes.
 
-    samples: complex for I/Q. time_s: of each pulse, from the first position of the log, or else from the first pulse.
-    background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
-    powers: whether only the powers of the spectra are known, cell by cell.
+    time_s: of each pulse, from the first position of the log, or else from the first pulse.
     pose_at: returns the poses at some times; None if they are not known.
     settings: values of `processing`, `dem` and `radar` in the description, by dotted keys. files: that it names.
     """
 
-    samples: Num[np.ndarray, "pulse sample"]
-    radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
-    background: Inexact[np.ndarray, " sample"] | None
-    range_zero_m: float
-    powers: bool
     pose_at: PoseAt | None
     georeference: Georeference | None
     settings: Mapping[str, Any]
@@ -99,14 +92,35 @@ class DescribedSignals:
         return {}
 
     @cached_property
-    def sweeps(self) -> tuple[Chirp, ...]:
-        """The sweep of a pulse."""
-        return sweeps_of(self.radar, self.samples.shape[1], np.iscomplexobj(self.samples))
-
-    @cached_property
     def pulses(self) -> RecordedPulses:
         """The pulses."""
         return _pulses_at(self.time_s, self.pose_at)
+
+    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
+        """Return the poses of pulses."""
+        assert self.pose_at is not None
+        return self.pose_at(self.time_s[index])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DescribedSignals(Described):
+    """Beat signals of one receiver in memory, with the interface of `SignalFile`.
+
+    samples: complex for I/Q.
+    background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    powers: whether only the powers of the spectra are known, cell by cell.
+    """
+
+    samples: Num[np.ndarray, "pulse sample"]
+    radar: RecordedRadar
+    background: Inexact[np.ndarray, " sample"] | None
+    range_zero_m: float
+    powers: bool
+
+    @cached_property
+    def sweeps(self) -> tuple[Chirp, ...]:
+        """The sweep of a pulse."""
+        return sweeps_of(self.radar, self.samples.shape[1], np.iscomplexobj(self.samples))
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of pulses, with ranges that count from the radar's zero."""
@@ -122,15 +136,10 @@ class DescribedSignals:
             beat = beat * turned if np.iscomplexobj(beat) else np.real(hilbert(beat, axis=1) * turned)
         return [beat]
 
-    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
-        """Return the poses of pulses."""
-        assert self.pose_at is not None
-        return self.pose_at(self.time_s[index])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DescribedRanges:
-    """Ranges that a radar or laser read by itself, as an altimeter does; the rest as of `DescribedSignals`.
+class DescribedRanges(Described):
+    """Ranges that a radar or laser read by itself, as an altimeter does.
 
     range_m, sigma_m: of each pulse, NaN without a reading; sigma is 0 where it is not known.
     cell_m: length of a range cell of the radar that read them.
@@ -138,20 +147,7 @@ class DescribedRanges:
 
     range_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
-    time_s: Float[np.ndarray, " pulse"]
     cell_m: float
-    pose_at: PoseAt | None
-    georeference: Georeference | None
-    settings: Mapping[str, Any]
-    files: tuple[Path, ...]
-    scenario: None = None
-    flight: None = None
-    truth: None = None
-
-    @property
-    def replaced(self) -> dict[str, str]:
-        """No parts: nothing was simulated."""
-        return {}
 
     @property
     def sweeps(self) -> tuple[Chirp, ...]:
@@ -159,16 +155,6 @@ class DescribedRanges:
         bandwidth_hz = speed_of_light / (2 * self.cell_m)
         radar = RecordedRadar(carrier_hz=max(bandwidth_hz, 1e9), bandwidth_hz=bandwidth_hz, sampling_rate_hz=1e6)
         return sweeps_of(radar, CELLS_OF_READINGS, iq=False)
-
-    @cached_property
-    def pulses(self) -> RecordedPulses:
-        """The pulses."""
-        return _pulses_at(self.time_s, self.pose_at)
-
-    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
-        """Return the poses of pulses."""
-        assert self.pose_at is not None
-        return self.pose_at(self.time_s[index])
 
     def echoes(self, pulses: Pulses) -> Echoes:
         """Return the readings of some pulses; power and signal-to-noise ratio are not known."""
