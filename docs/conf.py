@@ -52,6 +52,7 @@ html_theme = "furo"
 html_title = "sionna_radar"
 html_static_path = ["_static"]
 html_css_files = ["style.css"]
+html_search_scorer = str(HERE / "_static" / "search_scores.js")
 html_show_sourcelink = False
 html_copy_source = False
 pygments_style = "tango"

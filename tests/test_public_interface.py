@@ -5,10 +5,12 @@ import doctest
 import importlib
 import inspect
 import re
-from importlib.metadata import version
+from importlib.metadata import requires, version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import sionna_radar
 from test_architecture import ROOMS
@@ -112,3 +114,14 @@ def test_the_example_of_a_public_name_does_what_it_says(name, tmp_path, monkeypa
     for case in found:
         runner.run(case)
     assert runner.failures == 0
+
+
+def test_the_lock_has_what_the_package_needs_and_names_no_host():
+    lock = (ROOT / ".ci" / "requirements.txt").read_text(encoding="utf-8")
+    locked = {line.split("==")[0]: line.split("==")[1].split()[0] for line in lock.splitlines() if "==" in line}
+    assert "://" not in lock
+    assert "--index-url" not in lock
+    assert lock.count("--hash=sha256:") >= len(locked)
+    for needed in map(Requirement, requires("sionna-radar")):
+        if needed.marker is None or needed.marker.evaluate({"extra": "cluster"}):
+            assert needed.specifier.contains(locked[canonicalize_name(needed.name)]), needed

@@ -1,4 +1,7 @@
-"""Pages made from the program itself, so that they cannot grow stale: keys, commands, and the Python interface."""
+"""Pages made from the program itself, so that they cannot grow stale: keys, commands, and the Python interface.
+
+Keys and options are objects of Sphinx as functions are, so that the search lists them before words in a text.
+"""
 
 import importlib
 import inspect
@@ -7,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 import typer
+from docutils import nodes
 from sphinx.application import Sphinx
 from typer.cli import get_docs_for_click
 from written import write
@@ -24,6 +28,8 @@ ROOMS = (
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make the pages before Sphinx looks for pages."""
     app.connect("builder-inited", make_pages, priority=100)
+    app.connect("doctree-read", index_names)
+    app.add_object_type("scenario-key", "scenario-key", objname="key of a scenario")
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -38,6 +44,28 @@ def make_pages(app: Sphinx) -> None:
     for room in ROOMS:
         package = importlib.import_module(f"sionna_radar.{room}")
         write(made / "api" / f"{room}.rst", package_page(package, set(top.__all__)))
+
+
+def index_names(app: Sphinx, document: nodes.document) -> None:
+    """Make the keys and the options of a page objects, which the search knows by name."""
+    page = app.env.docname
+    if page not in ("keys", "commands"):
+        return
+    kind, places = ("scenario-key", nodes.row) if page == "keys" else ("cmdoption", nodes.list_item)
+    for section in document.findall(nodes.section):
+        if any(isinstance(child, nodes.section) for child in section):
+            continue  # its sections are met for themselves
+        title = section[0].astext()
+        for place in section.findall(places):
+            words = next((literal.astext() for literal in place.findall(nodes.literal)), "").split()
+            if page == "keys":
+                name = f"{title.strip('[]')}.{words[0]}" if title.startswith("[") and words else None
+            else:
+                option = next((word.strip(",") for word in words if word.startswith("--")), None)
+                name = option and f"{title} {option}"
+            if name:
+                place["ids"].append(nodes.make_id(name))
+                app.env.domains.standard_domain.note_object(kind, name, nodes.make_id(name), location=place)
 
 
 def commands_reference() -> str:

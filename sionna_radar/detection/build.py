@@ -17,6 +17,7 @@ from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
 from sionna_radar.radar.build import build_side_receivers
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
@@ -93,6 +94,7 @@ def build_detector(
     estimator: RangeEstimator | None = None,
     *,
     speckle_looks: int = 1,
+    transmit_power_w: float | None = None,
 ) -> Detector:
     """Return the processing of a scenario.
 
@@ -108,6 +110,8 @@ def build_detector(
         A range estimator in place of that of `processing`.
     speckle_looks:
         Number of averaged powers in a pulse with independent speckle.
+    transmit_power_w:
+        Transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells the rain.
 
     Raises
     ------
@@ -149,7 +153,22 @@ def build_detector(
         estimator=estimator or build_range_estimator(processing),
         beam=beam,
         speckle_looks=speckle_looks,
+        volume_echo_w=_volume_echo_w(antenna, analyser, transmit_power_w),
     )
+
+
+def _volume_echo_w(antenna: Antenna | None, analyser: SpectrumAnalyser, transmit_power_w: float | None) -> float | None:
+    """Return the mean power (W) in a range cell at one metre of a volume that fills the beam, of reflectivity one.
+
+    P = P_t G0^2 lambda^2 Omega_2 dr / (4 pi)^3, see `rain_clutter_power`, times the noise bandwidth of the window in
+    cells. None for ports that part of the echo of drops reaches, which depends on their shapes.
+    """
+    if antenna is None or transmit_power_w is None or antenna.circular or antenna.receives != "co":
+        return None
+    chirp, window = analyser.chirp, analyser.window
+    aperture = antenna.peak_gain**2 * chirp.wavelength_m**2 * two_way_beam_sr(antenna) / (4 * np.pi) ** 3
+    bandwidth_cells = len(window) * float(np.sum(window**2)) / float(np.sum(window)) ** 2
+    return float(transmit_power_w * aperture * chirp.range_resolution_m * bandwidth_cells)
 
 
 def build_expected_ground(

@@ -66,7 +66,7 @@ class VolumeOptions(Protocol):
     @property
     def height_step_cells(self) -> float: ...  # noqa: D102
     @property
-    def rain_rate_mm_per_h(self) -> float: ...  # noqa: D102
+    def rain_rate_mm_per_h(self) -> float | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +83,7 @@ class Detector:
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
+    volume_echo_w: mean power in a range cell at one metre of a volume of reflectivity one (m2/m3); None if unknown.
     """
 
     analyser: SpectrumAnalyser
@@ -99,6 +100,7 @@ class Detector:
     volume_clutter: Literal["auto", "off"] = "auto"
     beam: BeamProfile | None = None
     speckle_looks: int = 1
+    volume_echo_w: float | None = None
 
     def spectra(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""

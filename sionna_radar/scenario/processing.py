@@ -81,9 +81,10 @@ class VolumeTable(Table):
     curved."""
     height_step_cells: Positive = 1.0
     """between the heights that neighbouring pulses are compared by."""
-    rain_rate_mm_per_h: Annotated[Real, Field(gt=0, le=300)] = 5.0
+    rain_rate_mm_per_h: Annotated[Real, Field(gt=0, le=300)] | None = None
     """as a weather service would say it: how fast the drops are expected to fall. Their Doppler moves the end of the
-    rain, and with it ranges of ground that is fainter than the rain."""
+    rain, and with it ranges of ground that is fainter than the rain. Without it the strength of the rain's own echo
+    tells it where the transmitted power is known, and 5 mm/h are expected where it is not."""
 
 
 class ProcessingTable(Table):

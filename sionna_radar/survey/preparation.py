@@ -394,6 +394,7 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
         radar.high_pass,
         custom.range_estimator,
         speckle_looks=speckle_looks(local.processing, local.tracing),
+        transmit_power_w=transmit_power_w(local.radar),
     )
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)

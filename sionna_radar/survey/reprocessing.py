@@ -361,7 +361,14 @@ def _source(
         settings=settings,
         sweeps=sweeps,
         antenna=antenna,
-        detector=build_detector(processing, sweeps[0], antenna, high_pass, parts.range_estimator),
+        detector=build_detector(
+            processing,
+            sweeps[0],
+            antenna,
+            high_pass,
+            parts.range_estimator,
+            transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
+        ),
     )
 
 

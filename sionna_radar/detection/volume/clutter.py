@@ -10,22 +10,29 @@ its edge), its strength around each pulse follows from the cells next to the rad
 The motion is estimated from the survey as well: drops fall, and the wind carries them. Motion shifts the range measured
 by an FMCW sweep, so that the end of the volume appears beside the echo of the ground that ends it. The shift in each
 pulse depends on the mean velocity of the particles along its boresight; a scan samples many directions. The prior
-is rain falling through still air, drops weighted by their echo. Snow, fog or a wind are accepted if they raise the
+is rain falling through still air, drops weighted by their echo; its rate follows from the strength of the
+echo where the transmitted power is known. Snow, fog or a wind are accepted if they raise the
 total likelihood by more than a model error does: over simulated ground the maximum-likelihood speed is up to 1 m/s off
 the true one.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
-from sionna_radar.weather.rain import echo_speeds
+from sionna_radar.weather.rain import (
+    NEPERS_PER_DB,
+    echo_speeds,
+    rain_attenuation_db_per_km,
+    rain_reflectivity_per_m,
+)
 
 # Cells next to the radar in which a volume is searched, and its minimum power there over the noise.
 NEAR_CELLS = 24
@@ -190,6 +197,9 @@ def _law(
 
 # Of drops, whose mean fall speed at 77 GHz is 4.1 m/s in rain of 1 mm/h and 4.9 m/s in 25 mm/h.
 TYPICAL_TEMPERATURE_K = 283.0
+# Rain rate where neither the scenario nor the strength of the echo tells it, and limits of the latter.
+TYPICAL_RATE_MM_PER_H = 5.0
+RATES_MM_PER_H = (0.5, 150.0)
 # Snowflakes fall at 0.8 to 1.5 m/s whatever their size (Locatelli and Hobbs 1974, J. Geophys. Res. 79, 2185).
 SNOW_FALL_MPS = 1.1
 # Another motion must exceed the likelihood of rain in still air by more than this error in radial speed costs,
@@ -220,6 +230,24 @@ class VolumeMotion:
 def falling(fall_mps: float) -> VolumeMotion:
     """Return the motion of a volume falling through still air."""
     return VolumeMotion(velocity_mps=np.array([0.0, 0.0, -fall_mps]), fall_spread_mps=FALL_SPREAD * fall_mps)
+
+
+def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -> float:
+    """Return the rain rate (mm/h) whose Marshall-Palmer drops appear with this reflectivity behind so much of the rain.
+
+    reflectivity_per_m: m2/m3, of the echo as received; the loss of rain (ITU-R P.838) over the range reduces it.
+    """
+
+    def excess(log_rate: float) -> float:
+        rate, loss = math.exp(log_rate), {"elevation_rad": -math.pi / 2, "tilt_rad": 0.0}
+        rain = rain_reflectivity_per_m(carrier_hz, rain_rate_mm_per_h=rate, temperature_k=TYPICAL_TEMPERATURE_K)
+        loss_db_per_km = rain_attenuation_db_per_km(carrier_hz, rain_rate_mm_per_h=rate, **loss)
+        return math.log(rain / reflectivity_per_m) - NEPERS_PER_DB * 2e-3 * range_m * loss_db_per_km
+
+    least, most = np.log(RATES_MM_PER_H)
+    if excess(least) >= 0 or excess(most) <= 0:
+        return RATES_MM_PER_H[0] if excess(least) >= 0 else RATES_MM_PER_H[1]
+    return math.exp(brentq(excess, least, most, xtol=1e-3))
 
 
 def expected_motion(carrier_hz: float, rain_rate_mm_per_h: float) -> VolumeMotion:

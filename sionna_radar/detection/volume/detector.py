@@ -17,12 +17,14 @@ from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_p
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     NEIGHBOURS,
+    TYPICAL_RATE_MM_PER_H,
     VolumeClutter,
     VolumeMotion,
     estimated_motion,
     expected_motion,
     first_guess,
     measured_mean,
+    rain_rate_of,
 )
 from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
@@ -256,16 +258,49 @@ def volume_in_front(
         return None
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
-    rain = expected_motion(sweep.carrier_hz, detector.volume.rain_rate_mm_per_h)
-    through = _through(detector, guess, unknown_ground(), rain, pulses, sweep)
+    stated = detector.volume.rain_rate_mm_per_h
+    through = _learned(
+        detector, guess, expected_motion(sweep.carrier_hz, stated or TYPICAL_RATE_MM_PER_H), cells, pulses, sweep
+    )
+    rate = stated or _rain_rate_mm_per_h(through, pulses, sweep)
+    if rate not in (stated, TYPICAL_RATE_MM_PER_H):
+        through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
+    motion = _motion(through, rate, cells, pulses, sweep)
+    if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
+        return through
+    return _learned(detector, guess, motion, cells, pulses, sweep)
+
+
+def _learned(
+    detector: Detector,
+    volume: VolumeClutter,
+    motion: VolumeMotion,
+    cells: Float[np.ndarray, "pulse cell"],
+    pulses: Pulses,
+    sweep: Chirp,
+) -> ThroughVolume:
+    """Learn the volume's mean and the ground behind it from each other, for one motion and from unknown ground."""
+    through = _through(detector, volume, unknown_ground(), motion, pulses, sweep)
     for _ in range(detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
-    moving = _with_motion(through, cells, pulses, sweep)
-    if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
-        return through
-    # Discard the ground prior learned with the wrong motion.
-    anew = _through(detector, moving.volume, unknown_ground(), moving.motion, pulses, sweep)
-    return _with_mean_and_ground(anew, cells, pulses, sweep)
+    return through
+
+
+def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) -> float:
+    """Return the rain rate whose echo is as strong as the volume's; a typical one where powers are not known in watts.
+
+    The strength is taken from the farther half of the cells that hold volume only in nearly every pulse: there the
+    shift of ranges by motion is small beside the range.
+    """
+    volume, echo_w = through.volume, through.detector.volume_echo_w
+    cells = np.arange(sum(volume.near) // 2, volume.near[1])
+    if echo_w is None or len(cells) == 0:
+        return TYPICAL_RATE_MM_PER_H
+    boresight = pulses.measured.boresight
+    rate_mps = pulses.measured.boresight_range_rate_mps + through.motion.range_rate_mps(boresight)
+    range_m = cells * through.end.cell_m - float(sweep.doppler_range_m(rate_mps).mean())
+    reflectivity_per_m = float(np.mean(volume.mean[cells] * range_m**2)) / echo_w
+    return rain_rate_of(reflectivity_per_m, float(range_m.mean()), sweep.carrier_hz)
 
 
 def _through(
@@ -330,10 +365,14 @@ def _with_mean_and_ground(
     return _through(through.detector, updated, learned, through.motion, pulses, sweep)
 
 
-def _with_motion(
-    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
-) -> ThroughVolume:
-    """Estimate the motion of the volume."""
+def _motion(
+    through: ThroughVolume,
+    rain_rate_mm_per_h: float,
+    cells: Float[np.ndarray, "pulse cell"],
+    pulses: Pulses,
+    sweep: Chirp,
+) -> VolumeMotion:
+    """Return the motion of the volume, about that of rain of a rate."""
     end = through.end
     rows = np.unique(np.linspace(0, len(pulses) - 1, min(MOTION_PULSES, len(pulses))).round().astype(np.int64))
     strength = through.volume.strength(cells, end.looks, 0)[rows]
@@ -344,9 +383,8 @@ def _with_motion(
         drift_m = sweep.doppler_range_m(np.full(len(rows), speed_mps))
         return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
 
-    rain_rate = through.detector.volume.rain_rate_mm_per_h
-    motion = estimated_motion(sweep.carrier_hz, rain_rate, pulses.rows(rows).measured.boresight, likelihood)
-    return _through(through.detector, through.volume, end.ground, motion, pulses, sweep)
+    boresight = pulses.rows(rows).measured.boresight
+    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, boresight, likelihood)
 
 
 def _within(

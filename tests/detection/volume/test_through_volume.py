@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, run
-from sionna_radar.detection.volume.clutter import VolumeClutter, first_guess
+from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
 from sionna_radar.detection.volume.detector import shows_volume
 from sionna_radar.detection.volume.end import Views
 from sionna_radar.detection.volume.height_track import AxisHeights, track
@@ -68,6 +68,14 @@ def test_the_mean_of_rain_is_found_without_being_told(rate):
     near = cells < 80
     assert np.abs(error_db[near]).max() < 0.9
     assert -2.5 < error_db[~near].mean() < 0.3
+
+
+@pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.study), 25.0])
+def test_rain_is_expected_to_fall_as_its_echo_is_strong(rate):
+    _, _, found = through(rate)
+    told = expected_motion(77e9, rate).velocity_mps[2]
+    assert found.motion.velocity_mps[2] == pytest.approx(told, abs=0.1)
+    assert abs(told - expected_motion(77e9, 5.0).velocity_mps[2]) > 0.2
 
 
 def test_clear_air_is_none_and_loses_no_bit():

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.volume.clutter import MODEL_ERROR_MPS, VolumeClutter, estimated_motion, expected_motion
+from sionna_radar.detection.volume.clutter import (
+    MODEL_ERROR_MPS,
+    VolumeClutter,
+    estimated_motion,
+    expected_motion,
+    rain_rate_of,
+)
 from sionna_radar.detection.volume.end import LEVELS, SLOPES, learned_ground
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
+from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectivity_per_m
 
 CARRIER_HZ, RAIN_MM_PER_H = 77e9, 5.0
 # A scan 40 deg to each side, 45 deg forward, of a platform that heads north.
@@ -34,6 +41,20 @@ def test_drops_of_heavier_rain_fall_faster():
     """Mean Doppler velocities at vertical incidence, 77 GHz: 4.1 m/s in 1 mm/h, 4.9 m/s in 25 mm/h."""
     fall = [-expected_motion(CARRIER_HZ, rate).velocity_mps[2] for rate in (1.0, 25.0)]
     assert fall == pytest.approx([4.1, 4.9], abs=0.1)
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 100.0])
+@pytest.mark.parametrize("range_m", [0.0, 40.0])
+def test_the_strength_of_its_echo_tells_the_rain(rate, range_m):
+    straight_down = {"elevation_rad": -np.pi / 2, "tilt_rad": np.pi / 2}
+    loss_db = 2e-3 * range_m * rain_attenuation_db_per_km(CARRIER_HZ, rain_rate_mm_per_h=rate, **straight_down)
+    echo = rain_reflectivity_per_m(CARRIER_HZ, rain_rate_mm_per_h=rate, temperature_k=283.0)
+    assert rain_rate_of(echo * 10 ** (-loss_db / 10), range_m, CARRIER_HZ) == pytest.approx(rate, rel=2e-3)
+
+
+def test_echoes_beyond_any_rain_are_taken_for_the_least_and_the_most():
+    assert rain_rate_of(1e-12, 10.0, CARRIER_HZ) == 0.5
+    assert rain_rate_of(1.0, 10.0, CARRIER_HZ) == 150.0
 
 
 @pytest.mark.parametrize("wind_mps", [(-10.0, 0.0), (0.0, 10.0), (0.0, -10.0), (7.0, 7.0)])
