@@ -10,6 +10,8 @@ from .design import Span as Span
 from .design import parse_design as parse_design
 from .design import read_settings as read_settings
 from .design_search import run_design as run_design
+from .gradients import Sensitivities as Sensitivities
+from .gradients import sensitivities as sensitivities
 from .images import Frames as Frames
 from .images import Imagery as Imagery
 from .images import run_frames as run_frames

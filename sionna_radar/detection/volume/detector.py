@@ -16,6 +16,7 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
+    NEAR_CELLS,
     NEIGHBOURS,
     TYPICAL_RATE_MM_PER_H,
     VolumeClutter,
@@ -280,7 +281,11 @@ def _learned(
     sweep: Chirp,
 ) -> ThroughVolume:
     """Learn the volume's mean and the ground behind it from each other, for one motion and from unknown ground."""
-    through = _through(detector, volume, unknown_ground(), motion, pulses, sweep)
+    # Motion shifts the ranges at which the law r^-2 of the first guess appears.
+    nearest_m, middle = detector.analyser.chirp.range_resolution_m, _first_cell(detector) + NEAR_CELLS // 2
+    range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
+    law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
+    through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
     for _ in range(detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     return through
@@ -296,11 +301,19 @@ def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) ->
     cells = np.arange(sum(volume.near) // 2, volume.near[1])
     if echo_w is None or len(cells) == 0:
         return TYPICAL_RATE_MM_PER_H
-    boresight = pulses.measured.boresight
-    rate_mps = pulses.measured.boresight_range_rate_mps + through.motion.range_rate_mps(boresight)
-    range_m = cells * through.end.cell_m - float(sweep.doppler_range_m(rate_mps).mean())
+    range_m = _still_range_m(cells, through.detector, through.motion, pulses, sweep)
     reflectivity_per_m = float(np.mean(volume.mean[cells] * range_m**2)) / echo_w
     return rain_rate_of(reflectivity_per_m, float(range_m.mean()), sweep.carrier_hz)
+
+
+def _still_range_m(
+    cell: Int[np.ndarray, " cell"], detector: Detector, motion: VolumeMotion, pulses: Pulses, sweep: Chirp
+) -> Float[np.ndarray, " cell"]:
+    """Return the ranges of cells less the mean shift by the motion of platform and volume."""
+    pose = pulses.measured
+    rate_mps = pose.boresight_range_rate_mps + motion.range_rate_mps(pose.boresight)
+    shift_m = float(sweep.doppler_range_m(rate_mps).mean())
+    return cell * detector.analyser.chirp.range_resolution_m - shift_m
 
 
 def _through(

@@ -71,8 +71,10 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
     return buffer
 
 
-def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any) -> Any:
-    """Return the buffer with channel gains and delays, from Sionna's field calculator."""
+def calculate_fields(
+    sionna: SionnaScene, buffer: Any, origin: Any, angles: Any, *, differentiable: bool = False
+) -> Any:
+    """Return the buffer with channel gains and delays, from Sionna's field calculator; `differentiable` is slower."""
     # Evaluated now: the calculator gathers from each array, and would otherwise recompute all of them for each.
     dr.eval(
         buffer.valid,
@@ -84,7 +86,9 @@ def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any)
         buffer.vertices_y,
         buffer.vertices_z,
     )
-    return FieldCalculator()(
+    calculator = FieldCalculator()
+    calculator.loop_mode = "evaluated" if differentiable else "symbolic"
+    return calculator(
         wavelength=sionna.wavelength,
         paths=buffer,
         samples_per_src=1,

@@ -46,6 +46,12 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         # Where d = x, any axes will do.
         self._opposed = None if material.copolar_correlation is None else mi.Float(opposed.astype(np.float32))
 
+    @property
+    def tables(self) -> list[Any]:
+        """Amplitudes of the matrix against incidence, as far as it has them."""
+        found = (self._vertical, self._excess, self._cross, self._opposed)
+        return [table for table in found if table is not None]
+
     def frequency_update(self) -> None:
         """Do nothing: sigma0 is given at the carrier of the scenario."""
 

@@ -1,5 +1,7 @@
 """Our antenna as an antenna pattern of Sionna RT."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.spatial.transform import Rotation
@@ -18,6 +20,7 @@ import sionna.rt as rt  # noqa: E402
 class SionnaPattern(rt.AntennaPattern):
     """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
 
+    tables: of a separable antenna, its two cuts and its peak voltage.
     jones: shares of the received field along Sionna's two axes, theta (ours for V, pointing down) and phi; None for
     what the antenna transmits.
     """
@@ -26,7 +29,11 @@ class SionnaPattern(rt.AntennaPattern):
         # Reversing one axis swaps the two senses of circular polarization.
         shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         whole = antenna.transmit if jones is None or antenna.receive is None else antenna.receive
-        voltage_toward = _product_of_cuts(antenna) if whole is None else _whole(whole, antenna.efficiency)
+        self.tables: list[Any] = []
+        if whole is None:
+            voltage_toward, self.tables = _product_of_cuts(antenna)
+        else:
+            voltage_toward = _whole(whole, antenna.efficiency)
 
         def pattern(theta, phi):  # type: ignore[no-untyped-def]
             sin_theta, cos_theta = dr.sincos(theta)
@@ -38,9 +45,9 @@ class SionnaPattern(rt.AntennaPattern):
 
 
 def _product_of_cuts(antenna: Antenna):  # type: ignore[no-untyped-def]
-    """Return the voltage of a separable antenna against the direction cosines ahead, left and up."""
+    """Return the voltage of a separable antenna against the direction cosines ahead, left and up, and its tables."""
     azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in (antenna.azimuth, antenna.elevation))
-    peak = float(np.sqrt(antenna.peak_gain))
+    peak = dr.opaque(mi.Float, float(np.sqrt(antenna.peak_gain)))
 
     def voltage(ahead, left, up):  # type: ignore[no-untyped-def]
         product = _lookup(azimuth, (dr.clip(left, -1.0, 1.0) + 1.0) / 2) * _lookup(
@@ -48,7 +55,7 @@ def _product_of_cuts(antenna: Antenna):  # type: ignore[no-untyped-def]
         )
         return product * (peak * dr.sqrt(dr.maximum(ahead, 0.0)))
 
-    return voltage
+    return voltage, [azimuth, elevation, peak]
 
 
 def _whole(pattern: Pattern, efficiency: float):  # type: ignore[no-untyped-def]

@@ -68,6 +68,12 @@ class SionnaScene:
         """Wavelength, m."""
         return mi.Float(speed_of_light) / mi.Float(self._carrier_hz)
 
+    @property
+    def tables(self) -> list[Any]:
+        """Tables of the antenna's pattern and of the materials, by which fields are differentiable."""
+        materials = [table for material in dict.fromkeys(self._material) for table in material.tables]
+        return [*self.pattern.tables, *self.receive_pattern.tables, *materials]
+
     def shape_of_hit(self, hit: Any) -> Any:
         """Return this scene's shape pointer of a hit by the caster, as an integer; 0 for a miss."""
         return dr.gather(mi.UInt32, self._shape_of_hit, dr.reinterpret_array(mi.UInt32, hit.shape), hit.is_valid())

@@ -51,6 +51,23 @@ class _Columns:
     shape: Any
 
 
+@dataclass(frozen=True, kw_only=True)
+class RayHits:
+    """Where the rays of a block meet the scene, in the memory of the ray tracer; undefined where not `valid`.
+
+    row: pulse of each ray in its block; shape: its pointer as an integer, and the triangle `face` of it.
+    probability: 4 pi over the solid angle that a ray represents.
+    """
+
+    row: Any
+    place: Any
+    normal: Any
+    shape: Any
+    face: Any
+    probability: Any
+    valid: Any
+
+
 class BeamEngine:
     """Traces blocks of pulses; see the module docstring.
 
@@ -70,17 +87,17 @@ class BeamEngine:
         bounces: int = 1,
     ) -> None:
         check_sionna()
-        self._sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
+        self.sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
         self._sampler = beam_sampler(paths_per_pulse, side_lobe_share)
         self._rays = beam_rays(antenna)
-        self._seed = seed
-        self._mirrored = MirroredPlaces(scene, antenna, chirp, self._sionna.caster) if bounces > 1 else None
+        self.seed = seed
+        self._mirrored = MirroredPlaces(scene, antenna, chirp, self.sionna.caster) if bounces > 1 else None
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
 
     def with_antenna(self, antenna: Antenna) -> "BeamEngine":
         """Return the engine with another antenna, over the same scene."""
         other = copy(self)
-        other._sionna = self._sionna.with_antenna(antenna)
+        other.sionna = self.sionna.with_antenna(antenna)
         other._rays = beam_rays(antenna)
         other._mirrored = None if self._mirrored is None else self._mirrored.with_antenna(antenna)
         return other
@@ -118,26 +135,44 @@ class BeamEngine:
     def _traced(self, pulses: Pulses) -> tuple[_Columns, SeenPlaces | None]:
         """Return the paths of a wavefront, and where its rays end if mirrors see that."""
         pose = pulses.true
-        origin = _point(pose.position_m)
-        angles = _point(sionna_angles(pose.R_world_antenna))
+        origin = point_of(pose.position_m)
+        angles = point_of(sionna_angles(pose.R_world_antenna))
         row, direction, probability = self._shoot(pulses)
-        ray = mi.Ray3f(dr.gather(mi.Point3f, origin, row), direction)
-        hit = self._sionna.caster.mi_scene.ray_intersect(ray)
+        hit = self._intersect(origin, row, direction)
         incidence = dr.safe_acos(dr.abs(dr.dot(hit.n, direction)))
-        rate = -dr.dot(dr.gather(mi.Vector3f, _vector(pose.velocity_mps), row), direction)
-        shape = self._sionna.shape_of_hit(hit)
+        rate = -dr.dot(dr.gather(mi.Vector3f, vector_of(pose.velocity_mps), row), direction)
+        shape = self.sionna.shape_of_hit(hit)
         valid = hit.is_valid() & (probability > 0)
         buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
         dr.schedule(incidence, rate)
-        buffer = calculate_fields(self._sionna, buffer, origin, angles)
+        buffer = calculate_fields(self.sionna, buffer, origin, angles)
         columns = self._columns(pulses, buffer, incidence, rate)
         if self._mirrored is None:
             return columns, None
         return columns, self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
 
+    def cast(self, pulses: Pulses) -> RayHits:
+        """Return where the rays of a block meet the scene."""
+        row, direction, probability = self._shoot(pulses)
+        hit = self._intersect(point_of(pulses.true.position_m), row, direction)
+        found = RayHits(
+            row=row,
+            place=hit.p,
+            normal=mi.Vector3f(hit.n),
+            shape=self.sionna.shape_of_hit(hit),
+            face=hit.prim_index,
+            probability=probability,
+            valid=hit.is_valid() & (probability > 0),
+        )
+        dr.eval(found.row, found.place, found.normal, found.shape, found.face, found.probability, found.valid)
+        return found
+
+    def _intersect(self, origin: Any, row: Any, direction: Any) -> Any:
+        return self.sionna.caster.mi_scene.ray_intersect(mi.Ray3f(dr.gather(mi.Point3f, origin, row), direction))
+
     def _places(self, pulses: Pulses, row, hit, shape, probability, rate) -> SeenPlaces:  # type: ignore[no-untyped-def]
         """Return the surface places hit by rays, the input of mirrors; undefined for rays that meet nothing."""
-        phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays).ravel()
+        phase = pulse_uniforms(self.seed, Stream.SPECKLE, pulses.index, self._sampler.rays).ravel()
         dr.eval(row, hit.t, hit.n, hit.p, hit.prim_index, shape, probability, rate)
         normal = hit.n.numpy()
         place = hit.p.numpy()
@@ -153,7 +188,7 @@ class BeamEngine:
             range_rate_mps=rate.numpy(),
             cosine=cosine,
             solid_angle_sr=solid_angle,
-            surface=self._sionna.surface_of_shape[shape.numpy()],
+            surface=self.sionna.surface_of_shape[shape.numpy()],
             face=hit.prim_index.numpy().astype(np.int64),
             factor=np.exp(2j * np.pi * phase).astype(np.complex64),
         )
@@ -161,7 +196,7 @@ class BeamEngine:
     def _shoot(self, pulses: Pulses):  # type: ignore[no-untyped-def]
         """Return each ray's row in the block, its direction, and 4 pi K p."""
         sampler = self._sampler
-        shift = pulse_uniforms(self._seed, Stream.DIRECTIONS, pulses.index, 2)
+        shift = pulse_uniforms(self.seed, Stream.DIRECTIONS, pulses.index, 2)
         ray = dr.arange(mi.UInt32, len(pulses) * sampler.rays)
         row = ray // sampler.rays
         ray -= row * sampler.rays
@@ -173,11 +208,11 @@ class BeamEngine:
         in_beam = ray < sampler.beam_rays
         (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
         probability = dr.select(valid, 4 * dr.pi * sampler.rays * density, 0.0)
-        axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
+        axes = [dr.gather(mi.Vector3f, vector_of(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * ahead + axes[1] * left + axes[2] * up), probability
 
     def _columns(self, pulses: Pulses, buffer, incidence, rate) -> _Columns:  # type: ignore[no-untyped-def]
-        phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
+        phase = pulse_uniforms(self.seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
         gain = buffer.a[0][0] * dr.exp(mi.Complex2f(0, 2 * dr.pi * mi.Float(phase.astype(np.float32).ravel())))
         dr.eval(buffer.valid, gain, buffer.tau)
         keep = dr.compress(buffer.valid)
@@ -216,13 +251,15 @@ class BeamEngine:
             range_rate_mps=columns.range_rate_mps.numpy(),
             incidence_rad=columns.incidence_rad.numpy(),
             hit_m=np.column_stack([axis.numpy() for axis in columns.hit_m]),
-            surface=self._sionna.surface_of_shape[columns.shape.numpy()],
+            surface=self.sionna.surface_of_shape[columns.shape.numpy()],
         )
 
 
-def _point(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
+def point_of(array: Float[np.ndarray, "n 3"]) -> Any:
+    """Return points on the device."""
     return mi.Point3f(array.T.astype(np.float32))
 
 
-def _vector(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
+def vector_of(array: Float[np.ndarray, "n 3"]) -> Any:
+    """Return vectors on the device."""
     return mi.Vector3f(array.T.astype(np.float32))
