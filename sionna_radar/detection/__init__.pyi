@@ -9,7 +9,7 @@ from .range_doppler.frames import RangeDopplerMap as RangeDopplerMap
 from .range_doppler.movers import Movers as Movers
 from .range_doppler.movers import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .range_doppler.movers import find_movers as find_movers
-from .ranging.estimator import EchoSpans as EchoSpans
-from .ranging.estimator import RangeEstimator as RangeEstimator
-from .ranging.estimator import Ranges as Ranges
+from .ranging.estimators import EchoSpans as EchoSpans
+from .ranging.estimators import RangeEstimator as RangeEstimator
+from .ranging.estimators import Ranges as Ranges
 from .spectrum import SpectrumAnalyser as SpectrumAnalyser

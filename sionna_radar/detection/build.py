@@ -9,7 +9,7 @@ from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector
 from sionna_radar.detection.expected_ground import ExpectedGround, rough_surface
-from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.detection.ranging.estimators import RangeEstimator
 from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Inexact, Int
 
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes, Profiles, cut_profiles
-from sionna_radar.detection.ranging.estimator import EchoSpans, RangeEstimator, Ranges, span_cells
+from sionna_radar.detection.ranging.estimators import EchoSpans, RangeEstimator, Ranges, span_cells
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of

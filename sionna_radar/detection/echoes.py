@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.foundation.columns import Columns
 
 

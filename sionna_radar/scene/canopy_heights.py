@@ -13,7 +13,7 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.scene.ground_cover import raster_at
-from sionna_radar.scene.terrains.points import Unstated
+from sionna_radar.scene.terrains.elevation import Unstated
 from sionna_radar.scene.vegetation import Stand
 
 MAX_CELLS = 50_000_000

@@ -15,7 +15,7 @@ alone; `retraced=True` says how large that is.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,9 +24,10 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.tracing.engines.beam.beam import BeamEngine
-from sionna_radar.tracing.engines.beam.frozen import STEPS_PER_CELL, Direction, FrozenEchoes, RangeCells
-from sionna_radar.tracing.sionna.pattern import sionna_angles
+
+if TYPE_CHECKING:  # the ray tracer is loaded by the call alone
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
+    from sionna_radar.tracing.engines.beam.frozen import Direction, FrozenEchoes, RangeCells
 
 Quantity = Literal["echo_power", "mean_range", "profile"]
 SHIFTS = {"pose.east_m": 0, "pose.north_m": 1, "pose.up_m": 2}
@@ -74,7 +75,7 @@ class Sensitivities:
 class _State:
     """The radar at one value of a parameter: its engine, the poses of the pulses, the bias of its ranges."""
 
-    engine: BeamEngine
+    engine: "BeamEngine"
     pulses: Pulses
     range_bias_m: float = 0.0
 
@@ -125,6 +126,8 @@ def sensitivities(
     if unknown := sorted(set(of) - set(get_args(Quantity))):
         message = f"of = {unknown}: give {', '.join(get_args(Quantity))}"
         raise ValueError(message)
+    from sionna_radar.tracing.engines.beam.frozen import FrozenEchoes
+
     index = np.asarray(pulses, dtype=np.int64)
     here = _state(prepared, index)
     cells, fixed = _range_cells(prepared), speckle == "fixed"
@@ -166,6 +169,8 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
     if prepared.beams:
         message = "an electronic scan has an antenna for each beam; take a survey with one"
         raise ScenarioError([Problem("radar.scan.mode", message)])
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
+
     inputs, table = prepared.engine_inputs(), prepared.local.tracing
     engine = BeamEngine(
         inputs.scene,
@@ -179,8 +184,10 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
     return _State(engine, prepared.flight.pulses(index))
 
 
-def _range_cells(prepared: Prepared) -> RangeCells:
+def _range_cells(prepared: Prepared) -> "RangeCells":
     """Return the cells of the spectrum, and the amplitude of a target in them."""
+    from sionna_radar.tracing.engines.beam.frozen import STEPS_PER_CELL, RangeCells
+
     analyser = prepared.detector.analyser
     step = np.arange(-RESPONSE_CELLS * STEPS_PER_CELL, RESPONSE_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL
     sample = np.arange(analyser.chirp.samples) - analyser.chirp.samples // 2
@@ -190,7 +197,7 @@ def _range_cells(prepared: Prepared) -> RangeCells:
     return RangeCells(chirp=analyser.chirp, count=count, response=response)
 
 
-def _evaluated(frozen: FrozenEchoes, state: _State, of: Sequence[str]) -> dict[str, Float[np.ndarray, "pulse ..."]]:
+def _evaluated(frozen: "FrozenEchoes", state: _State, of: Sequence[str]) -> dict[str, Float[np.ndarray, "pulse ..."]]:
     return frozen.evaluate(state.engine.sionna, state.pulses.true, of, state.range_bias_m)
 
 
@@ -252,8 +259,11 @@ def _moved(pulses: Pulses, name: str, amount: float) -> Pulses:
     return replace(pulses, true=replace(pose, R_world_antenna=turn @ pose.R_world_antenna))
 
 
-def _direction(name: str, here: _State, low: _State, high: _State, step: float) -> Direction:
+def _direction(name: str, here: _State, low: _State, high: _State, step: float) -> "Direction":
     """Return how poses and tables change per unit of a parameter."""
+    from sionna_radar.tracing.engines.beam.frozen import Direction
+    from sionna_radar.tracing.sionna.pattern import sionna_angles
+
     ours, theirs = ([np.array(table, dtype=np.float64) for table in s.engine.sionna.tables] for s in (low, high))
     kept = [len(table) for table in here.engine.sionna.tables]
     if len(ours) != len(kept) or len(theirs) != len(kept):

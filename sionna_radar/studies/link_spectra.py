@@ -43,9 +43,8 @@ from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.tracing.build import build_atmosphere, build_weather
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.conditions import Weather, volume_of
 from sionna_radar.weather.path import two_way_attenuation
-from sionna_radar.weather.volume import volume_of
 
 # Powers at frequencies, in bins.
 Spectrum = Callable[[Int[np.ndarray, " bin"]], Float[np.ndarray, " bin"]]

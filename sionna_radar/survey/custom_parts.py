@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.detection.ranging.estimators import RangeEstimator
 from sionna_radar.flight.pulses import GivenFlight, Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError

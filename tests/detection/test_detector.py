@@ -8,7 +8,7 @@ from flights import make_pulses
 from sionna_radar.detection.build import build_detector, build_range_estimator
 from sionna_radar.detection.detector import Detector, Spectra
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise

@@ -17,8 +17,7 @@ from sionna_radar.mapping.stepped.border_kernels import (
 )
 from sionna_radar.mapping.stepped.borders import ALIKE, StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
-from sionna_radar.mapping.stepped.segments import parts_of, to_border_m
-from sionna_radar.mapping.stepped.surface import moved_with
+from sionna_radar.mapping.stepped.surface import moved_with, parts_of, to_border_m
 from sionna_radar.mapping.terrain.echo_heights import on_axis
 
 ROOF_M = 8.0

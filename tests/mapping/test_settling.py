@@ -9,8 +9,7 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, spline_taps
-from sionna_radar.mapping.refined.refinement import refine
-from sionna_radar.mapping.refined.scoring import SETTLED_M, Mixing
+from sionna_radar.mapping.refined.refinement import SETTLED_M, Mixing, refine
 from sionna_radar.radar.chirp import Chirp
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)

@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 from scipy.integrate import trapezoid
 
 from sionna_radar.weather import rain
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.conditions import EvenVolume, UnevenVolume, Weather, volume_of
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
@@ -22,7 +22,6 @@ from sionna_radar.weather.rain import (
     rain_reflectivity_per_m,
 )
 from sionna_radar.weather.validity import Precipitation, ValidityError
-from sionna_radar.weather.volume import EvenVolume, UnevenVolume, volume_of
 
 # P.838-3 Table 5: f in GHz, k_H, alpha_H, k_V, alpha_V (read in pycomlink, processing/k_R_relation.py).
 TABLE_5 = [

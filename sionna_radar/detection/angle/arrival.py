@@ -32,7 +32,7 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int
 from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_strips, wavefront_bend
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.second_receiver import SideReceiver

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int
 
-from sionna_radar.detection.ranging.estimator import EchoSpans, span_cells
+from sionna_radar.detection.ranging.estimators import EchoSpans, span_cells
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
-from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
+from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     NEAR_CELLS,
     NEIGHBOURS,

@@ -1,7 +1,7 @@
 """The DEM method "stepped": walls stay steep, and each level between them is mapped separately.
 
 1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into parts where neighbours
-   differ by more than a step (`segments`).
+   differ by more than a step.
 2. A part that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface fits
    them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
@@ -12,6 +12,11 @@
 The uncertainty of the map is larger beside the borders of its parts than within. A cell beside a border belongs to the
 other side with a chance p that falls with the margin by which its part is likelier than the next. Then it is wrong by
 the whole step: the variance of the cell rises by step^2 p (1 - p).
+
+Segmentation: within a part neighbours differ by less than a step. Where a wall is crossed by a ramp of in-between
+heights, a cell or two wide, roof and ground would be one part. So parts are first grown from cells in whose
+neighbourhood no step is (a morphological opening of the links between cells), and take in what they touch. What no
+such part touches, narrower than three cells, joins the nearest.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +24,16 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    distance_transform_edt,
+    find_objects,
+    label,
+    maximum_filter,
+    median_filter,
+    minimum_filter,
+)
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
@@ -36,9 +50,100 @@ from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
-from sionna_radar.mapping.stepped.segments import parts_of, raised_cells, to_border_m, windows_of
 from sionna_radar.mapping.terrain.echo_heights import on_axis
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES
+
+# A part is raised if it is a step above this share of the adjacent cells.
+BESIDE_CELLS, MAX_OF_RING = 2, 0.75
+AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
+
+
+def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int) -> Int[np.ndarray, "row column"]:
+    """Return the number of the part of each cell, from zero without gaps.
+
+    Parameters
+    ----------
+    height_m:
+        Heights of the cells.
+    step_m:
+        Least difference between neighbours in different parts.
+    min_cells:
+        Smaller parts join the nearest.
+
+    """
+    along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
+    inner = _amid_links(along, across)
+    part = label(inner)[0] - 1
+    found = _with_touched(part, height_m, step_m)
+    return _without_crumbs(found, min_cells)
+
+
+def windows_of(part: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
+    """Return the rows and columns that contain each part, by their numbers."""
+    return [(rows, columns) for rows, columns in find_objects(part + 1)]
+
+
+def raised_cells(
+    height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells of raised parts: a step above most adjacent cells."""
+    raised = np.zeros(part.shape, dtype=bool)
+    for number, found in enumerate(windows_of(part)):
+        window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)
+        cells, height = part[window] == number, height_m[window]
+        ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MAX_OF_RING:
+            raised[window] |= cells
+    return raised
+
+
+def to_border_m(part: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
+    """Return the distance of each cell from the border of its part, m; infinite if there is only one part."""
+    border = np.zeros(part.shape, dtype=bool)
+    along, across = part[:, 1:] != part[:, :-1], part[1:] != part[:-1]
+    border[:, 1:] |= along
+    border[:, :-1] |= along
+    border[1:] |= across
+    border[:-1] |= across
+    distance: Float[np.ndarray, "row column"] = distance_transform_edt(~border) * spacing_m
+    return distance if border.any() else np.full(part.shape, np.inf)
+
+
+def _amid_links(
+    along: Bool[np.ndarray, "row beside"], across: Bool[np.ndarray, "above column"]
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells around which, in three by three cells, all neighbours are linked."""
+    right = np.pad(along, ((0, 0), (0, 1)), constant_values=True)
+    below = np.pad(across, ((0, 1), (0, 0)), constant_values=True)
+    # The links of a square of three: along rows between its first two columns, and across, likewise.
+    of_row = binary_erosion(right, np.ones((3, 2)), origin=(0, 0), border_value=1)
+    of_column = binary_erosion(below, np.ones((2, 3)), origin=(0, 0), border_value=1)
+    return np.asarray(of_row & of_column)
+
+
+def _with_touched(
+    part: Int[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], step_m: float
+) -> Int[np.ndarray, "row column"]:
+    """Return the parts with the cells that they touch: each joins the part of the nearest height, if within a step."""
+    rows, columns = part.shape
+    padded, heights = np.pad(part, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
+    best, found = np.full(part.shape, step_m), part.copy()
+    for down, right in AROUND:
+        window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
+        apart = np.abs(heights[window] - height_m)
+        nearer = (part < 0) & (padded[window] >= 0) & (apart <= best)
+        found[nearer], best[nearer] = padded[window][nearer], apart[nearer]
+    return found
+
+
+def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
+    """Return parts numbered from zero; cells of no part, or of one of fewer than `min_cells`, join the nearest."""
+    crumb = (np.bincount(part.ravel() + 1)[part + 1] < min_cells) | (part < 0)
+    if crumb.all():
+        return np.zeros(part.shape, dtype=np.int64)
+    row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
+    return np.asarray(np.unique(part[row, column], return_inverse=True)[1].reshape(part.shape))
+
 
 # Margin over which the chance of the other side falls by e. The columns of the model are not the walls of the world,
 # and echoes of overlapping pulses are not independent, so that it takes more than one neper.

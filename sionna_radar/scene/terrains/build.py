@@ -30,12 +30,19 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs, covered_lands
 from sionna_radar.scene.objects import MeshSource
 from sionna_radar.scene.terrains import synthetic
 from sionna_radar.scene.terrains.city import city_landscape
-from sionna_radar.scene.terrains.elevation import SAMPLE_CRS, SAMPLE_VERTICAL_CRS, ElevationSource, Roughness, elevation
+from sionna_radar.scene.terrains.elevation import (
+    SAMPLE_CRS,
+    SAMPLE_VERTICAL_CRS,
+    CloudSource,
+    ElevationSource,
+    Roughness,
+    elevation,
+    points,
+)
+from sionna_radar.scene.terrains.elevation import cloud_frame as points_frame
 from sionna_radar.scene.terrains.elevation import file_frame as elevation_frame
 from sionna_radar.scene.terrains.mesh import MeshGround, mesh
 from sionna_radar.scene.terrains.mesh import mesh_frame as ground_mesh_frame
-from sionna_radar.scene.terrains.points import CloudSource, points
-from sionna_radar.scene.terrains.points import cloud_frame as points_frame
 
 
 def cover_of(terrain: CoveredTerrain) -> GroundCover:

@@ -1,6 +1,7 @@
-"""Ground from elevation rasters: the user's, and the SRTM tile in matplotlib's sample data."""
+"""Ground from elevation rasters (the user's, and the SRTM tile in matplotlib's sample data) and point clouds."""
 
 import logging
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -8,13 +9,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.cbook import get_sample_data
+from pyproj import CRS
 from rasterio import Affine
 
-from sionna_radar.elevation.elevation_file import Cutout, cut, opened_array, opened_file
+from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_array, opened_file
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
-from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, place_file
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
+from sionna_radar.elevation.placed_raster import HeightSystem, height_system
+from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scene.ground_cover import GroundCover
 from sionna_radar.scene.landscape import Landscape, covered_landscape
 
@@ -110,3 +116,156 @@ def _opened(path: Path | str | None) -> Iterator[Any]:
         height_m = np.asarray(tile["elevation"])
     with opened_array(height_m, Affine(dx, 0.0, west, 0.0, -dy, north)) as dataset:
         yield dataset
+
+
+# Default spacing: mean number of points per cell, and least spacing in metres.
+POINTS_IN_CELL, FINEST_M = 4, 0.05
+MAX_CELLS = 4_000_000
+NO_UNIT = ("",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedCloud:
+    """Placement of a cloud: its CRS and the frame of the terrain, None for one in local metres; and its heights.
+
+    middle: of the file, in its own coordinates; heights: their unit and datum.
+    """
+
+    crs: CRS | None
+    frame: MapFrame | None
+    middle: tuple[float, float]
+    heights: HeightSystem
+
+    def local_of(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return local metres of the file's coordinates."""
+        if self.crs is None or self.frame is None:
+            return x - self.middle[0], y - self.middle[1]
+        if self.crs == self.frame.crs:
+            return x - self.frame.origin_m[0], y - self.frame.origin_m[1]
+        return self.frame.local_of(self.crs, x, y)
+
+
+@dataclass(frozen=True)
+class Unstated:
+    """Stand-in for a raster without a unit, for `height_system`."""
+
+    units: tuple[str, ...] = NO_UNIT
+
+
+def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
+    """Return the placement of a cloud: CRS, local frame, middle and height system.
+
+    Raises ScenarioError for an invalid CRS, or one that does not contain the cloud.
+    """
+    middle = float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2
+    file_crs = _crs_of(cloud, stated)
+    if file_crs is None:
+        if stated.centre_lonlat_deg is not None:
+            message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
+            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+        unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(stated.height_unit or "m", 1.0)
+        return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
+    crs = map_part(file_crs)
+    frame = frame_about(crs, middle, stated.centre_lonlat_deg, "cloud's middle")
+    heights = height_system(Unstated(), file_crs, stated.vertical_crs, stated.height_unit)
+    return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
+
+
+def _crs_of(cloud: CloudFile, stated: StatedFrame) -> CRS | None:
+    if stated.crs is not None:
+        return stated_crs(stated.crs)
+    return CRS.from_wkt(cloud.crs_wkt) if cloud.crs_wkt else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudSource:
+    """A point cloud as ground.
+
+    stated: what the file does not say of its own frame.
+    points: which of its points count. statistic, percentile: of their heights in a cell.
+    spacing_m: of the cells; None for four points in one on average.
+    holes: what cells without points become.
+    """
+
+    path: Path
+    stated: StatedFrame
+    points: Literal["first", "ground", "all"] = "first"
+    statistic: Literal["mean", "max", "percentile"] = "mean"
+    percentile: float = 50.0
+    spacing_m: float | None = None
+    holes: Literal["keep", "fill", "refuse"] = "fill"
+
+
+def cloud_frame(source: CloudSource) -> MapFrame | None:
+    """Return the local frame of a cloud on the map; None for one without a CRS."""
+    with open_cloud(source.path) as cloud:
+        return place_cloud(cloud, source.stated).frame
+
+
+def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float, float, float]) -> Landscape:
+    """Return the ground of a point cloud, gridded within the survey's window."""
+    with open_cloud(source.path) as cloud:
+        placed = place_cloud(cloud, source.stated)
+        grid = _grid(cloud, placed, source.spacing_m, window_m)
+
+        def pieces() -> Iterator[Piece]:
+            return cloud.pieces(source.points, placed.local_of, placed.heights.unit_m)
+
+        raster = gridded(pieces, grid, source.statistic, source.percentile / 100)
+    if not raster.filled.any():
+        message = f"no point chosen by points = {source.points!r} lies in the part that is flown; move the flight"
+        if source.points == "ground":
+            message += ", or set points = 'first' if the file is not classified"
+        raise ScenarioError([Problem("terrain.points", message)])
+    raster = treat_holes(raster, source.holes)
+    corners = raster.filled
+    if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
+        message = f"{grid.spacing_m:g} m leaves no 2 x 2 cells with points; raise it, or set terrain.holes = 'fill'"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    if placed.frame is None:
+        return covered_landscape(_lowered(raster, 0.0), cover)
+    base_m = float(math.floor(np.nanmin(raster.height_m)))
+    georeference = Georeference(
+        crs_wkt=placed.heights.compound(placed.frame.crs).to_wkt(), origin_m=(*placed.frame.origin_m, base_m)
+    )
+    return covered_landscape(_lowered(raster, base_m), cover, georeference)
+
+
+def _lowered(raster: Raster, base_m: float) -> Raster:
+    return Raster(grid=raster.grid, height_m=raster.height_m - base_m)
+
+
+def _grid(
+    cloud: CloudFile, placed: PlacedCloud, spacing_m: float | None, window_m: tuple[float, float, float, float]
+) -> Grid:
+    """Return the cells of the part of the cloud visible to the survey."""
+    corner_x, corner_y = (grid.ravel() for grid in np.meshgrid(*np.column_stack([cloud.low, cloud.high])[:2]))
+    x, y = placed.local_of(corner_x, corner_y)
+    west, south = max(float(x.min()), window_m[0]), max(float(y.min()), window_m[1])
+    east, north = min(float(x.max()), window_m[2]), min(float(y.max()), window_m[3])
+    if not (west < east and south < north):
+        message = (
+            f"the flight sees x = {window_m[0]:.0f} to {window_m[2]:.0f} m, y = {window_m[1]:.0f} to "
+            f"{window_m[3]:.0f} m, but the cloud covers x = {x.min():.0f} to {x.max():.0f} m, y = {y.min():.0f} to "
+            f"{y.max():.0f} m; {MOVE}"
+        )
+        raise ScenarioError([Problem("terrain", message)])
+    area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
+    spacing = spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
+    min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
+    if spacing < min_spacing:
+        requested, spacing = spacing, math.ceil(min_spacing * 100) / 100
+        logger.warning(
+            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. Shorten the flight or raise "
+            "terrain.spacing_m",
+            f"{MAX_CELLS:,}",
+            requested,
+            spacing,
+        )
+    if spacing > min(east - west, north - south):
+        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    columns, rows = (max(2, int((upper - lower) / spacing)) for lower, upper in ((west, east), (south, north)))
+    return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)

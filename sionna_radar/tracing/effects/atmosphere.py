@@ -11,10 +11,9 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho, volume_polarization
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.conditions import Weather, volume_of
 from sionna_radar.weather.path import two_way_attenuation
 from sionna_radar.weather.rain import RainMap, rain_power_laws
-from sionna_radar.weather.volume import volume_of
 
 
 class Atmosphere:

@@ -38,10 +38,9 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.tracing.paths import VOLUME, Paths
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.conditions import Volume, Weather
 from sionna_radar.weather.drops import DropPolarization, drop_polarization, marshall_palmer, snow_polarization, spheres
 from sionna_radar.weather.path import rain_clutter_power
-from sionna_radar.weather.volume import Volume
 
 CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.

@@ -7,7 +7,7 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.build import build_detector, build_range_estimator
 from sionna_radar.detection.detector import Spectra
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import taylor_cut

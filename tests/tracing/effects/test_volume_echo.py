@@ -20,13 +20,12 @@ from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.conditions import EvenVolume, UnevenVolume, Weather
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.path import rain_clutter_power
 from sionna_radar.weather.rain import RainCell, echo_speeds
 from sionna_radar.weather.snow import snow_reflectivity_per_m
 from sionna_radar.weather.validity import Precipitation
-from sionna_radar.weather.volume import EvenVolume, UnevenVolume
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0

@@ -7,8 +7,7 @@ from beams import make_antenna, make_chirp, plane_power
 from flights import make_pulses
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.density import filled_beam, footprint_density
-from sionna_radar.tracing.engines.persistent.outer_rays import OuterRays
-from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+from sionna_radar.tracing.engines.persistent.persistent import OuterRays, PersistentEngine
 from sionna_radar.tracing.paths import SampledBeams
 from worlds import make_scene, make_surface
 
