@@ -50,6 +50,7 @@ class Sightings:
     reach_m: unambiguous range of the sampling.
     memory: temporal decorrelation of speckle.
     microrelief_m: what is usual on such ground; see `Covariance`.
+    range_bias_m, range_scale: what the radar reads beyond the true range, and of each metre of it.
     """
 
     profiles: Profiles
@@ -62,6 +63,8 @@ class Sightings:
     reach_m: float
     memory: SpeckleMemory = STILL
     microrelief_m: float = 0.0
+    range_bias_m: float = 0.0
+    range_scale: float = 0.0
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -98,7 +101,7 @@ class BeamFootprints:
     """Intersections of the beam's nodes with a surface.
 
     range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height
-    there. shift_m: Doppler shift of the range.
+    there. shift_m: what is read beyond the range: by Doppler, and by errors of the radar.
     """
 
     range_m: Float[np.ndarray, "pulse node"]
@@ -175,6 +178,8 @@ def footprints(
         meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
 
     list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
+    if sightings.range_bias_m or sightings.range_scale:
+        feet.shift_m[...] += sightings.range_bias_m + sightings.range_scale * np.nan_to_num(feet.range_m)
     return feet
 
 
