@@ -7,7 +7,8 @@ what is believed minus what is true, in the signs of `platform.navigation`:
 - squint: the beam is believed to be turned by it about the antenna's upward axis;
 - lever arm: believed to be longer by it (nose, right, down);
 - time offset: lag of the report behind the radar's clock;
-- range: read = (1 + scale) true + bias.
+- range: read = (1 + scale) true + bias;
+- datum: the position (east, north, up) minus that in the datum of what it is compared with.
 
 With B the believed axes of the body (the antenna's orientation without its scan), w the turn rate, a the acceleration
 and R() rotations by rotation vectors, the true antenna is at
@@ -19,8 +20,7 @@ attitude, as are mounting and attitude biases everywhere (Skaloud and Lichti 200
 self-calibration in airborne laser scanning", ISPRS Journal 61).
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -64,6 +64,9 @@ UNKNOWNS: dict[str, Unknown] = {
     "range_bias": Unknown(unit="m", si=1.0, prior=1.0),
     "range_scale": Unknown(unit="ppm", si=PPM, prior=1000.0),
     "time_offset": Unknown(unit="ms", si=MILLI, prior=20.0),
+    "datum_east": Unknown(unit="m", si=1.0, prior=5.0),
+    "datum_north": Unknown(unit="m", si=1.0, prior=5.0),
+    "datum_up": Unknown(unit="m", si=1.0, prior=5.0),
 }
 
 
@@ -77,8 +80,7 @@ class InstrumentErrors:
     range_bias_m: float = 0.0
     range_scale: float = 0.0
     time_offset_s: float = 0.0
-
-    NAMES: ClassVar[tuple[str, ...]] = tuple(UNKNOWNS)
+    datum_m: Vector3 = ZERO
 
     @classmethod
     def of(cls, values: dict[str, float]) -> "InstrumentErrors":
@@ -91,6 +93,7 @@ class InstrumentErrors:
             range_bias_m=at["range_bias"],
             range_scale=at["range_scale"],
             time_offset_s=at["time_offset"],
+            datum_m=(at["datum_east"], at["datum_north"], at["datum_up"]),
         )
 
     def read_m(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -129,7 +132,14 @@ class BelievedMotion:
 
     def rows(self, kept: Int[np.ndarray, " kept"] | slice) -> "BelievedMotion":
         """Return the motion of some of the pulses."""
-        return BelievedMotion(**{f.name: _rows(getattr(self, f.name), kept) for f in fields(self)})
+        return BelievedMotion(
+            pose=self.pose.rows(kept),
+            time_s=self.time_s[kept],
+            R_mount_antenna=self.R_mount_antenna[kept],
+            turn_rad_s=self.turn_rad_s[kept],
+            acceleration_mps2=self.acceleration_mps2[kept],
+            line=self.line[kept],
+        )
 
     def without(self, errors: InstrumentErrors) -> "BelievedMotion":
         """Return the motion without errors of the instrument."""
@@ -139,17 +149,17 @@ class BelievedMotion:
         lever = body @ np.array(errors.lever_arm_m)
         squint = Rotation.from_rotvec([0.0, 0.0, -errors.squint_rad]).as_matrix()
         antenna = body @ self.R_mount_antenna @ squint
-        acceleration = self.acceleration_mps2
+        gain = self.acceleration_mps2 * dt
         corrected = Pose(
-            position_m=pose.position_m + pose.velocity_mps * dt + acceleration * (dt**2 / 2) - lever,
-            velocity_mps=pose.velocity_mps + acceleration * dt - np.cross(self.turn_rad_s, lever),
+            position_m=pose.position_m
+            + pose.velocity_mps * dt
+            + acceleration * (dt**2 / 2)
+            - lever
+            - np.array(errors.datum_m),
+            velocity_mps=pose.velocity_mps + gain - np.cross(self.turn_rad_s, lever),
             R_world_antenna=antenna,
         )
         return replace(self, pose=corrected, R_mount_antenna=self.R_mount_antenna @ squint)
-
-
-def _rows(column: np.ndarray | Pose, kept: Int[np.ndarray, " kept"] | slice) -> np.ndarray | Pose:
-    return column.rows(kept) if isinstance(column, Pose) else column[kept]
 
 
 def believed_motion(pulses: Pulses, scan: Scan | None, gap_s: float = 1.0) -> BelievedMotion:

@@ -17,13 +17,19 @@ is the inverse of the information and the prior's. An error is told by a flight 
 than `TOLD` of the one beforehand. One that is not stays at zero, and its uncertainty goes into that of the others
 ("consider" parameters: Schmidt 1966, "Application of state-space methods to navigation problems").
 
-The model of the echoes errs as well, alike along stretches of the flight: over trees, by a coarse reference. Scores of
-stretches then scatter by more than the information says, by a factor that all variances are multiplied with
-(Huber 1967: the score's real covariance decides about the estimate's).
+The score's real covariance decides about that of the estimate (Huber 1967, "The behavior of maximum likelihood
+estimates under nonstandard conditions"). Weak cells count less than the information assumes, and where the model errs, over trees or by a coarse reference, it errs alike along stretches of the flight. So all variances are multiplied
+with the factor by which the scores of stretches scatter more than their information says. Speckle alone makes them
+scatter as the scores of single pulses do, times the pulses over which it repeats; more than that, and more than chance
+explains, says that the model misses something.
+
+Where the reference lies beside its own datum is an error like the others: `datum_east` and so on, of the flight's
+position minus the reference's.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -32,24 +38,33 @@ from scipy.stats import chi2
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
-from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, MeanRanges, Sightings, footprints, mean_ranges
+from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Sightings, footprints, mean_ranges
+from sionna_radar.mapping.echo_model.speckle import repeats
 
 # Share of its standard deviation beforehand to which that of an error must fall to be told: the echoes then hold eight
 # times the information of the prior.
 TOLD = 1 / 3
 # Pulses that are predicted at once: it bounds the memory.
 AT_ONCE = 2048
-# Steps of scoring at most; they end below this share of the standard deviations.
-MAX_STEPS, SETTLED = 12, 0.02
+MAX_STEPS = 12
 # An echo that fits this many times worse than usual counts less, in proportion.
 OUTLYING = 4.0
 # Stretches of the flight whose scores are compared, at most, and the pulses in each at least.
 STRETCHES, MIN_STRETCH = 48, 24
 # Probability of scores that scatter so, below which the model of the echoes is said to miss something.
 SURPRISE = 1e-3
+# Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
+# standard deviation over a survey is below 0.01.
+MAX_MISFIT = 1.2
 # Components of a direction that are named.
 NAMED = 0.3
+
+
+class Nearness(Enum):
+    """How near an estimate is; steps at that end once they are shorter than so many standard deviations."""
+
+    FAR = 1.0
+    SETTLED = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +87,11 @@ class Step:
         names = Step.__dataclass_fields__
         return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
 
+    @property
+    def total(self) -> Float[np.ndarray, "error error"]:
+        """Information of all pulses."""
+        return np.einsum("p,pkl->kl", self.weight, self.information)
+
     @cached_property
     def weight(self) -> Float[np.ndarray, " pulse"]:
         """Share that each pulse counts, less than one if it is outlying."""
@@ -83,12 +103,13 @@ class Step:
 class WholeEchoes:
     """Range profiles of some pulses, with the reported motion.
 
-    sightings: with the reported poses. motion: of the same pulses. looks: see `EchoModel.linearise`.
+    sightings: with the reported poses. motion: of the same pulses.
+    reach: over how many pulses the speckle of each repeats.
     """
 
     sightings: Sightings
     motion: BelievedMotion
-    looks: Float[np.ndarray, " pulse"]
+    reach: Float[np.ndarray, " pulse"]
 
     def __len__(self) -> int:
         return len(self.motion)
@@ -101,7 +122,17 @@ class WholeEchoes:
     def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "WholeEchoes":
         """Return some of the echoes."""
         own = np.flatnonzero(kept)
-        return WholeEchoes(sightings=self.sightings.rows(kept), motion=self.motion.rows(own), looks=self.looks[kept])
+        return WholeEchoes(sightings=self.sightings.rows(kept), motion=self.motion.rows(own), reach=self.reach[kept])
+
+    @property
+    def repeated(self) -> float:
+        """Mean number of pulses over which speckle repeats."""
+        return float(repeats(self.reach).mean())
+
+    @property
+    def looks(self) -> Float[np.ndarray, " pulse"]:
+        """Independent looks in a cell of each pulse."""
+        return self.sightings.looks_per_cell / repeats(self.reach)
 
     def without(self, errors: InstrumentErrors) -> tuple[Sightings, BelievedMotion]:
         """Return the sightings and the motion without errors of the instrument."""
@@ -111,13 +142,14 @@ class WholeEchoes:
         )
         return sightings, motion
 
-    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
-        """Return what the whole echoes say of named errors over a surface, at an estimate of them."""
-        return Step.joined([part._step(errors, surface, names) for part in self._parts()])
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return what the echoes say of named errors over a surface, at an estimate of them.
 
-    def mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
-        """Return what the mean ranges alone say: less, but from farther away."""
-        return Step.joined([part._mean_step(errors, surface, names) for part in self._parts()])
+        near: mean ranges say less than whole echoes, but from farther away.
+        """
+        whole = near is Nearness.SETTLED
+        steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
+        return Step.joined(steps)
 
     def _parts(self) -> list["WholeEchoes"]:
         number = np.arange(len(self)) // AT_ONCE
@@ -128,7 +160,8 @@ class WholeEchoes:
         model = EchoModel(sightings, surface)
         linear, feet = model.linearise(self.looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
-        heights = range_per_error(sightings, motion, feet, surface, [*names, "range_bias"]) / per_height
+        toward, shift = sightings.direction(), _shift_per_rate(sightings)
+        heights = range_per_error(toward, motion, feet, surface, [*names, "range_bias"], shift) / per_height
         count, pulses = heights.shape[2], len(heights)
         score = np.einsum("pnk,pn->pk", heights, linear.score)
         information, misfit = np.zeros((pulses, count, count)), np.full(pulses, np.nan)
@@ -137,7 +170,7 @@ class WholeEchoes:
             if rows.start < rows.stop:
                 said = linear.factor[rows] @ heights[pulse]
                 information[pulse] = said.T @ said
-                weight = linear.weight[rows].sum()
+                weight = linear.weight[rows].sum() * self.looks[pulse]
                 misfit[pulse] = (linear.residual[rows] ** 2).sum() / weight if weight > 0 else np.nan
         return _split(score, information, misfit)
 
@@ -146,12 +179,96 @@ class WholeEchoes:
         echoes = mean_ranges(self.sightings)
         axis = self.sightings.pose.boresight[:, None]
         excess = echoes.range_m + self.sightings.shift_m(axis)[:, 0] - EchoModel(sightings, surface).centroid_m()
-        sigma = np.maximum(echoes.sigma_m, 0.5 * self.usual_sigma_m)
-        return mean_range_step(sightings, motion, surface, names, excess, sigma)
+        sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
+        feet, beam = footprints(sightings, surface), sightings.beam
+        share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.share, 0.0)
+        toward, shift = sightings.direction(), _shift_per_rate(sightings)
+        change = range_per_error(toward, motion, feet, surface, [*names, "range_bias"], shift)
+        slope = np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
+        return _mean_range_step(slope, excess, sigma)
+
+
+def _shift_per_rate(sightings: Sightings) -> float:
+    """Return the Doppler shift of the range, m, per m/s of range rate."""
+    return sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings:
+    """Ranges that were read along the axes of the beams, with the reported motion.
+
+    range_m, sigma_m: as read, and their standard deviation. motion: of the same pulses.
+    doppler_m: Doppler shift of the range, m, per m/s of range rate; 0 for ranges that have none.
+    """
+
+    range_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+    motion: BelievedMotion
+    reach_m: float
+    doppler_m: float = 0.0
+    repeated: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "Readings":
+        """Return some of the readings."""
+        own = self.motion.rows(np.flatnonzero(kept))
+        return replace(self, range_m=self.range_m[kept], sigma_m=self.sigma_m[kept], motion=own)
+
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return what the readings say of named errors over a surface, at an estimate of them."""
+        del near  # their model is linear
+        motion = self.motion.without(errors)
+        pose = motion.pose
+        hit = surface.first_hit(pose.position_m, pose.boresight, self.reach_m)
+        place = (pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2]
+        east, north = surface.slope(*place.T)
+        closing = np.minimum(pose.boresight[:, 2] - east * pose.boresight[:, 0] - north * pose.boresight[:, 1], -0.05)
+        feet = BeamFootprints(hit[:, None], place[:, None], (1 / closing)[:, None], np.zeros((len(hit), 1)))
+        toward = pose.boresight[:, None]
+        change = range_per_error(toward, motion, feet, surface, [*names, "range_bias"], self.doppler_m)[:, 0]
+        shift = self.doppler_m * pose.boresight_range_rate_mps
+        return _mean_range_step(change, self.range_m - errors.read_m(hit) - shift, self.sigma_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Together:
+    """The echoes of several recordings."""
+
+    parts: tuple[WholeEchoes | Readings, ...]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    @property
+    def line(self) -> Int[np.ndarray, " pulse"]:
+        """Number of the flight line of each pulse."""
+        lines, first = [], 0
+        for part in self.parts:
+            lines.append(part.motion.line + first)
+            first = int(lines[-1].max(initial=first)) + 1
+        return np.concatenate(lines)
+
+    @property
+    def repeated(self) -> float:
+        """Mean number of pulses over which speckle repeats."""
+        return float(np.average([part.repeated for part in self.parts], weights=list(map(len, self.parts))))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all are whole echoes, whose misfit is known."""
+        return all(isinstance(part, WholeEchoes) for part in self.parts)
+
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return what all echoes say; see `WholeEchoes.step`."""
+        return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
 
 
 def _split(
-    score: Float[np.ndarray, "pulse k"], information: Float[np.ndarray, "pulse k k"], misfit: Float[np.ndarray, " pulse"]
+    score: Float[np.ndarray, "pulse k"],
+    information: Float[np.ndarray, "pulse k k"],
+    misfit: Float[np.ndarray, " pulse"],
 ) -> Step:
     """Return a step whose last column, the range's bias, becomes its residual."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -165,41 +282,32 @@ def _split(
     )
 
 
-def mean_range_step(
-    sightings: Sightings,
-    motion: BelievedMotion,
-    surface: Heightfield,
-    names: Sequence[str],
-    excess_m: Float[np.ndarray, " pulse"],
-    sigma_m: Float[np.ndarray, " pulse"],
+def _mean_range_step(
+    slope: Float[np.ndarray, "pulse k"], excess_m: Float[np.ndarray, " pulse"], sigma_m: Float[np.ndarray, " pulse"]
 ) -> Step:
-    """Return what mean ranges say that exceed the predicted ones, each by its own standard deviation."""
-    feet = footprints(sightings, surface)
-    share = sightings.beam.between.T @ sightings.beam.share
-    met = np.isfinite(feet.range_m)
-    share = np.where(met, share, 0.0)
-    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
-    slope = np.einsum("pn,pnk->pk", share, range_per_error(sightings, motion, feet, surface, [*names, "range_bias"]))
-    known = np.isfinite(excess_m) & met.any(axis=1)
-    precision = np.where(known, 1 / sigma_m**2, 0.0)
-    excess = np.where(known, excess_m, 0.0)
+    """Return what mean ranges say that exceed the predicted ones, whose changes per unit of each error are known."""
+    known = np.isfinite(excess_m)
+    precision, excess = np.where(known, 1 / sigma_m**2, 0.0), np.where(known, excess_m, 0.0)
     score = slope * (precision * excess)[:, None]
     information = slope[:, :, None] * slope[:, None] * precision[:, None, None]
     return _split(score, information, np.where(known, precision * excess**2, np.nan))
 
 
 def range_per_error(
-    sightings: Sightings,
+    direction: Float[np.ndarray, "pulse node 3"],
     motion: BelievedMotion,
     feet: BeamFootprints,
     surface: Heightfield,
     names: Sequence[str],
+    doppler_m: float,
 ) -> Float[np.ndarray, "pulse node error"]:
     """Return the change of the range that is read along each node of the beam, m, per SI unit of each error.
 
     Parameters
     ----------
-    sightings, motion:
+    direction:
+        Unit vectors toward the nodes, world frame.
+    motion:
         Without the errors that are known already.
     feet:
         Where the nodes meet the surface; a node that meets nothing reads nothing.
@@ -207,18 +315,18 @@ def range_per_error(
         The ground.
     names:
         Of the errors, in `UNKNOWNS`.
+    doppler_m:
+        Doppler shift of the range per m/s of range rate.
 
     """
-    direction, pose = sightings.direction(), sightings.pose
     slope = surface.slope(*feet.place_m.reshape(-1, 2).T)
     shape = feet.range_m.shape
     normal = np.stack([-slope[0].reshape(shape), -slope[1].reshape(shape), np.ones(shape)], axis=2)
     range_m = np.nan_to_num(feet.range_m)
     per_height = -feet.range_per_height[..., None]
-    shift = sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
-    velocity = np.broadcast_to(pose.velocity_mps[:, None], direction.shape)
-    turned = per_height * range_m[..., None] * np.cross(direction, normal) - shift * np.cross(direction, velocity)
-    by = np.concatenate([turned, per_height * normal, -shift * direction], axis=2)
+    velocity = np.broadcast_to(motion.pose.velocity_mps[:, None], direction.shape)
+    turned = per_height * range_m[..., None] * np.cross(direction, normal) - doppler_m * np.cross(direction, velocity)
+    by = np.concatenate([turned, per_height * normal, -doppler_m * direction], axis=2)
     change = by @ _moved(motion, names)
     for column, name in enumerate(names):
         if name == "range_bias":
@@ -228,6 +336,7 @@ def range_per_error(
     return np.where(np.isfinite(feet.range_m)[..., None], change, 0.0)
 
 
+WAYS = ("east", "north", "up")
 SIDES = ("nose", "right", "down")
 ANGLES = ("roll", "pitch", "heading")
 
@@ -245,6 +354,8 @@ def _moved(motion: BelievedMotion, names: Sequence[str]) -> Float[np.ndarray, "p
             side = body[:, :, SIDES.index(name.removeprefix("lever_"))]
             change[:, 3:6, column] = -side
             change[:, 6:, column] = -np.cross(motion.turn_rad_s, side)
+        elif name.startswith("datum"):
+            change[:, 3 + WAYS.index(name.removeprefix("datum_")), column] = -1.0
         elif name == "time_offset":
             change[:, :3, column] = motion.turn_rad_s
             change[:, 3:6, column] = pose.velocity_mps
@@ -314,15 +425,17 @@ class Knowledge:
     def unseen(self) -> list[dict[str, float]]:
         """Directions in which errors trade off, as how much of each (SI) leaves the echoes as they are.
 
-        Those along which the standard deviation stays above `TOLD` of the one beforehand, worst first; of each the parts
-        that are more than `NAMED` of the greatest, in units of the prior.
+        Those along which the standard deviation stays above `TOLD` of the one beforehand, worst first; of each the
+        parts that are more than `NAMED` of the greatest, in units of the prior.
         """
         value, vector = np.linalg.eigh(self.prior[:, None] * self.information * self.prior)
         found = []
         for k in np.flatnonzero(1 / (1 + np.maximum(value, 0.0)) > TOLD**2):
             part = vector[:, k] / np.abs(vector[:, k]).max()
             part *= np.sign(part[int(np.argmax(np.abs(part)))])
-            found.append({n: float(p * s) for n, p, s in zip(self.names, part, self.prior, strict=True) if abs(p) > NAMED})
+            found.append(
+                {n: float(p * s) for n, p, s in zip(self.names, part, self.prior, strict=True) if abs(p) > NAMED}
+            )
         return found
 
     def with_more(self, information: Float[np.ndarray, "error error"]) -> "Knowledge":
@@ -334,20 +447,36 @@ class Knowledge:
 class Solution:
     """Estimated errors.
 
-    knowledge: what the flight tells, with the information divided by `excess`.
+    before: what the flight tells by the poses as they were believed, before anything is estimated.
+    knowledge: what it tells at the estimate, with the information divided by `scatter`.
     told: which errors are estimated; the others are held at zero.
-    value, covariance: of all of them, SI. excess: see the module; surprise: probability of it or a greater one.
+    value, covariance: of all of them, SI.
+    scatter: factor on the variances; excess: it over that of speckle; surprise: the probability of such an excess.
+    misfit: squared residuals of the echoes over those of speckle.
     step: what each pulse says at the estimate.
     """
+
+    before: Knowledge
 
     knowledge: Knowledge
     told: Bool[np.ndarray, " error"]
     value: Float[np.ndarray, " error"]
     covariance: Float[np.ndarray, "error error"]
+    scatter: float
     excess: float
     surprise: float
-    steps: int
+    misfit: float
     step: Step
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the errors."""
+        return self.knowledge.names
+
+    @property
+    def model_holds(self) -> bool:
+        """Whether the echoes are no farther from the model than speckle and chance explain."""
+        return self.surprise >= SURPRISE and self.misfit <= MAX_MISFIT
 
     @property
     def errors(self) -> InstrumentErrors:
@@ -361,7 +490,7 @@ class Solution:
 
 
 def solve(
-    echoes: WholeEchoes,
+    echoes: Together,
     surface: Heightfield,
     names: Sequence[str],
     prior: Mapping[str, float] | None = None,
@@ -381,36 +510,40 @@ def solve(
 
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
-    value, told = np.zeros(len(names)), np.ones(len(names), dtype=bool)
-    steps = 0
-    for whole in (False, True):
+    value, before, step, told = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
+    for near in Nearness:
         for _ in range(MAX_STEPS):
             errors = InstrumentErrors.of(dict(zip(names, map(float, value), strict=True)))
-            step = echoes.step(errors, surface, names) if whole else echoes.mean_step(errors, surface, names)
-            information = np.einsum("p,pkl->kl", step.weight, step.information)
-            known = Knowledge(names=tuple(names), prior=sigma0, information=information)
-            told = known.told
+            step = echoes.step(errors, surface, names, near)
+            known = Knowledge(names=tuple(names), prior=sigma0, information=step.total)
+            before, told = before or known, known.told
             moved = _next(known, told, step.weight @ step.score, value) - value
-            value, steps = value + moved, steps + 1
-            sigma = np.sqrt(np.diag(known.considered(told)))
-            if np.abs(moved / sigma).max(initial=0.0) < (SETTLED if whole else 1.0):
+            value = value + moved
+            if np.abs(moved / np.sqrt(np.diag(known.considered(told)))).max(initial=0.0) < near.value:
                 break
-    excess, surprise = _excess(step, echoes.motion.line, told)
-    known = replace(known, information=information / excess)
+    assert before is not None
+    assert step is not None
+    scatter, expected, surprise = _scatter(step, echoes, told)
+    known = replace(known, information=known.information / scatter)
     return Solution(
+        before=before,
         knowledge=known,
         told=told,
         value=value,
         covariance=known.considered(told),
-        excess=excess,
+        scatter=scatter,
+        excess=scatter / expected,
         surprise=surprise,
-        steps=steps,
+        misfit=float(np.nanmean(step.misfit)) if echoes.whole else 1.0,
         step=step,
     )
 
 
 def _next(
-    known: Knowledge, told: Bool[np.ndarray, " error"], score: Float[np.ndarray, " error"], value: Float[np.ndarray, " k"]
+    known: Knowledge,
+    told: Bool[np.ndarray, " error"],
+    score: Float[np.ndarray, " error"],
+    value: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " error"]:
     """Return the estimate after a step of scoring, those that are not told being zero."""
     following = np.zeros(len(value))
@@ -430,21 +563,19 @@ def stretches(line: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " pulse"]:
     return number
 
 
-def _excess(step: Step, line: Int[np.ndarray, " pulse"], told: Bool[np.ndarray, " error"]) -> tuple[float, float]:
-    """Return by how much more the scores of stretches scatter than their information says, if that is no chance."""
-    number = stretches(line)
-    count = int(number.max()) + 1
-    score, information = np.zeros((count, int(told.sum()))), np.zeros((count, int(told.sum()), int(told.sum())))
+def _scatter(step: Step, echoes: Together, told: Bool[np.ndarray, " error"]) -> tuple[float, float, float]:
+    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess."""
+    number, count = stretches(echoes.line), int(told.sum())
+    score, information = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
     np.add.at(score, number, step.weight[:, None] * step.score[:, told])
     np.add.at(information, number, step.weight[:, None, None] * step.information[:, told][:, :, told])
-    total, freedom = 0.0, 0
+    total, freedom = 0.0, -count
     for s, i in zip(score, information, strict=True):
         value, vector = np.linalg.eigh(i)
         kept = value > 1e-9 * max(value.max(initial=0.0), 1e-300)
         total += float(np.sum((vector[:, kept].T @ s) ** 2 / value[kept]))
         freedom += int(kept.sum())
-    freedom -= int(told.sum())
     if freedom <= 0:
-        return 1.0, 1.0
-    surprise = float(chi2.sf(total, freedom))
-    return (max(total / freedom, 1.0) if surprise < SURPRISE else 1.0), surprise
+        return 1.0, 1.0, 1.0
+    usual = float(np.nanmean(step.weight * (step.residual_m / step.sigma_m) ** 2)) * echoes.repeated
+    return total / freedom, usual, float(chi2.sf(total / usual, freedom))
