@@ -23,7 +23,7 @@ self-calibration in airborne laser scanning", ISPRS Journal 61).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.frames import Vector3, world_from_level
@@ -34,6 +34,8 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
 # Half of the time over which turn rate and acceleration are differences of poses: white errors of the attitude of
 # 0.01 deg then pass for 0.07 deg/s, which moves a pose by 0.0004 deg in 5 ms.
 HALF_STEP_S = 0.1
+# Pulses this near to the end of a line may be reported with the pose of a turn.
+ENDS_S = 0.05
 # A change of the velocity from one pulse to the next, as a share of it, that is an instantaneous turn: none of an
 # aircraft is, but planned flights have them.
 INSTANTANEOUS = 0.3
@@ -126,6 +128,15 @@ class BelievedMotion:
         return len(self.time_s)
 
     @property
+    def within_lines(self) -> Bool[np.ndarray, " pulse"]:
+        """Pulses that are not at the end of a line."""
+        last = np.searchsorted(self.line, self.line, side="right") - 1
+        first = np.searchsorted(self.line, self.line)
+        time_s = self.time_s
+        inside: Bool[np.ndarray, " pulse"] = np.minimum(time_s - time_s[first], time_s[last] - time_s) > ENDS_S
+        return inside
+
+    @property
     def R_world_mount(self) -> Float[np.ndarray, "pulse 3 3"]:
         """Axes of the mount, as reported: nose, right, down."""
         return self.pose.R_world_antenna @ self.R_mount_antenna.transpose(0, 2, 1)
@@ -151,11 +162,7 @@ class BelievedMotion:
         antenna = body @ self.R_mount_antenna @ squint
         gain = self.acceleration_mps2 * dt
         corrected = Pose(
-            position_m=pose.position_m
-            + pose.velocity_mps * dt
-            + acceleration * (dt**2 / 2)
-            - lever
-            - np.array(errors.datum_m),
+            position_m=pose.position_m + pose.velocity_mps * dt + gain * (dt / 2) - lever - np.array(errors.datum_m),
             velocity_mps=pose.velocity_mps + gain - np.cross(self.turn_rad_s, lever),
             R_world_antenna=antenna,
         )

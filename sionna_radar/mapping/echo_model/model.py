@@ -90,6 +90,11 @@ class Sightings:
         """Return the corners of the main lobe in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
 
+    def true_m(self, read_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return mean ranges without the Doppler shift on the axis, and without errors of the radar."""
+        shift_m = self.shift_m(self.pose.boresight[:, None])[:, 0]
+        return (read_m - shift_m - self.range_bias_m) / (1 + self.range_scale)
+
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
@@ -294,11 +299,10 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     from sionna_radar.mapping.echo_model.power_kernels import mean_cells
 
     profiles = sightings.profiles
-    shift_m = sightings.shift_m(sightings.pose.boresight[:, None])[:, 0]
     if profiles.volume is not None:
-        return MeanRanges(range_m=profiles.volume.echo_m - shift_m, sigma_m=profiles.volume.echo_sigma_m)
+        return MeanRanges(range_m=sightings.true_m(profiles.volume.echo_m), sigma_m=profiles.volume.echo_sigma_m)
     mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     looks = float(sightings.looks_per_cell)
     mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS) * profiles.cell_m
-    return MeanRanges(range_m=(profiles.first + mean) * profiles.cell_m - shift_m, sigma_m=sigma)
+    return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)
