@@ -74,7 +74,7 @@ class Calibrated:
     before_m: Float[np.ndarray, " pulse"]
     after_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
-    dem: tuple[Raster, Raster] | None
+    dem: tuple[Raster, Raster]
     error: tuple[DemError, DemError] | None
 
 
@@ -355,8 +355,8 @@ def _doubts(solution: Solution) -> list[str]:
         return []
     return [
         f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
-        f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; plants, "
-        "a coarse reference or another antenna may be the reason. Standard deviations include the scatter of "
+        f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
+        "plants, a coarse reference or another antenna may be the reason. Standard deviations include the scatter of "
         "stretches, and no error that all of them share"
     ]
 
@@ -427,7 +427,7 @@ def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfi
     hit = surface.first_hit(pose.position_m, pose.boresight, reach_m)
     maps = [_mapped(heard, errors) for errors in (InstrumentErrors(), solution.errors)]
     truth, compared = heard.source.file.truth, None
-    if truth is not None and all(dem is not None and dem.grid == truth.surface.grid for dem in maps):
+    if truth is not None and all(dem.grid == truth.surface.grid for dem in maps):
         compared = [compare_dem(dem, truth.surface, truth.lit, truth.beside_wall).lit_error for dem in maps]
     return Calibrated(
         source=heard.source.path,
