@@ -29,7 +29,14 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
-from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Sightings, footprints, mean_ranges
+from sionna_radar.mapping.echo_model.model import (
+    BeamFootprints,
+    EchoModel,
+    Linearised,
+    Sightings,
+    footprints,
+    mean_ranges,
+)
 from sionna_radar.mapping.echo_model.speckle import repeats
 
 # Pulses that are predicted at once: it bounds the memory.
@@ -77,6 +84,23 @@ class Step:
         """Share that each pulse counts, less than one if it is outlying."""
         usual = float(np.nanmedian(self.misfit)) if np.isfinite(self.misfit).any() else 1.0
         return np.nan_to_num(np.minimum(1.0, OUTLYING * usual / np.maximum(self.misfit, 1e-12)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorsLinearised:
+    """The likelihood of whole echoes, linearised in heights and in errors.
+
+    heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
+    per_error: heights under the nodes that stand for errors.
+    score, information: of the errors. misfit: see `Step`.
+    """
+
+    heights: Linearised
+    node_score: Float[np.ndarray, "pulse node"]
+    score: Float[np.ndarray, "pulse error"]
+    information: Float[np.ndarray, "pulse error error"]
+    per_error: Float[np.ndarray, "pulse node error"]
+    misfit: Float[np.ndarray, " pulse"]
 
 
 Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
@@ -171,28 +195,48 @@ class WholeEchoes:
         return [self.rows(number == k) for k in range(int(number[-1]) + 1)]
 
     def _step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
+        linear = self.linearise(errors, surface, [*names, "range_bias"])
+        return _split(linear.score, linear.information, linear.misfit)
+
+    def linearise(
+        self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], less: float = 1.0
+    ) -> ErrorsLinearised:
+        """Return the likelihood linearised in the heights under the nodes, and in the heights that stand for errors.
+
+        less: divides the looks; see `calibration`.
+        """
         sightings, motion = self.without(errors)
-        model = EchoModel(sightings, surface)
-        linear, feet = model.linearise(self.looks), model.footprints
+        model, looks = EchoModel(sightings, surface), self.looks / less
+        linear, feet = model.linearise(looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
         toward, shift = sightings.direction(), _shift_per_rate(sightings)
-        heights = range_per_error(toward, motion, feet, surface, [*names, "range_bias"], shift) / per_height
-        count, pulses, common = heights.shape[2], len(heights), _common_speckle(sightings)
+        heights = range_per_error(toward, motion, feet, surface, names, shift) / per_height
         score = np.einsum("pnk,pn->pk", heights, linear.score)
+        pulses, _, count = heights.shape
+        common = _common_speckle(sightings)
         information, misfit = np.zeros((pulses, count, count)), np.full(pulses, np.nan)
+        node_score = linear.score.copy()
         for pulse in range(pulses):
             rows = linear.rows_of(pulse)
-            if rows.start < rows.stop:
-                said = linear.factor[rows] @ heights[pulse]
-                information[pulse] = said.T @ said
-                own, looks = linear.weight[rows], self.looks[pulse]
-                weight = own.sum() * looks
-                # What the level, fitted to the same cells, takes from the score on the average.
-                around = np.convolve(own, common)[len(common) // 2 :][: len(own)]
-                together = np.sqrt(looks * own) * around / own.sum()
-                score[pulse] += said.T @ together
-                misfit[pulse] = (linear.residual[rows] ** 2).sum() / weight if weight > 0 else np.nan
-        return _split(score, information, misfit)
+            if rows.start == rows.stop:
+                continue
+            factor, own = linear.factor[rows], linear.weight[rows]
+            said = factor @ heights[pulse]
+            information[pulse] = said.T @ said
+            misfit[pulse] = (linear.residual[rows] ** 2).sum() / (own.sum() * looks[pulse])
+            # What the level, fitted to the same cells, takes from the score on the average.
+            around = np.convolve(own, common)[len(common) // 2 :][: len(own)]
+            taken = np.sqrt(looks[pulse] * own) * around / own.sum()
+            score[pulse] += said.T @ taken
+            node_score[pulse] += factor.T @ taken
+        return ErrorsLinearised(
+            heights=linear,
+            score=score,
+            information=information,
+            misfit=misfit,
+            per_error=heights,
+            node_score=node_score,
+        )
 
     def _mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
         sightings, motion = self.without(errors)
