@@ -87,7 +87,8 @@ def echoes_of(prepared: Prepared, lines: int = 3) -> WholeEchoes:
     sightings = prepared.mapper.sightings(profiles, motion.pose)
     reach = sightings.repeated(mean_ranges(sightings).range_m)
     echoes = WholeEchoes(sightings=sightings, motion=motion, reach=reach)
-    return echoes.rows(motion.within_lines & (motion.line < lines))
+    flown = np.flatnonzero(np.bincount(motion.line) > 50)[:lines]
+    return echoes.rows(motion.within_lines & np.isin(motion.line, flown))
 
 
 def ground_of(prepared: Prepared) -> Heightfield:

@@ -8,9 +8,9 @@ echoes (`instrument_echoes`) and the prior's. An error is told by a flight if it
 The score's real covariance decides about that of the estimate (Huber 1967, "The behavior of maximum likelihood
 estimates under nonstandard conditions"). Weak cells count less than the information assumes, and where the model errs,
 over trees or by a coarse reference, it errs alike along stretches of the flight. So all variances are multiplied with
-the factor by which the scores of stretches scatter more than their information says. Speckle alone makes them scatter
-as the scores of single pulses do, times the pulses over which it repeats; more than that, and more than chance
-explains, says that the model misses something.
+the factor by which the scores of stretches scatter more than their information says. What speckle alone makes of it
+follows from its covariance between cells and pulses; more than that, and more than chance explains, says that the model
+misses something.
 
 Where the reference lies beside its own datum is an error like the others: `datum_east` and so on, of the flight's
 position minus the reference's.
@@ -258,5 +258,5 @@ def _scatter(step: Step, echoes: Together, told: Bool[np.ndarray, " error"]) -> 
         freedom += int(kept.sum())
     if freedom <= 0:
         return 1.0, 1.0, 1.0
-    usual = float(np.nanmean(step.weight * (step.residual_m / step.sigma_m) ** 2)) * echoes.repeated
+    usual = float(np.nanmean(step.spread)) * echoes.repeated
     return total / freedom, usual, float(chi2.sf(total / usual, freedom))

@@ -59,12 +59,14 @@ class Step:
     """What each pulse says of the errors at an estimate.
 
     score, information: of its likelihood. misfit: squared residuals over their expected sum.
+    spread: variance of the score of speckle over the information: less than one, since weak cells count less.
     residual_m, sigma_m: by how much its range exceeds the predicted one, and the standard deviation of that.
     """
 
     score: Float[np.ndarray, "pulse error"]
     information: Float[np.ndarray, "pulse error error"]
     misfit: Float[np.ndarray, " pulse"]
+    spread: Float[np.ndarray, " pulse"]
     residual_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
 
@@ -92,7 +94,7 @@ class ErrorsLinearised:
 
     heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
     per_error: heights under the nodes that stand for errors.
-    score, information: of the errors. misfit: see `Step`.
+    score, information: of the errors. misfit, spread: see `Step`.
     """
 
     heights: Linearised
@@ -101,6 +103,7 @@ class ErrorsLinearised:
     information: Float[np.ndarray, "pulse error error"]
     per_error: Float[np.ndarray, "pulse node error"]
     misfit: Float[np.ndarray, " pulse"]
+    spread: Float[np.ndarray, " pulse"]
 
 
 Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
@@ -196,7 +199,7 @@ class WholeEchoes:
 
     def _step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
         linear = self.linearise(errors, surface, [*names, "range_bias"])
-        return _split(linear.score, linear.information, linear.misfit)
+        return _split(linear.score, linear.information, linear.misfit, linear.spread)
 
     def linearise(
         self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], less: float = 1.0
@@ -214,7 +217,7 @@ class WholeEchoes:
         score = np.einsum("pnk,pn->pk", heights, linear.score)
         pulses, _, count = heights.shape
         common = _common_speckle(sightings)
-        information, misfit = np.zeros((pulses, count, count)), np.full(pulses, np.nan)
+        information, misfit, spread = np.zeros((pulses, count, count)), *np.full((2, pulses), np.nan)
         node_score = linear.score.copy()
         for pulse in range(pulses):
             rows = linear.rows_of(pulse)
@@ -229,11 +232,17 @@ class WholeEchoes:
             taken = np.sqrt(looks[pulse] * own) * around / own.sum()
             score[pulse] += said.T @ taken
             node_score[pulse] += factor.T @ taken
+            counted = np.sqrt(looks[pulse] * own) * said[:, -1]
+            lags = np.correlate(counted, counted, "full")[len(own) - 1 :]
+            half = common[len(common) // 2 :][: len(lags)]
+            variance = 2 * lags[: len(half)] @ half - lags[0] * half[0]
+            spread[pulse] = variance / max(information[pulse, -1, -1], 1e-300)
         return ErrorsLinearised(
             heights=linear,
             score=score,
             information=information,
             misfit=misfit,
+            spread=spread,
             per_error=heights,
             node_score=node_score,
         )
@@ -362,6 +371,7 @@ def _split(
     score: Float[np.ndarray, "pulse k"],
     information: Float[np.ndarray, "pulse k k"],
     misfit: Float[np.ndarray, " pulse"],
+    spread: Float[np.ndarray, " pulse"],
 ) -> Step:
     """Return a step whose last column, the range's bias, becomes its residual."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -370,6 +380,7 @@ def _split(
         score=score[:, :-1],
         information=information[:, :-1, :-1],
         misfit=misfit,
+        spread=spread,
         residual_m=np.where(np.isfinite(sigma), residual, np.nan),
         sigma_m=np.where(np.isfinite(sigma), sigma, np.nan),
     )
@@ -383,7 +394,7 @@ def _mean_range_step(
     precision, excess = np.where(known, 1 / sigma_m**2, 0.0), np.where(known, excess_m, 0.0)
     score = slope * (precision * excess)[:, None]
     information = slope[:, :, None] * slope[:, None] * precision[:, None, None]
-    return _split(score, information, np.where(known, precision * excess**2, np.nan))
+    return _split(score, information, np.where(known, precision * excess**2, np.nan), np.ones(len(excess)))
 
 
 def range_per_error(

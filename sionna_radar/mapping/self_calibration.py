@@ -1,9 +1,9 @@
 """Errors of an instrument from overlapping lines over ground that is not known, or known at a few places.
 
 The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
-the terrain's covariance, which is learned from the echoes as a map does (`terrain.smoothing`), each as high as its
-standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes' information about
-the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the heights that
+the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each as high
+as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
+information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the heights that
 stand for an error, a step of scoring solves
 
     [ I + G'G     G'J        ] [du]       [ s_u - u              ]
@@ -13,15 +13,15 @@ with s the scores. The ground is eliminated: what is left for theta is its infor
 explain as well (Schur complement), so that the standard deviations hold what the terrain does not tell. Heights of
 single places, measured otherwise, are further rows of G.
 
-The information is divided by the scatter of single scores beforehand, so that echoes and terrain have the weights of
-their variances (see `calibration`).
+The information is divided by the scatter of the scores of speckle beforehand, so that echoes and terrain have the
+weights of their variances (see `calibration`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix
 
@@ -31,11 +31,10 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import Knowledge, Solution
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import ErrorsLinearised, Nearness, WholeEchoes
-from sionna_radar.mapping.terrain.echo_heights import echo_surface
+from sionna_radar.mapping.terrain.echo_heights import ROUGH, echo_surface, reaching
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
-# The covariance of the terrain is learned so often, each time by poses with fewer errors.
-ROUNDS, STEPS = 2, 6
+STEPS = 6
 # Steps end below this share of the standard deviations.
 SETTLED = 0.05
 # Standard deviations of the plane beforehand, which the echoes tell far better: height, m, and slopes.
@@ -43,7 +42,7 @@ PLANE = (100.0, 1.0, 1.0)
 # Waves that are left out: the smallest of all, that together hold this share of the variance; and at most so many are
 # kept, that the system fits the memory.
 LEFT_OUT, MOST_WAVES = 1e-5, 2500
-FITTED_M = 1e-3
+FITTED_M = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,23 +77,28 @@ def solve_over_unknown_ground(
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before = np.zeros(len(names)), None
-    for _ in range(ROUNDS):
-        errors = _errors(names, value)
-        sightings, _ = echoes.without(errors)
-        first = echo_surface(sightings, mean_ranges(sightings), grid).smoothed
-        waves = _waves(first.model)
-        ground = _coefficients(waves, first.surface)
-        rough = echoes.step(errors, first.surface, (), Nearness.SETTLED)
-        less = float(np.nanmean((rough.residual_m / rough.sigma_m) ** 2)) * echoes.repeated
+    # Lines that contradict each other pass for rough ground: the terrain's covariance is that of a single one.
+    line = echoes.motion.line
+    own = echoes.sightings.rows(line == np.bincount(line).argmax())
+    reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
+    alone = echo_surface(own, mean_ranges(own), reached, tolerance=ROUGH).smoothed
+    terrain = replace(alone.model, local=None)
+    waves = _waves(terrain)
+    first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
+    places_m = terrain.grid.centres_m
+    ground = _coefficients(waves, first.at(*places_m.T))
+    rough = echoes.step(InstrumentErrors(), first, (), Nearness.SETTLED)
+    less = float(np.nanmean(rough.spread)) * echoes.repeated
+    for free in (np.ones(len(names), dtype=bool), None):
         for _ in range(STEPS):
-            surface = _surface(first.model.grid, waves, ground)
+            surface = _surface(terrain.grid, waves, ground)
             linear = echoes.linearise(_errors(names, value), surface, names, less)
-            known, moved, change = _step(linear, surface, waves, ground, sigma0, names, value, places)
+            known, moved, change = _step(linear, surface, waves, ground, sigma0, names, value, places, free)
             before, told = before or known, known.told
             value, ground = value + moved, ground + change
             if np.abs(moved / known.sigma).max(initial=0.0) < SETTLED:
                 break
-    surface = _surface(first.model.grid, waves, ground)
+    surface = _surface(terrain.grid, waves, ground)
     step = echoes.step(_errors(names, value), surface, names, Nearness.SETTLED)
     assert before is not None
     solution = Solution(
@@ -120,11 +124,13 @@ def _surface(grid: Grid, waves: Float[np.ndarray, "cell wave"], ground: Float[np
     return Heightfield(grid=grid, height_m=np.ascontiguousarray((waves @ ground).reshape(grid.shape)))
 
 
-def _coefficients(waves: Float[np.ndarray, "cell wave"], surface: Heightfield) -> Float[np.ndarray, " wave"]:
-    """Return the coefficients of a surface: the smallest that fit it to millimetres."""
+def _coefficients(
+    waves: Float[np.ndarray, "cell wave"], height_m: Float[np.ndarray, " cell"]
+) -> Float[np.ndarray, " wave"]:
+    """Return the coefficients of heights: the smallest that fit them to centimetres."""
     square = waves.T @ waves
     square[np.diag_indices_from(square)] += FITTED_M**2
-    return cho_solve(cho_factor(square, overwrite_a=True), waves.T @ surface.height_m.ravel())
+    return cho_solve(cho_factor(square, overwrite_a=True), waves.T @ height_m)
 
 
 def _waves(terrain: TerrainModel) -> Float[np.ndarray, "cell wave"]:
@@ -163,9 +169,13 @@ def _step(
     sigma0: Float[np.ndarray, " error"],
     names: Sequence[str],
     value: Float[np.ndarray, " error"],
-    places: MeasuredPlaces | None,
+    places: MeasuredPlaces | None = None,
+    free: Bool[np.ndarray, " error"] | None = None,
 ) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " wave"]]:
-    """Return what is known of the errors, their step, and that of the ground's coefficients."""
+    """Return what is known of the errors, their step, and that of the ground's coefficients.
+
+    free: errors that are estimated; None for those that are told.
+    """
     heights = linear.heights
     count = linear.per_error.shape[2]
     between = surface.weights(*np.nan_to_num(heights.place_m).reshape(-1, 2).T)
@@ -187,7 +197,7 @@ def _step(
     solved = cho_solve(system, coupled)
     information = by_error.T @ by_error - coupled.T @ solved
     known = Knowledge(names=tuple(names), prior=sigma0, information=(information + information.T) / 2)
-    following, is_told = np.zeros(count), known.told
+    following, is_told = np.zeros(count), known.told if free is None else free
     if is_told.any():
         score = linear.score.sum(axis=0) - coupled.T @ explained
         right = score[is_told] + known.information[is_told] @ value

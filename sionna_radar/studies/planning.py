@@ -225,7 +225,7 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
     base:
         Scenario of a planned flight to take terrain, radar, height and speed from.
     length_m:
-        Of each line; without it that of the base's track, and at least two heights.
+        Of each line; without it that of the base's track, and at least two heights, besides what the beam looks ahead.
 
     Raises
     ------
@@ -245,7 +245,9 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
     for name, altitude_m in (("low", low_m), ("high", SECOND_HEIGHT * low_m)):
         data = base.model_dump(mode="json", exclude_none=True)
         platform: dict[str, Any] = data["platform"]
-        length = length_m or max(2 * low_m, float(platform.get("length_m", 0.0)))
+        # A beam that looks ahead meets the ground of the opposite line only beyond twice its way.
+        ahead_m = low_m * math.tan(incidence)
+        length = length_m or max(2 * low_m, float(platform.get("length_m", 0.0))) + 2 * ahead_m
         for key in ("start_m", "length_m", "waypoints_m", "lines", "turn_radius_m"):
             platform.pop(key, None)
         swath_m = 2 * low_m * math.tan(half_swath)
