@@ -197,9 +197,14 @@ def calibrate_command(
         ),
     ],
     reference: Annotated[
-        Path,
-        typer.Option("--reference", metavar="FILE", help="Heights of the ground: a GeoTIFF, or a LAS or LAZ cloud."),
-    ],
+        Path | None,
+        typer.Option(
+            "--reference",
+            metavar="FILE",
+            help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it lines "
+            "that overlap tell what they can.",
+        ),
+    ] = None,
     estimate: Annotated[
         list[str] | None,
         typer.Option(
@@ -230,7 +235,7 @@ def calibrate_command(
     report: ReportOption = True,
     quiet: QuietOption = False,
 ) -> None:
-    """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes over known ground."""
+    """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
     from sionna_radar.foundation.input_file import regular_file
     from sionna_radar.report.files.contents import Report
     from sionna_radar.report.studies.calibration import MARKER, print_calibration, write_calibration
@@ -238,7 +243,8 @@ def calibrate_command(
 
     page = Report.PAGE if report else Report.NONE
     names, priors = parse_errors(estimate or [], prior or [])
-    regular_file(reference, "--reference", "give a GeoTIFF, LAS or LAZ file", MAX_REFERENCE_BYTES)
+    if reference is not None:
+        regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
     session = Session.of(str(recordings[0]), output, set_, set_file, None, quiet)
     session.produce(
         lambda _: run_calibration(

@@ -3,8 +3,8 @@
 The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
 the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each as high
 as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
-information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the heights that
-stand for an error, a step of scoring solves
+information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being
+the heights that stand for an error, a step of scoring solves
 
     [ I + G'G     G'J        ] [du]       [ s_u - u              ]
     [ J'G         J'J + P^-1 ] [dtheta] = [ s_theta - P^-1 theta ]

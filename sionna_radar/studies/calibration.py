@@ -1,4 +1,4 @@
-"""Calibration of an instrument from its recordings over known ground: what they tell, and the errors that they tell.
+"""Calibration of an instrument from its recordings: what they tell of its errors, and the errors that they tell.
 
 The echoes are detected as `process` does. What the flight tells of each error is computed before any is estimated, and
 with it what other manoeuvres would add: lines like the flown one, turned, higher, faster or rocking, over the same
@@ -17,7 +17,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.accuracy.compare import DemError
-from sionna_radar.accuracy.reference import Checkpoints, read_reference
+from sionna_radar.accuracy.reference import Checkpoints, ReferenceSurface, read_reference
 from sionna_radar.accuracy.truth import compare_dem
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
@@ -31,6 +31,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.calibration import Knowledge, Solution, solve
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import Readings, Together, WholeEchoes
+from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
 from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
@@ -89,7 +90,7 @@ class Calibration:
     solution: Solution
     manoeuvres: tuple[Manoeuvre, ...]
     recordings: tuple[Calibrated, ...]
-    reference: Path
+    reference: Path | None
     reference_sigma_m: float
     displaced: bool
     warnings: tuple[str, ...]
@@ -130,21 +131,22 @@ def parse_errors(names: Sequence[str], priors: Sequence[str]) -> tuple[tuple[str
 @on_one_thread
 def run_calibration(
     recordings: Sequence[str | Path],
-    reference: str | Path,
+    reference: str | Path | None = None,
     *,
     names: Sequence[str] = USUAL,
     prior: Mapping[str, float] | None = None,
     reference_sigma_m: float = 0.0,
     overrides: Mapping[str, Any] | None = None,
 ) -> Calibration:
-    """Estimate errors of an instrument from recordings over known ground.
+    """Estimate errors of an instrument from its recordings.
 
     Parameters
     ----------
     recordings:
         As for `process`, with poses; all of one instrument, and in the same local metres.
     reference:
-        Heights of the ground, as for `compare_with_reference`.
+        Heights of the ground, as for `compare_with_reference`: a surface, or single places. None for lines that
+        overlap.
     names, prior:
         Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
     reference_sigma_m:
@@ -168,41 +170,99 @@ def run_calibration(
     True
 
     """
-    changes, path = dict(overrides or {}), Path(reference)
+    changes = dict(overrides or {})
+    path = None if reference is None else Path(reference)
     with ExitStack() as stack:
-        heard = []
-        for name in recordings:
-            source = stack.enter_context(open_recording(_signals(Path(name)), changes))
-            heard.append(_heard(source))
-        surface, known = _surface(heard, path, reference_sigma_m)
-        parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
-        asked = tuple(names) + (DATUM if reference_sigma_m > 0 else ())
-        sigma0 = dict(prior or {}) | dict.fromkeys(DATUM, max(reference_sigma_m, 1e-9))
-        with stage("estimating", 1):
-            solution = solve(parts, surface, asked, sigma0)
-        displaced, warnings = False, []
-        free = solve(parts, surface, (*names, *DATUM), dict(prior or {}))
-        if _displaced(free, reference_sigma_m):
-            solution, displaced = free, True
-            warnings.append(_displacement(free, reference_sigma_m))
-        warnings += _doubts(solution)
+        heard = [_heard(stack.enter_context(open_recording(_signals(Path(name)), changes))) for name in recordings]
+        known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
+        if isinstance(known, ReferenceSurface):
+            found = _over_surface(heard, known, path, names, dict(prior or {}), reference_sigma_m)
+        else:
+            found = _over_unknown(heard, known, path, names, dict(prior or {}))
+        parts, surface, solution = found.parts, found.surface, found.solution
+        warnings = [*found.warnings, *_doubts(solution)]
         manoeuvres = tuple(
             Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
             for name, information in _manoeuvres(parts, surface, solution).items()
         )
-        calibrated = tuple(
-            _calibrated(each, part, surface, solution) for each, part in zip(heard, parts.parts, strict=True)
-        )
+        both = zip(heard, parts.parts, strict=True)
+        calibrated = tuple(_calibrated(each, part, surface, solution) for each, part in both)
     return Calibration(
         solution=solution,
         manoeuvres=manoeuvres,
         recordings=calibrated,
         reference=path,
         reference_sigma_m=reference_sigma_m,
-        displaced=displaced,
+        displaced=found.displaced,
         warnings=tuple(warnings),
         overrides=changes,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """An estimate with the ground and the echoes that it is of."""
+
+    parts: Together
+    surface: Heightfield
+    solution: Solution
+    displaced: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def _over_surface(
+    heard: Sequence["_Heard"],
+    reference: ReferenceSurface,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+    sigma_m: float,
+) -> _Found:
+    """Estimate errors over a surface, which may lie elsewhere."""
+    surface, known = _filled(reference, _grid(heard), path)
+    parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
+    asked = tuple(names) + (DATUM if sigma_m > 0 else ())
+    with stage("estimating", 1):
+        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m))
+        free = solve(parts, surface, (*names, *DATUM), prior)
+    if not _displaced(free, sigma_m):
+        return _Found(parts=parts, surface=surface, solution=solution)
+    warnings = (_displacement(free, sigma_m),)
+    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=warnings)
+
+
+def _over_unknown(
+    heard: Sequence["_Heard"],
+    known: Checkpoints | None,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+) -> _Found:
+    """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
+    (echoes,) = [each.echoes for each in heard] if len(heard) == 1 else [None]
+    if not isinstance(echoes, WholeEchoes):
+        message = "without a surface as --reference give one recording of signals, of lines that overlap"
+        raise ScenarioError([Problem("recordings", message)], "command line")
+    places = None
+    if known is not None:
+        if not (known.sigma_m > 0).all():
+            message = f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma"
+            raise InputFileError(message)
+        places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
+    own = echoes.rows(echoes.motion.within_lines)
+    # Waves much shorter than a footprint are nothing that an echo tells.
+    extent, spacing_m = heard[0].grid, max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
+    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
+    grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
+    with stage("estimating", 1):
+        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places)
+    return _Found(parts=Together(parts=(own,)), surface=surface, solution=solution)
+
+
+def _footprint_m(echoes: WholeEchoes) -> float:
+    """Return the width of the narrowest footprints: two standard deviations of the beam's power to each side."""
+    range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
+    return 4 * min(echoes.sightings.beam.spread) * range_m
 
 
 def _signals(path: Path) -> Path:
@@ -278,31 +338,33 @@ def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | Recorded
     return settings.model_copy(update={"dem": dem})
 
 
-def _surface(heard: Sequence[_Heard], path: Path, sigma_m: float) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
-    """Return the reference on a grid that reaches all footprints, and the cells where it is known."""
+def _grid(heard: Sequence[_Heard]) -> Grid:
+    """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
         message = "have different local metres; calibrate each by itself"
         raise ScenarioError([Problem("recordings", message)], "command line")
     west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
-    spacing_m = grids[0].spacing_m / CELLS
-    grid = replace(Grid.covering(west, south, east, north, spacing_m, (0.0, 0.0)), georeference=grids[0].georeference)
-    found = read_reference(path, grid, sigma_m)
-    if isinstance(found, Checkpoints):
-        message = f"{shown(path)}: holds single places, from which a beam's echo is not predicted; give a surface"
-        raise InputFileError(message)
-    height_m = found.on(grid).height_m
+    grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))
+    return replace(grid, georeference=grids[0].georeference)
+
+
+def _filled(
+    reference: ReferenceSurface, grid: Grid, path: Path | None
+) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
+    """Return the reference on a grid, and the cells where it is known; others have the height of the nearest."""
+    height_m = reference.on(grid).height_m
     known = np.isfinite(height_m)
     if not known.any():
-        message = f"{shown(path)}: has no height where the beam meets the ground; give one of it"
+        message = f"{shown(path or Path())}: has no height where the beam meets the ground; give one of it"
         raise InputFileError(message)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return Heightfield(grid=grid, height_m=np.ascontiguousarray(height_m[tuple(nearest)])), known
 
 
 def _over(
-    echoes: WholeEchoes | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path
+    echoes: WholeEchoes | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path | None
 ) -> WholeEchoes | Readings:
     """Return the echoes of footprints that the reference covers."""
     pose, grid = echoes.motion.pose, surface.grid
@@ -321,7 +383,7 @@ def _over(
         covered &= own if k == 0 else own | ~np.isfinite(hit)
         covered &= np.isfinite(hit) if k == 0 else True
     if covered.sum() < FEWEST:
-        message = f"{shown(path)}: lies under {covered.sum()} echoes; {FEWEST} at least tell anything"
+        message = f"{shown(path or Path())}: lies under {covered.sum()} echoes; {FEWEST} at least tell anything"
         raise InputFileError(message)
     return echoes.rows(covered)
 

@@ -71,7 +71,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
     units = _units(solution.names)
     return {
         "recordings": [recording.source.name for recording in result.recordings],
-        "reference": result.reference.name,
+        "reference": None if result.reference is None else result.reference.name,
         "reference_sigma_m": result.reference_sigma_m,
         "reference_displaced": result.displaced,
         "told_below": TOLD,
@@ -264,7 +264,11 @@ def print_calibration(result: Calibration) -> None:
 
 
 def _title(result: Calibration) -> str:
-    return f"{', '.join(r.source.name for r in result.recordings)} over {result.reference.name}"
+    return f"{', '.join(r.source.name for r in result.recordings)} over {_ground(result)}"
+
+
+def _ground(result: Calibration) -> str:
+    return "unknown ground" if result.reference is None else result.reference.name
 
 
 def _texts(row: Mapping[str, Any]) -> dict[str, str]:
@@ -327,7 +331,8 @@ def calibration_page(result: Calibration) -> str:
     }
     names = result.solution.names
     told = [name for name, is_told in zip(names, result.solution.told, strict=True) if is_told]
-    command = ["sionna-radar", "calibrate", *(r.source.name for r in result.recordings), "--reference"]
+    command = ["sionna-radar", "calibrate", *(r.source.name for r in result.recordings)]
+    command += [] if result.reference is None else ["--reference", result.reference.name]
     changes = [word for key, value in result.overrides.items() for word in ("--set", f"{key}={json.dumps(value)}")]
     return document(
         "calibration.html",
@@ -337,7 +342,7 @@ def calibration_page(result: Calibration) -> str:
         warnings=result.warnings,
         tiles=[
             (f"{len(told)} of {len(names)}", "errors told", "by this flight"),
-            (f"{sum(r['echoes'] for r in content['residuals']):,}", "echoes", f"over {result.reference.name}"),
+            (f"{sum(r['echoes'] for r in content['residuals']):,}", "echoes", f"over {_ground(result)}"),
             *(
                 (f"{r.error[1].rms_m:.3f} m", "RMS of the DEM after", f"{r.error[0].rms_m:.3f} m before")
                 for r in result.recordings
@@ -371,7 +376,7 @@ def calibration_page(result: Calibration) -> str:
             for k, manoeuvre in enumerate(content["manoeuvres"])
         ],
         meaning=_meaning(result),
-        command=shlex.join([*command, result.reference.name, *changes]),
+        command=shlex.join([*command, *changes]),
         toml=calibration_toml(result),
     )
 
