@@ -11,6 +11,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import TOLD, Knowledge, solve, stretches
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
+from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
@@ -68,6 +69,40 @@ def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hill
     assert abs(step.score.sum() / total) < 4 / np.sqrt(total)
     shifted = echoes.step(InstrumentErrors(range_bias_m=-0.1), surface, ["range_bias"], Nearness.SETTLED)
     assert shifted.score.sum() / total == pytest.approx(0.1, abs=0.04)
+
+
+def test_known_errors_of_the_range_are_taken_out_of_whole_echoes(over_hills):
+    echoes, surface = over_hills
+    plain, errors = echoes.sightings, InstrumentErrors(range_bias_m=0.3, range_scale=1e-3)
+    sightings, _ = echoes.without(errors)
+    np.testing.assert_allclose(mean_ranges(sightings).range_m, errors.true_m(mean_ranges(plain).range_m), atol=1e-9)
+    # Predictions are what is read: of each part of the beam.
+    moved = EchoModel(sightings, surface).footprints.shift_m - EchoModel(plain, surface).footprints.shift_m
+    range_m = EchoModel(plain, surface).footprints.range_m
+    np.testing.assert_allclose(moved, errors.read_m(range_m) - range_m, atol=1e-9)
+
+
+def test_unknown_ground_takes_what_it_could_explain(over_hills):
+    """Errors over ground that is unknown are known less well than over the same ground, and the plane's height not."""
+    echoes, surface = over_hills
+    names = ["roll", "pitch", "range_bias"]
+    own = Grid.covering(-80.0, -60.0, -20.0, 60.0, 6.0)
+    found, ground = solve_over_unknown_ground(echoes, own, names)
+    over = solve(Together(parts=(echoes,)), surface, names)
+    assert (found.knowledge.sigma > over.knowledge.sigma).all()
+    # One line: its ground may be higher as well as its ranges be shorter.
+    assert not found.told[2]
+    place = echoes.sightings.pose.position_m[:, :2]
+    assert np.isfinite(ground.at(*place.T)).all()
+    # Many places that are surveyed to a centimetre are the ground.
+    everywhere = np.stack([axis.ravel() for axis in np.meshgrid(np.arange(-90, -20, 4.0), np.arange(-60, 60, 4.0))], 1)
+    places = MeasuredPlaces(
+        place_m=everywhere, height_m=surface.at(*everywhere.T), sigma_m=np.full(len(everywhere), 0.01)
+    )
+    surveyed, _ = solve_over_unknown_ground(echoes, own, names, places=places)
+    assert (surveyed.knowledge.sigma < found.knowledge.sigma).all()
+    assert surveyed.told.all()
+    assert (np.abs(surveyed.value) < 4 * surveyed.sigma).all()
 
 
 def knowledge(information, prior=(1.0, 1.0)) -> Knowledge:

@@ -82,18 +82,6 @@ def test_what_is_written_processes_the_recording_without_the_errors(calibrated, 
     assert "Calibration of lines.nc" in calibration_page(result)
 
 
-def test_whole_echoes_without_known_errors_make_the_same_map_as_points(lines):
-    """A range error that is known is taken out of profiles as it is of points."""
-    recording, _, _, _ = lines
-    coarse = {"dem.method": "smooth", "dem.spacing_m": 4.0}
-    plain = process(recording, coarse)
-    moved = process(recording, coarse | {"processing.calibration.range_bias_m": 1.0})
-    kept = plain.dem.filled & moved.dem.filled
-    # A metre less of range at 45 to 60 deg from nadir is half to seven tenths of a metre of height more.
-    rise_m = np.median((moved.dem.height_m - plain.dem.height_m)[kept])
-    assert 0.45 < rise_m < 0.75
-
-
 def test_a_displaced_reference_is_said_and_estimated(lines, tmp_path):
     recording, ground, _, _ = lines
     truth = Raster.read(ground)
@@ -263,10 +251,10 @@ def test_the_truth_is_inside_what_is_stated_as_often_as_stated(names):
 
 @pytest.mark.study
 def test_two_opposite_lines_and_a_crossing_one_tell_mounting_range_and_time():
-    """In gusts of a wind of 6 m/s, with an antenna fixed to the body: lines of 160 m over 17 s each."""
+    """In gusts of a wind of 6 m/s, with an antenna fixed to the body: lines of 200 m, 20 s each."""
     truth = {"roll": 0.5, "pitch": -0.4, "heading": 0.6, "range_bias": 0.3, "time_offset": -5.0}
     changes = {"terrain.size_m": [600.0, 600.0]}
-    found = solved(truth, flight(160.0, 5, 22, **changes), tuple(truth))
+    found = solved(truth, flight(200.0, 5, 22, **changes), tuple(truth))
     units = np.array([UNKNOWNS[name].si for name in truth])
     error, sigma = found.value / units - np.array(list(truth.values())), found.sigma / units
     print(dict(zip(truth, zip(error.round(4), sigma.round(4), strict=True), strict=True)))
