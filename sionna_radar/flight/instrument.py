@@ -98,11 +98,11 @@ class InstrumentErrors:
             datum_m=(at["datum_east"], at["datum_north"], at["datum_up"]),
         )
 
-    def read_m(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def read_m(self, range_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the ranges that are read for true ones."""
         return (1 + self.range_scale) * range_m + self.range_bias_m
 
-    def true_m(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def true_m(self, range_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the true ranges of those that are read."""
         return (range_m - self.range_bias_m) / (1 + self.range_scale)
 

@@ -181,6 +181,8 @@ def run_calibration(
             found = _over_unknown(heard, known, path, names, dict(prior or {}))
         parts, surface, solution = found.parts, found.surface, found.solution
         warnings = [*found.warnings, *_doubts(solution)]
+        # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
+        solution = solution.held() if solution.of_other_ground else solution
         manoeuvres = tuple(
             Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
             for name, information in _manoeuvres(parts, surface, solution).items()
@@ -418,8 +420,12 @@ def _doubts(solution: Solution) -> list[str]:
     return [
         f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
         f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
-        "plants, a coarse reference or another antenna may be the reason. Standard deviations include the scatter of "
-        "stretches, and no error that all of them share"
+        "plants, a coarse reference or another antenna may be the reason. "
+        + (
+            "No estimate is stated"
+            if solution.of_other_ground
+            else "Standard deviations include the scatter of stretches, and no error that all of them share"
+        )
     ]
 
 

@@ -79,14 +79,15 @@ def test_known_errors_of_the_range_are_taken_out_of_whole_echoes(over_hills):
     # Predictions are what is read: of each part of the beam.
     moved = EchoModel(sightings, surface).footprints.shift_m - EchoModel(plain, surface).footprints.shift_m
     range_m = EchoModel(plain, surface).footprints.range_m
-    np.testing.assert_allclose(moved, errors.read_m(range_m) - range_m, atol=1e-9)
+    met = np.isfinite(range_m)
+    np.testing.assert_allclose(moved[met], (errors.read_m(range_m) - range_m)[met], atol=1e-9)
 
 
 def test_unknown_ground_takes_what_it_could_explain(over_hills):
     """Errors over ground that is unknown are known less well than over the same ground, and the plane's height not."""
     echoes, surface = over_hills
     names = ["roll", "pitch", "range_bias"]
-    own = Grid.covering(-80.0, -60.0, -20.0, 60.0, 6.0)
+    own, echoes = Grid.covering(-80.0, -60.0, -20.0, 60.0, 10.0), echoes.rows(np.arange(len(echoes)) % 2 == 0)
     found, ground = solve_over_unknown_ground(echoes, own, names)
     over = solve(Together(parts=(echoes,)), surface, names)
     assert (found.knowledge.sigma > over.knowledge.sigma).all()
