@@ -44,6 +44,7 @@ TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
     "Real data": (
         ("process", recordings.process_command),
         ("twin", recordings.twin_command),
+        ("calibrate", recordings.calibrate_command),
         ("log", tools.log_command),
     ),
     "Reference": (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from sionna_radar.cli.session import (
+    MAX_REFERENCE_BYTES,
     ApplyShiftOption,
     BlockOption,
     MapOption,
@@ -184,5 +185,79 @@ def twin_command(
         marker=MARKER,
         write=lambda twin, folder: write_twin(twin, folder, report=page),
         show=print_twin,
+        products=[page.name],
+    )
+
+
+def calibrate_command(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING...", help="As for `process`, with poses; or folders of `run --record signals`."
+        ),
+    ],
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            "--reference",
+            metavar="FILE",
+            help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it lines "
+            "that overlap tell what they can.",
+        ),
+    ] = None,
+    estimate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimate",
+            metavar="NAME",
+            help="An error to estimate (repeat): roll, pitch, heading, squint, lever_nose, lever_right, lever_down, "
+            "range_bias, range_scale, time_offset. Default: mounting, range bias and time offset.",
+        ),
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prior", metavar="NAME=SIGMA", help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms)."
+        ),
+    ] = None,
+    reference_sigma: Annotated[
+        float,
+        typer.Option(
+            "--reference-sigma",
+            metavar="M",
+            min=0.0,
+            help="Standard deviation of the place and height of all of it, m.",
+        ),
+    ] = 0.0,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    report: ReportOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
+    from sionna_radar.foundation.input_file import regular_file
+    from sionna_radar.report.files.contents import Report
+    from sionna_radar.report.studies.calibration import MARKER, print_calibration, write_calibration
+    from sionna_radar.studies.calibration import parse_errors, run_calibration
+
+    page = Report.PAGE if report else Report.NONE
+    names, priors = parse_errors(estimate or [], prior or [])
+    if reference is not None:
+        regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
+    session = Session.of(str(recordings[0]), output, set_, set_file, None, quiet)
+    session.produce(
+        lambda _: run_calibration(
+            recordings,
+            reference,
+            names=names,
+            prior=priors,
+            reference_sigma_m=reference_sigma,
+            overrides=session.overrides,
+        ),
+        suffix="_calibration",
+        marker=MARKER,
+        write=lambda result, folder: write_calibration(result, folder, report=page),
+        show=print_calibration,
         products=[page.name],
     )

@@ -33,8 +33,12 @@ if TYPE_CHECKING:
 
 
 def plan(
-    area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
-    sampling: Annotated[float, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")],
+    area: Annotated[
+        str | None, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")
+    ] = None,
+    sampling: Annotated[
+        float | None, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")
+    ] = None,
     base: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
     ] = None,
@@ -51,6 +55,14 @@ def plan(
     slope: Annotated[float, typer.Option(help="Steepest slope that must be free of shadow, deg.")] = 20.0,
     most_rpm: Annotated[float, typer.Option(help="Fastest rotation of the antenna, rpm.")] = 600.0,
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
+    calibration: Annotated[
+        bool,
+        typer.Option(
+            "--calibration",
+            help="Plan opposite and crossing lines at two heights over the middle of the base instead, for "
+            "`calibrate`: two scenarios, FILE_low.toml and FILE_high.toml.",
+        ),
+    ] = False,
 ) -> None:
     """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
     from sionna_radar.report.studies.flights import PLAN_FILE, parse_pair, print_check, print_plan
@@ -58,6 +70,12 @@ def plan(
     from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
 
     log_to_stderr()
+    if calibration:
+        _plan_calibration(base, output, area, sampling)
+        return
+    if area is None or sampling is None:
+        missing = "--area" if area is None else "--sampling"
+        raise ScenarioError([Problem(missing, "is missing; add it, or --calibration")], "command line")
     PLAN_FILE.check(output)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
@@ -82,6 +100,25 @@ def plan(
     print_plan(planned)
     print_check(checked)
     typer.echo(f"scenario in {shown(output)}")
+
+
+def _plan_calibration(base: str | None, output: Path, area: str | None, sampling: float | None) -> None:
+    """Write the two parts of a calibration flight."""
+    from sionna_radar.report.studies.flights import PLAN_FILE
+    from sionna_radar.scenario import load_scenario, to_toml
+    from sionna_radar.studies.planning import calibration_flights
+
+    if base is None or area is not None or sampling is not None:
+        key, remedy = ("--base", "is needed") if base is None else ("--calibration", "takes no --area and --sampling")
+        raise ScenarioError([Problem(key, f"{remedy}: ground, radar and height are the base's")], "command line")
+    files = [output.with_name(f"{output.stem}_{part}{output.suffix}") for part in ("low", "high")]
+    for file in files:
+        PLAN_FILE.check(file)
+    with progress_shown(quiet=False):
+        flights = calibration_flights(load_scenario(base))
+    for file, flight in zip(files, flights, strict=True):
+        PLAN_FILE.write(file, to_toml(flight, defaults=False))
+    typer.echo(f"scenarios in {shown(files[0])} and {shown(files[1])}; fly both with `run --record signals`")
 
 
 def validate(

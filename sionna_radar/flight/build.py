@@ -10,6 +10,7 @@ from scipy.constants import g as gravity
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.flight.frames import Vector3
 from sionna_radar.flight.gusts import INTENSITY, Wind
+from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.flight.navigation import ErrorParts, InertialErrors, LoggedErrors
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.recorded import LogPart, read_route
@@ -21,6 +22,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.bases import NavigationParameters, ScanParameters
 from sionna_radar.scenario.parts import NAVIGATIONS, SCANS
 from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable, Platform, WindTable
+from sionna_radar.scenario.processing import CalibrationTable
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 from sionna_radar.scenario.registry import Builder, registers, require
 
@@ -319,3 +321,17 @@ def _radians(value: float | Vector3) -> Vector3:
 
 
 UNIT = (1.0, 1.0, 1.0)
+
+
+def build_errors(table: CalibrationTable) -> InstrumentErrors:
+    """Return the known errors of an instrument from their table."""
+    roll, pitch, heading = np.deg2rad(table.mounting_deg)
+    return InstrumentErrors(
+        mounting_rad=(float(roll), float(pitch), float(heading)),
+        squint_rad=float(np.deg2rad(table.squint_deg)),
+        lever_arm_m=table.lever_arm_m,
+        datum_m=table.datum_m,
+        range_bias_m=table.range_bias_m,
+        range_scale=table.range_scale_ppm * 1e-6,
+        time_offset_s=table.time_offset_s,
+    )

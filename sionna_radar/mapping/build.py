@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
@@ -70,6 +71,7 @@ def build_mapper(
     memory: SpeckleMemory | None = None,
     *,
     measured_ground: bool,
+    errors: InstrumentErrors | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -87,6 +89,8 @@ def build_mapper(
         How long the ground keeps its speckle; without it, it stands still.
     measured_ground:
         Whether the ground is real or from a file, with relief finer than the footprint unless `dem` says another one.
+    errors:
+        Known ones of the instrument: those of its ranges; poses are without them.
 
     """
     microrelief_m = dem.microrelief_m
@@ -104,6 +108,8 @@ def build_mapper(
         memory=memory or STILL,
         microrelief_m=microrelief_m,
         min_confidence_m=dem.min_confidence_m,
+        range_bias_m=0.0 if errors is None else errors.range_bias_m,
+        range_scale=0.0 if errors is None else errors.range_scale,
     )
 
 

@@ -135,6 +135,7 @@ class Mapper:
     microrelief_m: usual RMS difference, over 1 m, of fractal relief upon the landforms; part of what a method states.
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     uncertain: see `MapInputs`.
+    range_bias_m, range_scale: errors of the radar that are known; see `Sightings`.
     """
 
     method: DemMethod
@@ -149,6 +150,8 @@ class Mapper:
     microrelief_m: float = 0.0
     min_confidence_m: float | None = None
     uncertain: bool = True
+    range_bias_m: float = 0.0
+    range_scale: float = 0.0
 
     @property
     def keeps_profiles(self) -> bool:
@@ -267,6 +270,8 @@ class Mapper:
             reach_m=self.analyser.chirp.max_range_m,
             memory=self.memory,
             microrelief_m=self.microrelief_m,
+            range_bias_m=self.range_bias_m,
+            range_scale=self.range_scale,
         )
 
 

@@ -6,9 +6,12 @@ from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import window as window_of
+from sionna_radar.scenario.bases import Offset
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+
+Turn = Annotated[Real, Field(ge=-180.0, le=180.0)]
 
 
 class CfarTable(Table):
@@ -87,6 +90,28 @@ class VolumeTable(Table):
     tells it where the transmitted power is known, and 5 mm/h are expected where it is not."""
 
 
+class CalibrationTable(Table):
+    """Errors of the instrument that recordings are processed without: what is believed minus what is true.
+
+    `sionna-radar calibrate` estimates them. A simulated flight has its errors in `platform.navigation` instead.
+    """
+
+    mounting_deg: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)
+    """by how much the mount is believed to be turned about nose, right and down."""
+    squint_deg: Turn = 0.0
+    """by how much the beam is believed to be turned about the antenna's upward axis."""
+    lever_arm_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
+    """by how much the lever arm is believed to be longer: nose, right, down."""
+    datum_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
+    """positions minus those in the datum of the reference: east, north, up."""
+    range_bias_m: Offset = 0.0
+    """range that is read at range zero."""
+    range_scale_ppm: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
+    """by how much ranges are read longer, for each metre."""
+    time_offset_s: Annotated[Real, Field(ge=-10, le=10)] = 0.0
+    """lag of the reported poses behind the radar's clock."""
+
+
 class ProcessingTable(Table):
     """From beat signals to ranges."""
 
@@ -133,6 +158,8 @@ class ProcessingTable(Table):
     """"zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars."""
     average: AverageTable = AverageTable()
     """chirps that are averaged to one pulse."""
+    calibration: CalibrationTable | None = None
+    """known errors of the instrument, of recordings."""
     doppler_correction: bool = Field(default=True, strict=True)
     """whether the measured velocity takes the Doppler shift of still ground out of the ranges."""
 

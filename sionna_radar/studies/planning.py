@@ -209,6 +209,58 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
     return parse_scenario(data, source="plan")
 
 
+# Height of the second part of a calibration flight over that of the first; distance of its lines, as a share of the
+# swath; bank of its turns.
+SECOND_HEIGHT, LINES_APART, BANK_DEG = 1.5, 0.25, 20.0
+
+
+def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[Scenario, Scenario]:
+    """Return the low and the high part of a flight that calibrates an instrument: opposite and crossing lines.
+
+    Opposite lines part mounting from datum, crossing ones roll from pitch, and the second height the bias of ranges
+    from angles.
+
+    Parameters
+    ----------
+    base:
+        Scenario of a planned flight to take terrain, radar, height and speed from.
+    length_m:
+        Of each line; without it that of the base's track, and at least two heights, besides what the beam looks ahead.
+
+    Raises
+    ------
+    ScenarioError
+        The base flies a log, or the flight cannot be flown over its terrain.
+
+    """
+    base = in_local_frame(base)
+    if base.platform.log is not None:
+        message = "is flown by the base; give one with a planned flight"
+        raise ScenarioError([Problem("platform.log", message)], "plan")
+    low_m, _ = base.platform.planned
+    scan = base.radar.scan
+    half_swath = math.radians(min(getattr(scan, "half_swath_deg", 45.0), 60.0))
+    incidence = math.radians(getattr(scan, "incidence_deg", 45.0))
+    flights = []
+    for name, altitude_m in (("low", low_m), ("high", SECOND_HEIGHT * low_m)):
+        data = base.model_dump(mode="json", exclude_none=True)
+        platform: dict[str, Any] = data["platform"]
+        # A beam that looks ahead meets the ground of the opposite line only beyond twice its way.
+        ahead_m = low_m * math.tan(incidence)
+        length = length_m or max(2 * low_m, float(platform.get("length_m", 0.0))) + 2 * ahead_m
+        for key in ("start_m", "length_m", "waypoints_m", "lines", "turn_radius_m"):
+            platform.pop(key, None)
+        swath_m = 2 * low_m * math.tan(half_swath)
+        lines = {"count": 2, "spacing_m": LINES_APART * swath_m, "length_m": length, "crossing": True}
+        platform |= {"altitude_m": altitude_m, "lines": lines, "bank_deg": BANK_DEG}
+        data["radar"]["samples_per_chirp"] = _samples(base, altitude_m, incidence, half_swath)
+        data["description"] = f"Calibration flight, {name} part: opposite and crossing lines at {altitude_m:g} m"
+        scenario = parse_scenario(data, source="plan")
+        prepare(scenario)
+        flights.append(scenario)
+    return flights[0], flights[1]
+
+
 def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
     lines = min(wanted.size_m) / (2 * altitude * math.tan(half_swath) * (1 - wanted.overlap))
     if lines > MAX_LINES:

@@ -160,6 +160,7 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
         message = f"{scenario.sensor!r} has no beat signals to compare; set sensor = 'radar'"
         raise ScenarioError([Problem("sensor", message)], str(source.path))
     check_same_radar(build_sweeps(scenario.radar), source.sweeps, str(source.path))
+    scenario = scenario.replace({"processing.calibration": None})
     if "seed" not in changes:
         return scenario.replace({"seed": scenario.seed + 1})
     if isinstance(source.settings, Scenario) and scenario.seed == source.settings.seed:

@@ -387,6 +387,9 @@ class _Processing:
 
 def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
     """Return the processing of echoes; ScenarioError where the nominal range is beyond its sampled beat."""
+    if local.processing.calibration is not None:
+        message = "is of recordings; give the errors of a simulated flight as platform.navigation, and leave this out"
+        raise ScenarioError([Problem("processing.calibration", message)])
     detector = build_detector(
         local.processing,
         radar.chirp,

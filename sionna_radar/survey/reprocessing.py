@@ -6,10 +6,10 @@ A recording is a source of beat signals: it is observed, placed, mapped and comp
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task
+from sionna_radar.flight.build import build_errors, build_scan
+from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, believed_motion
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
@@ -156,16 +158,36 @@ class RecordingSource:
     parts: CustomParts
     file: RecordingFile
     settings: Scenario | RecordedSettings
+    known_errors: InstrumentErrors | None = None
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
     bursts: None = None
     activity: str = "detecting"
 
-    @property
+    @cached_property
     def flight(self) -> RecordedPulses:
-        """The pulses."""
-        return self.file.pulses
+        """The pulses, without known errors of the instrument."""
+        pulses, errors = self.file.pulses, self.errors
+        if errors is None or not pulses.located:
+            return pulses
+        return replace(pulses, poses=self.believed().without(errors).pose.rows)
+
+    @property
+    def errors(self) -> InstrumentErrors | None:
+        """Known errors of the instrument, which processing takes out."""
+        table = self.settings.processing.calibration
+        return self.known_errors if table is None else build_errors(table)
+
+    def corrected(self, errors: InstrumentErrors) -> "RecordingSource":
+        """Return the recording without errors of the instrument."""
+        return replace(self, known_errors=errors)
+
+    def believed(self) -> BelievedMotion:
+        """Return the recorded motion of all pulses, as it was reported."""
+        scan = build_scan(self.settings.radar.scan) if isinstance(self.settings, Scenario) else None
+        pulses = self.file.pulses
+        return believed_motion(pulses.pulses(np.arange(len(pulses))), scan)
 
     @property
     def keeps_profiles(self) -> bool:
@@ -183,13 +205,17 @@ class RecordingSource:
     def build_sensor(self) -> "RecordedSensor | RangeReadings":
         """Return the detector of its echoes, or the readings themselves."""
         if isinstance(self.file, DescribedRanges):
-            return RangeReadings(self.file)
+            return RangeReadings(self.file, self.errors)
         expected, flight = self.settings.processing.expected_ground, self.file.flight
         ground = None
         if expected is not None and flight is not None:
             grid = self.mapper_of(None).grid
             ground = build_expected_ground(expected, flight.altitude_m, self.antenna, grid, self.file.georeference)
         return RecordedSensor(self, ground)
+
+    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
+        """Return the measured poses of pulses, without known errors of the instrument."""
+        return self.flight.pulses(index).measured
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
@@ -226,6 +252,7 @@ class RecordingSource:
             self.parts.dem_method,
             None if scenario is None else speckle_memory(scenario),
             measured_ground=scenario is None or scenario.measured_ground,
+            errors=self.errors,
         )
 
 
@@ -239,7 +266,7 @@ class RecordedSensor:
     """Detects the echoes in recorded beat signals."""
 
     def __init__(self, source: RecordingSource, expected_ground: ExpectedGround | None) -> None:
-        self._beats = source.beats
+        self._beats, self._errors = source.beats, source.errors
         self.sweeps = SweepDetector(
             detector=source.detector,
             sweeps=source.sweeps,
@@ -265,7 +292,8 @@ class RecordedSensor:
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes without the Doppler shift of still ground, where the poses are known."""
         known = np.isfinite(measured.velocity_mps).all()
-        return self.sweeps.correct(echoes, pulse, measured) if known else echoes
+        corrected = self.sweeps.correct(echoes, pulse, measured) if known else echoes
+        return _without(self._errors, corrected)
 
     def record_chirp(self, pulses: Pulses) -> ChirpRecord:
         """Return the chirp of one pulse with what is found in it."""
@@ -277,15 +305,16 @@ class RangeReadings:
     """A sensor whose ranges were read before."""
 
     file: DescribedRanges
+    errors: InstrumentErrors | None = None
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the readings of a block of pulses."""
         return Observation(paths=Paths.none(), echoes=self.file.echoes(pulses))
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the readings as they are: whoever read them has corrected what there was."""
+        """Return the readings, in which whoever read them has corrected what there was, without known errors."""
         del pulse, measured
-        return echoes
+        return _without(self.errors, echoes)
 
     def record_chirp(self, pulses: Pulses) -> None:
         """Return None: no chirps are known."""
@@ -418,7 +447,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         if flight.located:
             points = place(observed.echoes, sensor, flight)
             if len(points) or file.flight:
-                estimate = source.mapper_of(points).map(points, observed.profiles, file.pose)
+                estimate = source.mapper_of(points).map(points, observed.profiles, source.pose)
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     readings = isinstance(file, DescribedRanges)
@@ -431,7 +460,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         time_s=flight.time_s,
         echoes=observed.echoes if points is None else replace(observed.echoes, range_m=points.range_m),
         points=points,
-        measured=partial(_poses, source.path) if flight.located else None,
+        measured=_poses_of(source) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
         uncertainty=None if estimate is None else estimate.uncertainty,
@@ -449,6 +478,18 @@ def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
     if truth is None or truth.surface.grid != dem.grid:
         return None
     return compare_dem(dem, truth.surface, truth.lit, truth.beside_wall)
+
+
+def _without(errors: InstrumentErrors | None, echoes: Echoes) -> Echoes:
+    """Return echoes at their true ranges, if errors of the instrument are known."""
+    return echoes if errors is None else replace(echoes, range_m=errors.true_m(echoes.range_m))
+
+
+def _poses_of(source: RecordingSource) -> Callable[[Int[np.ndarray, " pulse"]], Pose]:
+    """Return the function of measured poses: from the file, or from memory without known errors."""
+    if source.errors is None or source.flight.poses is None:
+        return partial(_poses, source.path)
+    return source.flight.poses
 
 
 def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:

@@ -50,6 +50,7 @@ class Sightings:
     reach_m: unambiguous range of the sampling.
     memory: temporal decorrelation of speckle.
     microrelief_m: what is usual on such ground; see `Covariance`.
+    range_bias_m, range_scale: what the radar reads beyond the true range, and of each metre of it.
     """
 
     profiles: Profiles
@@ -62,6 +63,8 @@ class Sightings:
     reach_m: float
     memory: SpeckleMemory = STILL
     microrelief_m: float = 0.0
+    range_bias_m: float = 0.0
+    range_scale: float = 0.0
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -87,6 +90,11 @@ class Sightings:
         """Return the corners of the main lobe in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
 
+    def true_m(self, read_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return mean ranges without the Doppler shift on the axis, and without errors of the radar."""
+        shift_m = self.shift_m(self.pose.boresight[:, None])[:, 0]
+        return (read_m - shift_m - self.range_bias_m) / (1 + self.range_scale)
+
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
@@ -98,7 +106,7 @@ class BeamFootprints:
     """Intersections of the beam's nodes with a surface.
 
     range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height
-    there. shift_m: Doppler shift of the range.
+    there. shift_m: what is read beyond the range: by Doppler, and by errors of the radar.
     """
 
     range_m: Float[np.ndarray, "pulse node"]
@@ -175,6 +183,8 @@ def footprints(
         meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
 
     list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
+    if sightings.range_bias_m or sightings.range_scale:
+        feet.shift_m[...] += sightings.range_bias_m + sightings.range_scale * np.nan_to_num(feet.range_m)
     return feet
 
 
@@ -289,11 +299,10 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     from sionna_radar.mapping.echo_model.power_kernels import mean_cells
 
     profiles = sightings.profiles
-    shift_m = sightings.shift_m(sightings.pose.boresight[:, None])[:, 0]
     if profiles.volume is not None:
-        return MeanRanges(range_m=profiles.volume.echo_m - shift_m, sigma_m=profiles.volume.echo_sigma_m)
+        return MeanRanges(range_m=sightings.true_m(profiles.volume.echo_m), sigma_m=profiles.volume.echo_sigma_m)
     mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     looks = float(sightings.looks_per_cell)
     mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS) * profiles.cell_m
-    return MeanRanges(range_m=(profiles.first + mean) * profiles.cell_m - shift_m, sigma_m=sigma)
+    return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)

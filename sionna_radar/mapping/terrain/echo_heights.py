@@ -114,7 +114,7 @@ def heights_over(
     """
     pose = sightings.pose
     axis = pose.boresight
-    predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
+    predicted = sightings.true_m(EchoModel(sightings, surface).centroid_m())
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
     known = np.isfinite(predicted) & np.isfinite(on_axis)
     heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach, options)

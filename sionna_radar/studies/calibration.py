@@ -1,0 +1,517 @@
+"""Calibration of an instrument from its recordings: what they tell of its errors, and the errors that they tell.
+
+The echoes are detected as `process` does. What the flight tells of each error is computed before any is estimated, and
+with it what other manoeuvres would add: lines like the flown one, turned, higher, faster or rocking, over the same
+reference. Then the errors are estimated (`mapping.calibration`), and the map is made with and without them.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.reference import Checkpoints, ReferenceSurface, read_reference
+from sionna_radar.accuracy.truth import compare_dem
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.execution.execution import Execution
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import stage
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.calibration import Knowledge, Solution, solve
+from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.instrument_echoes import Readings, Together, WholeEchoes
+from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
+from sionna_radar.mapping.terrain.echo_heights import reaching
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.recorded import RecordedSettings
+from sionna_radar.survey.observation import Observed, observe, place
+from sionna_radar.survey.recordings.described import DescribedRanges
+from sionna_radar.survey.reprocessing import RecordingSource, open_recording
+from sionna_radar.survey.sensors.sensor import Sensor
+
+USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
+DATUM = ("datum_east", "datum_north", "datum_up")
+# A reference is displaced if its shift is this unlikely by what is stated of it; in standard deviations.
+DISPLACED = 4.0
+# Manoeuvres: how a line is flown again. Rocking is a roll to and fro, by a pilot or an autopilot without effort.
+HIGHER, FASTER, ROCKING_DEG, ROCKING_S = 2.0, 2.0, 10.0, 6.0
+# Cells of the reference in one of the DEM: the ground is curved within a cell.
+CELLS = 2
+FEWEST = 200
+# Length of rays that look for the middle of a line.
+FOLLOWED_M = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manoeuvre:
+    """What is known with one more line: its name, and the knowledge with it."""
+
+    name: str
+    knowledge: Knowledge
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated:
+    """A recording with and without the estimated errors.
+
+    source: its file. place_m: where the axis of each pulse meets the ground. before_m, after_m: how much farther the
+    echoes are than predicted, with and without the errors; sigma_m: by speckle.
+    dem: as believed, and corrected; error: of both, where the recording holds the truth.
+    """
+
+    source: Path
+    place_m: Float[np.ndarray, "pulse 2"]
+    before_m: Float[np.ndarray, " pulse"]
+    after_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+    dem: tuple[Raster, Raster]
+    error: tuple[DemError, DemError] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """Estimated errors of an instrument, and what the flight tells of them.
+
+    solution: the estimate. manoeuvres: what one more line would tell.
+    displaced: the estimate that lets the reference lie elsewhere, if it does.
+    """
+
+    solution: Solution
+    manoeuvres: tuple[Manoeuvre, ...]
+    recordings: tuple[Calibrated, ...]
+    reference: Path | None
+    reference_sigma_m: float
+    displaced: bool
+    warnings: tuple[str, ...]
+    overrides: Mapping[str, Any]
+
+    @property
+    def errors(self) -> dict[str, tuple[float, float]]:
+        """Estimates and standard deviations of what the flight tells, in the units of `UNKNOWNS`."""
+        solution = self.solution
+        rows = zip(solution.names, solution.value, solution.sigma, solution.told, strict=True)
+        return {name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, told in rows if told}
+
+
+def parse_errors(names: Sequence[str], priors: Sequence[str]) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Return the errors to estimate, the usual ones without any, and standard deviations beforehand, SI.
+
+    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    """
+    known = [name for name in UNKNOWNS if name not in DATUM]
+    for name in names:
+        if name not in known:
+            message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
+            raise ScenarioError([Problem("--estimate", message)], "command line")
+    found = {}
+    for text in priors:
+        name, _, number = text.partition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = 0.0
+        if name not in known or not 0 < value < np.inf:
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. time_offset=5 in ms"
+            raise ScenarioError([Problem("--prior", message)], "command line")
+        found[name] = value * UNKNOWNS[name].si
+    return tuple(dict.fromkeys(names)) or USUAL, found
+
+
+@on_one_thread
+def run_calibration(
+    recordings: Sequence[str | Path],
+    reference: str | Path | None = None,
+    *,
+    names: Sequence[str] = USUAL,
+    prior: Mapping[str, float] | None = None,
+    reference_sigma_m: float = 0.0,
+    overrides: Mapping[str, Any] | None = None,
+) -> Calibration:
+    """Estimate errors of an instrument from its recordings.
+
+    Parameters
+    ----------
+    recordings:
+        As for `process`, with poses; all of one instrument, and in the same local metres.
+    reference:
+        Heights of the ground, as for `compare_with_reference`: a surface, or single places. None for lines that
+        overlap.
+    names, prior:
+        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
+    reference_sigma_m:
+        Standard deviation of an error of position and height that all of the reference shares.
+    overrides:
+        Values of `processing` and `dem` by dotted keys.
+
+    Raises
+    ------
+    InputFileError, ScenarioError
+        No poses, too few echoes over the reference, or a setting that does not fit.
+
+    Examples
+    --------
+    >>> lines = {"count": 2, "spacing_m": 10.0, "length_m": 30.0, "crossing": True}
+    >>> flight = {"platform.lines": lines, "platform.start_m": None, "platform.navigation.boresight_error_deg": 0.5}
+    >>> survey = run(load_scenario("hills", flight), recordings={"signals": "lines.nc"})
+    >>> survey.truth.to_geotiff("ground.tif")
+    >>> found = run_calibration(["lines.nc"], "ground.tif").errors
+    >>> abs(found["roll"][0] - 0.5) < 4 * found["roll"][1]
+    True
+
+    """
+    changes = dict(overrides or {})
+    path = None if reference is None else Path(reference)
+    with ExitStack() as stack:
+        heard = [_heard(stack.enter_context(open_recording(_signals(Path(name)), changes))) for name in recordings]
+        known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
+        if isinstance(known, ReferenceSurface):
+            found = _over_surface(heard, known, path, names, dict(prior or {}), reference_sigma_m)
+        else:
+            found = _over_unknown(heard, known, path, names, dict(prior or {}))
+        parts, surface, solution = found.parts, found.surface, found.solution
+        warnings = [*found.warnings, *_doubts(solution)]
+        # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
+        solution = solution.held() if solution.of_other_ground else solution
+        manoeuvres = tuple(
+            Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
+            for name, information in _manoeuvres(parts, surface, solution).items()
+        )
+        both = zip(heard, parts.parts, strict=True)
+        calibrated = tuple(_calibrated(each, part, surface, solution) for each, part in both)
+    return Calibration(
+        solution=solution,
+        manoeuvres=manoeuvres,
+        recordings=calibrated,
+        reference=path,
+        reference_sigma_m=reference_sigma_m,
+        displaced=found.displaced,
+        warnings=tuple(warnings),
+        overrides=changes,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """An estimate with the ground and the echoes that it is of."""
+
+    parts: Together
+    surface: Heightfield
+    solution: Solution
+    displaced: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def _over_surface(
+    heard: Sequence["_Heard"],
+    reference: ReferenceSurface,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+    sigma_m: float,
+) -> _Found:
+    """Estimate errors over a surface, which may lie elsewhere."""
+    surface, known = _filled(reference, _grid(heard), path)
+    parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
+    asked = tuple(names) + (DATUM if sigma_m > 0 else ())
+    with stage("estimating", 1):
+        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m))
+        free = solve(parts, surface, (*names, *DATUM), prior)
+    if not _displaced(free, sigma_m):
+        return _Found(parts=parts, surface=surface, solution=solution)
+    warnings = (_displacement(free, sigma_m),)
+    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=warnings)
+
+
+def _over_unknown(
+    heard: Sequence["_Heard"],
+    known: Checkpoints | None,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+) -> _Found:
+    """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
+    (echoes,) = [each.echoes for each in heard] if len(heard) == 1 else [None]
+    if not isinstance(echoes, WholeEchoes):
+        message = "without a surface as --reference give one recording of signals, of lines that overlap"
+        raise ScenarioError([Problem("recordings", message)], "command line")
+    places = None
+    if known is not None:
+        if not (known.sigma_m > 0).all():
+            message = f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma"
+            raise InputFileError(message)
+        places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
+    own = echoes.rows(echoes.motion.within_lines)
+    # Waves much shorter than a footprint are nothing that an echo tells.
+    extent, spacing_m = heard[0].grid, max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
+    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
+    grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
+    with stage("estimating", 1):
+        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places)
+    return _Found(parts=Together(parts=(own,)), surface=surface, solution=solution)
+
+
+def _footprint_m(echoes: WholeEchoes) -> float:
+    """Return the width of the narrowest footprints: two standard deviations of the beam's power to each side."""
+    range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
+    return 4 * min(echoes.sightings.beam.spread) * range_m
+
+
+def _signals(path: Path) -> Path:
+    """Return the recording of beat signals in a folder of results, or the recording itself."""
+    if not path.is_dir():
+        return path
+    inside = path / "signals.nc"
+    if not inside.is_file():
+        message = f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`"
+        raise InputFileError(message)
+    return inside
+
+
+# --------------------------------------------------------------------------------------------------------- echoes
+@dataclass(frozen=True, kw_only=True)
+class _Heard:
+    """A recording with its detected echoes, and what they say."""
+
+    source: RecordingSource
+    sensor: Sensor
+    observed: Observed
+    echoes: WholeEchoes | Readings
+    grid: Grid
+
+
+def _heard(source: RecordingSource) -> _Heard:
+    """Return the echoes of a recording, with the poses as they were reported."""
+    if not source.file.pulses.located:
+        message = f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones"
+        raise InputFileError(message)
+    if source.settings.processing.calibration is not None:
+        message = "is what is estimated here; leave it out"
+        raise ScenarioError([Problem("processing.calibration", message)], str(source.path))
+    readings = isinstance(source.file, DescribedRanges)
+    if len(source.sweeps) > 1 or (not readings and source.settings.processing.angle != "off"):
+        message = "a recording of pairs of sweeps has no whole echoes; give one of single sweeps"
+        raise ScenarioError([Problem("radar.sweep", message)], str(source.path))
+    wanted = source if readings else replace(source, settings=_with_profiles(source.settings))
+    sensor, observed = observe(wanted, Execution())
+    points = place(observed.echoes, sensor, source.flight)
+    if len(points) < FEWEST:
+        message = f"{shown(source.path)}: has {len(points)} echoes; {FEWEST} at least tell anything"
+        raise InputFileError(message)
+    mapper, motion = wanted.mapper_of(points), source.believed()
+    if readings:
+        first = np.unique(points.pulse, return_index=True)[1]
+        own = motion.rows(points.pulse[first])
+        echoes: WholeEchoes | Readings = Readings(
+            range_m=points.range_m[first],
+            sigma_m=np.maximum(points.range_sigma_m[first], 1e-3),
+            motion=own,
+            reach_m=2 * float(points.range_m.max()),
+        )
+        return _Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
+    assert observed.profiles is not None
+    own = motion.rows(observed.profiles.pulse)
+    sightings = mapper.sightings(observed.profiles, own.pose)
+    echo_ranges = mean_ranges(sightings)
+    whole = WholeEchoes(sightings=sightings, motion=own, reach=sightings.repeated(echo_ranges.range_m))
+    grid = reaching(mapper.grid, sightings, echo_ranges)
+    return _Heard(
+        source=source,
+        sensor=sensor,
+        observed=observed,
+        echoes=whole,
+        grid=replace(grid, georeference=mapper.grid.georeference),
+    )
+
+
+def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | RecordedSettings:
+    """Return settings whose map uses range profiles."""
+    dem = settings.dem.model_copy(update={"method": "refined", "method_parameters": None})
+    return settings.model_copy(update={"dem": dem})
+
+
+def _grid(heard: Sequence[_Heard]) -> Grid:
+    """Return the grid of the reference: it reaches all footprints."""
+    grids = [each.grid for each in heard]
+    if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
+        message = "have different local metres; calibrate each by itself"
+        raise ScenarioError([Problem("recordings", message)], "command line")
+    west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
+    east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
+    grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))
+    return replace(grid, georeference=grids[0].georeference)
+
+
+def _filled(
+    reference: ReferenceSurface, grid: Grid, path: Path | None
+) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
+    """Return the reference on a grid, and the cells where it is known; others have the height of the nearest."""
+    height_m = reference.on(grid).height_m
+    known = np.isfinite(height_m)
+    if not known.any():
+        message = f"{shown(path or Path())}: has no height where the beam meets the ground; give one of it"
+        raise InputFileError(message)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return Heightfield(grid=grid, height_m=np.ascontiguousarray(height_m[tuple(nearest)])), known
+
+
+def _over(
+    echoes: WholeEchoes | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path | None
+) -> WholeEchoes | Readings:
+    """Return the echoes of footprints that the reference covers."""
+    pose, grid = echoes.motion.pose, surface.grid
+    reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
+    toward = pose.boresight[:, None]
+    if isinstance(echoes, WholeEchoes):
+        toward = np.concatenate([toward, echoes.sightings.corner_directions()], axis=1)
+    covered = echoes.motion.within_lines
+    for k in range(toward.shape[1]):
+        hit = surface.first_hit(pose.position_m, toward[:, k], reach_m)
+        place_m = pose.position_m + np.nan_to_num(hit)[:, None] * toward[:, k]
+        row, column, inside = grid.cell_of(place_m)
+        own = np.zeros(len(echoes), dtype=bool)
+        own[inside] = known[row[inside], column[inside]]
+        # A corner of the lobe may pass over the horizon; its axis may not.
+        covered &= own if k == 0 else own | ~np.isfinite(hit)
+        covered &= np.isfinite(hit) if k == 0 else True
+    if covered.sum() < FEWEST:
+        message = f"{shown(path or Path())}: lies under {covered.sum()} echoes; {FEWEST} at least tell anything"
+        raise InputFileError(message)
+    return echoes.rows(covered)
+
+
+# ------------------------------------------------------------------------------------------------------ statements
+def _displaced(free: Solution, stated_m: float) -> bool:
+    """Whether the reference lies elsewhere by more than what is stated of it, and chance explain."""
+    return any(
+        abs(free.value[free.names.index(name)]) > DISPLACED * np.hypot(free.sigma[free.names.index(name)], stated_m)
+        for name in DATUM
+        if free.told[free.names.index(name)]
+    )
+
+
+def _displacement(free: Solution, stated_m: float) -> str:
+    parts = []
+    for name in DATUM:
+        k = free.names.index(name)
+        if free.told[k]:
+            parts.append(f"{-free.value[k]:+.2f} ± {free.sigma[k]:.2f} m {name.removeprefix('datum_')}")
+    stated = f"more than the {stated_m:g} m that are stated" if stated_m else "and --reference-sigma states none"
+    return (
+        f"the reference is displaced against the flight by {', '.join(parts)}, {stated}: it is estimated with the "
+        "errors, which are known less well for it"
+    )
+
+
+def _doubts(solution: Solution) -> list[str]:
+    """Return warnings about echoes that are not those of the modelled ground."""
+    if solution.model_holds:
+        return []
+    return [
+        f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
+        f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
+        "plants, a coarse reference or another antenna may be the reason. "
+        + (
+            "No estimate is stated"
+            if solution.of_other_ground
+            else "Standard deviations include the scatter of stretches, and no error that all of them share"
+        )
+    ]
+
+
+# ------------------------------------------------------------------------------------------------------- manoeuvres
+def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
+    """Return the information that one more line of each kind would add, like the longest that was flown."""
+    line = parts.line
+    longest = np.bincount(line).argmax()
+    first, found = 0, {}
+    for part in parts.parts:
+        own = line[first : first + len(part)] == longest
+        if own.any():
+            one, sigma_m = part.rows(own), float(np.nanmedian(solution.step.sigma_m[first : first + len(part)][own]))
+            break
+        first += len(part)
+    for name, motion in _lines(one.motion, surface).items():
+        information = one.expected(motion, solution.errors, surface, solution.names, sigma_m)
+        found[name] = information / solution.scatter
+    return found
+
+
+def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMotion]:
+    """Return the motions of other lines over the same place."""
+    pose, body = flown.pose, flown.R_world_mount
+    ground = surface.first_hit(pose.position_m, pose.boresight, FOLLOWED_M)
+    met = np.isfinite(ground)
+    centre = (pose.position_m + np.where(met, ground, 0.0)[:, None] * pose.boresight)[met].mean(axis=0)
+    height = float(np.mean(pose.position_m[:, 2] - centre[2]))
+
+    def turned(degrees: float) -> BelievedMotion:
+        R = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+        middle = np.array([centre[0], centre[1], 0.0])
+        moved = Pose(
+            position_m=(pose.position_m - middle) @ R.T + middle,
+            velocity_mps=pose.velocity_mps @ R.T,
+            R_world_antenna=R @ pose.R_world_antenna,
+        )
+        return replace(
+            flown, pose=moved, turn_rad_s=flown.turn_rad_s @ R.T, acceleration_mps2=flown.acceleration_mps2 @ R.T
+        )
+
+    raised = replace(pose, position_m=pose.position_m + np.array([0.0, 0.0, (HIGHER - 1) * height]))
+    faster = replace(pose, velocity_mps=FASTER * pose.velocity_mps)
+    phase, amplitude = 2 * np.pi * (flown.time_s - flown.time_s[0]) / ROCKING_S, np.deg2rad(ROCKING_DEG)
+    nose = body[:, :, 0]
+    roll = Rotation.from_rotvec(nose * (amplitude * np.sin(phase))[:, None]).as_matrix()
+    rate = nose * (amplitude * 2 * np.pi / ROCKING_S * np.cos(phase))[:, None]
+    rocking = replace(pose, R_world_antenna=roll @ pose.R_world_antenna)
+    return {
+        "the same line again": flown,
+        "the opposite line": turned(180.0),
+        "a crossing line": turned(90.0),
+        f"the line at {HIGHER:g} times the height": replace(flown, pose=raised),
+        f"the line at {FASTER:g} times the speed": replace(flown, pose=faster),
+        f"the line while rolling by ±{ROCKING_DEG:g}° every {ROCKING_S:g} s, antenna fixed to the body": replace(
+            flown, pose=rocking, turn_rad_s=flown.turn_rad_s + rate
+        ),
+    }
+
+
+# ------------------------------------------------------------------------------------------------ before and after
+def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
+    """Return residuals and maps of a recording with and without the errors."""
+    before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
+    pose = echoes.motion.without(solution.errors).pose
+    reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
+    hit = surface.first_hit(pose.position_m, pose.boresight, reach_m)
+    maps = [_mapped(heard, errors) for errors in (InstrumentErrors(), solution.errors)]
+    truth, compared = heard.source.file.truth, None
+    if truth is not None and all(dem.grid == truth.surface.grid for dem in maps):
+        compared = [compare_dem(dem, truth.surface, truth.lit, truth.beside_wall).lit_error for dem in maps]
+    return Calibrated(
+        source=heard.source.path,
+        place_m=(pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2],
+        before_m=before[0],
+        after_m=after[0],
+        sigma_m=after[1] * np.sqrt(solution.scatter),
+        dem=(maps[0], maps[1]),
+        error=None if compared is None else (compared[0], compared[1]),
+    )
+
+
+def _mapped(heard: _Heard, errors: InstrumentErrors) -> Raster:
+    """Return the DEM of a recording without some errors."""
+    source = heard.source.corrected(errors)
+    sensor = source.build_sensor()
+    points = place(heard.observed.echoes, sensor, source.flight)
+    profiles = heard.observed.profiles if source.keeps_profiles else None
+    return source.mapper_of(points).map(points, profiles, source.pose).dem

@@ -1,0 +1,191 @@
+"""Errors of an instrument: derivatives against differences, closed forms of what is told, and readings over planes."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.execution.execution import Execution
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.calibration import TOLD, Knowledge, solve, stretches
+from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
+from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
+from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey.observation import observe
+from sionna_radar.survey.preparation import prepare
+
+HILLS = {"platform.length_m": 10.0, "dem.method": "refined", "terrain.seed": 4}
+
+
+@pytest.fixture(scope="module")
+def over_hills():
+    """Whole echoes of a short flight over hills, and the hills."""
+    prepared = prepare(load_scenario("hills", HILLS))
+    _, observed = observe(prepared, Execution())
+    profiles = observed.profiles
+    motion = believed_motion(prepared.flight.pulses(np.arange(len(prepared))), prepared.flight.scan)
+    motion = motion.rows(profiles.pulse)
+    sightings = prepared.mapper.sightings(profiles, motion.pose)
+    reach = sightings.repeated(mean_ranges(sightings).range_m)
+    ground = next(s.relief for s in prepared.scene.scene.surfaces if s.relief is not None)
+    echoes = WholeEchoes(sightings=sightings, motion=motion, reach=reach)
+    return echoes, Heightfield(grid=ground.grid, height_m=ground.height_m)
+
+
+@pytest.mark.parametrize("name", UNKNOWNS)
+def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_hills, name):
+    echoes, surface = over_hills
+    # A turn and a gain of speed, so that every term takes part.
+    motion = BelievedMotion(
+        **{
+            **vars(echoes.motion),
+            "turn_rad_s": np.tile([0.1, -0.2, 0.3], (len(echoes), 1)),
+            "acceleration_mps2": np.tile([1.0, 2.0, -1.0], (len(echoes), 1)),
+        }
+    )
+    echoes = WholeEchoes(sightings=echoes.sightings, motion=motion, reach=echoes.reach)
+    at = InstrumentErrors.of({"pitch": 0.003, "time_offset": 0.002, "range_scale": 1e-4})
+    sightings, moved = echoes.without(at)
+    slope = echoes._change(sightings, moved, surface, [name])[:, 0]
+    step = 1e-3 * UNKNOWNS[name].prior * UNKNOWNS[name].si
+    base = {"pitch": 0.003, "time_offset": 0.002, "range_scale": 1e-4}
+    sides = []
+    for sign in (-1, 1):
+        errors = InstrumentErrors.of(base | {name: base.get(name, 0.0) + sign * step})
+        sides.append(EchoModel(echoes.without(errors)[0], surface).centroid_m())
+    difference = (sides[1] - sides[0]) / (2 * step)
+    # The mean is that of the power, whose share of each part of the beam changes as well, by a few percent.
+    scale = np.abs(difference).max()
+    assert np.abs(slope - difference).max() < 0.06 * scale
+
+
+def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hills):
+    echoes, surface = over_hills
+    step = echoes.step(InstrumentErrors(), surface, ["range_bias"], Nearness.SETTLED)
+    total = float(step.total[0, 0])
+    # A survey of 1000 pulses: the mean residual within four of its standard deviations.
+    assert abs(step.score.sum() / total) < 4 / np.sqrt(total)
+    shifted = echoes.step(InstrumentErrors(range_bias_m=-0.1), surface, ["range_bias"], Nearness.SETTLED)
+    assert shifted.score.sum() / total == pytest.approx(0.1, abs=0.04)
+
+
+def test_known_errors_of_the_range_are_taken_out_of_whole_echoes(over_hills):
+    echoes, surface = over_hills
+    plain, errors = echoes.sightings, InstrumentErrors(range_bias_m=0.3, range_scale=1e-3)
+    sightings, _ = echoes.without(errors)
+    np.testing.assert_allclose(mean_ranges(sightings).range_m, errors.true_m(mean_ranges(plain).range_m), atol=1e-9)
+    # Predictions are what is read: of each part of the beam.
+    moved = EchoModel(sightings, surface).footprints.shift_m - EchoModel(plain, surface).footprints.shift_m
+    range_m = EchoModel(plain, surface).footprints.range_m
+    met = np.isfinite(range_m)
+    np.testing.assert_allclose(moved[met], (errors.read_m(range_m) - range_m)[met], atol=1e-9)
+
+
+def test_ground_that_is_surveyed_at_many_places_tells_nearly_what_the_whole_ground_does(over_hills):
+    echoes, surface = over_hills
+    echoes = echoes.rows(np.arange(len(echoes)) % 2 == 0)
+    names, own = ["roll", "pitch", "range_bias"], Grid.covering(-80.0, -60.0, -20.0, 60.0, 10.0)
+    around = np.meshgrid(np.arange(-90.0, -20.0, 4.0), np.arange(-60.0, 60.0, 4.0))
+    place_m = np.stack([axis.ravel() for axis in around], axis=1)
+    sigma_m = np.full(len(place_m), 0.01)
+    places = MeasuredPlaces(place_m=place_m, height_m=surface.at(*place_m.T), sigma_m=sigma_m)
+    surveyed, _ = solve_over_unknown_ground(echoes, own, names, places=places)
+    over = solve(Together(parts=(echoes,)), surface, names)
+    assert surveyed.told.all()
+    assert (np.abs(surveyed.value) < 4 * surveyed.sigma).all()
+    # Speckle counts alike in both, but over known ground as its scores scattered.
+    ratio = surveyed.sigma / (over.sigma * np.sqrt(surveyed.scatter / over.scatter))
+    assert (ratio > 0.95).all()
+    assert (ratio < 3.0).all()
+
+
+def knowledge(information, prior=(1.0, 1.0)) -> Knowledge:
+    return Knowledge(names=("time_offset", "lever_nose"), prior=np.array(prior), information=np.array(information))
+
+
+def test_two_errors_that_do_the_same_are_not_told_apart():
+    known = knowledge([[1e6, 1e6], [1e6, 1e6]])
+    assert not known.told.any()
+    # Half of the prior's variance each is left.
+    np.testing.assert_allclose(known.sigma, np.sqrt(0.5), rtol=1e-5)
+    assert known.correlation[0, 1] == pytest.approx(-1, abs=1e-5)
+    (direction,) = known.unseen
+    assert direction["time_offset"] == pytest.approx(-direction["lever_nose"])
+
+
+def test_an_error_that_is_held_adds_its_own_uncertainty():
+    """y = t + 0.2 l with noise s; t is told, l is held: var t = s^2 / (1 + s^2) + (0.2 / (1 + s^2))^2 to the prior."""
+    s = 0.01
+    information = np.array([[1.0, 0.2], [0.2, 0.04]]) / s**2
+    known = knowledge(information)
+    np.testing.assert_array_equal(known.told, [True, False])
+    expected = s**2 / (1 + s**2) + (0.2 / (1 + s**2)) ** 2
+    assert known.considered(known.told)[0, 0] == pytest.approx(expected, rel=1e-9)
+    # Drawn: what is estimated with the other left at zero.
+    rng = np.random.default_rng(1)
+    t, held = rng.standard_normal((2, 100_000))
+    found = (t + 0.2 * held + s * rng.standard_normal(100_000)) / (1 + s**2)
+    assert np.var(found - t) == pytest.approx(expected, rel=0.02)
+
+
+def test_more_information_tells_what_was_not():
+    known = knowledge([[100.0, 0.0], [0.0, 1.0]])
+    np.testing.assert_array_equal(known.told, [True, False])
+    assert known.sigma[1] == pytest.approx(np.sqrt(0.5))
+    assert known.with_more(np.diag([0.0, 10.0])).told.all()
+    assert 1 / np.sqrt(1 + 8.0) == pytest.approx(TOLD)
+
+
+def plane(slope: float = 0.0) -> Heightfield:
+    grid = Grid.covering(-400.0, -400.0, 400.0, 400.0, 4.0)
+    return Heightfield(grid=grid, height_m=np.tile(slope * grid.x_m, (grid.rows, 1)))
+
+
+def altimeter(count: int, seed: int, tilt_deg: float = 0.0, sigma_m: float = 0.5) -> Readings:
+    """A flight 100 m over a plane that looks down, or ahead, with ranges too long by 1.8 m."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(count) / 5
+    position = np.column_stack([np.linspace(-200, 200, count), np.zeros(count), np.full(count, 100.0)])
+    sine, cosine = np.sin(np.deg2rad(tilt_deg)), np.cos(np.deg2rad(tilt_deg))
+    tilt = np.array([[sine, 0.0, cosine], [0.0, 1.0, 0.0], [-cosine, 0.0, sine]])
+    pose = Pose(
+        position_m=position,
+        velocity_mps=np.tile([10.0, 0.0, 0.0], (count, 1)),
+        R_world_antenna=np.tile(tilt, (count, 1, 1)),
+    )
+    motion = BelievedMotion(
+        pose=pose,
+        time_s=time_s,
+        R_mount_antenna=np.tile(np.eye(3), (count, 1, 1)),
+        turn_rad_s=np.zeros((count, 3)),
+        acceleration_mps2=np.zeros((count, 3)),
+        line=np.zeros(count, dtype=np.int64),
+    )
+    read = 100 / cosine + 1.8 + sigma_m * rng.standard_normal(count)
+    return Readings(range_m=read, sigma_m=np.full(count, sigma_m), motion=motion, reach_m=300.0)
+
+
+def test_readings_over_a_plane_tell_their_bias_as_a_mean_does():
+    found = solve(Together(parts=(altimeter(400, 1),)), plane(), ["range_bias"], {"range_bias": 10.0})
+    # The factor on the variance is known to a share of sqrt(2 / 15 stretches).
+    assert found.sigma[0] == pytest.approx(0.5 / 20, rel=0.6)
+    assert found.value[0] == pytest.approx(1.8, abs=4 * 0.5 / 20)
+    assert found.told.all()
+
+
+def test_over_level_ground_the_heading_is_not_told_and_bias_and_pitch_are_one():
+    one = Together(parts=(altimeter(400, 1, tilt_deg=30.0),))
+    found = solve(one, plane(), ["pitch", "heading", "range_bias"])
+    assert not found.told.any() or not found.told[1]
+    assert not found.told[1]
+    assert not (found.told[0] and found.told[2])
+    assert {"pitch", "range_bias"} in [set(direction) for direction in found.before.unseen]
+    assert found.value[1] == 0.0
+
+
+def test_stretches_stay_within_lines():
+    line = np.repeat([0, 1, 2], [100, 50, 300])
+    number = stretches(line)
+    assert all(len(np.unique(line[number == k])) == 1 for k in np.unique(number))
