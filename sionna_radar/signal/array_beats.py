@@ -1,0 +1,215 @@
+"""Beat signals of an array: one set of paths serves all chirps of a frame, all transmitters and all receivers.
+
+Scatterers stand still between the chirps, or move along their rays; the radar moves. So the ways of each chirp follow
+from the places of the scatterers and from the radar's true pose at that chirp, and those of each element from its
+place: that of a transmitter exactly, that of a receiver to third order in its distance from the array's middle over the
+range (an error of 1e-7 m at 0.1 m and 10 m; see `radar.mimo_array`).
+
+The sum of the exponentials of a chirp is that of `beat_sum`. What differs between the receivers of a chirp is each
+path's phase, and by little its frequency: a way longer by d moves an exponential by x = S d / c, a small part of a
+point of the grid. Both kinds of spreading share one set of powers of x,
+
+    w(t - x) = w - x w' + x^2 w'' / 2 - x^3 w''' / 6,
+
+as many as the widest x asks for, so that a receiver costs a few multiplications a path and not another search and
+evaluation. A sweep's own drift in frequency by motion (`beat_sum`'s bend) is that of the power-weighted mean of its
+paths.
+"""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.constants import speed_of_light
+from scipy.fft import ifft, next_fast_len
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.compiled import compiled, turned
+from sionna_radar.foundation.threads import cores, over_rows
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.mimo_array import MimoArray
+from sionna_radar.signal.beat import sampled_band_hz
+from sionna_radar.signal.beat_sum import OVERSAMPLING, PIECES, WIDTH, sample_correction, spreading_pieces
+from sionna_radar.tracing.paths import Paths
+
+# Largest error of the spreading function, relative to its peak; its n-th derivative is about one a point each.
+SPREAD_ACCURACY = 1e-4
+HIGHEST_ORDER = 3
+# Chirps whose grids are held at once, in complex numbers.
+GRID_NUMBERS = 2**21
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramePaths:
+    """The paths of a frame, from the pose in its middle.
+
+    place_m: of the scatterers; beyond_m: by how much a way is longer than twice the range (mirrors), one way.
+    drift_mps: range rate beside that of the radar's motion. gain: see `Paths`.
+    """
+
+    place_m: Float[np.ndarray, "path 3"]
+    beyond_m: Float[np.ndarray, " path"]
+    drift_mps: Float[np.ndarray, " path"]
+    gain: Complex[np.ndarray, " path"]
+
+    @classmethod
+    def of(cls, paths: Paths, middle: Pose) -> "FramePaths":
+        """Return the paths of one frame, traced from its middle (a pose of one row), in the order of their ranges."""
+        away = paths.hit_m - middle.position_m[0]
+        range_m = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        rate_mps = -(away @ middle.velocity_mps[0]) / range_m
+        order = np.argsort(paths.delay_s, kind="stable")
+        return cls(
+            place_m=np.ascontiguousarray(paths.hit_m[order], dtype=np.float64),
+            beyond_m=(paths.delay_s * (speed_of_light / 2) - range_m)[order],
+            drift_mps=(paths.range_rate_mps - rate_mps)[order],
+            gain=paths.gain[order].astype(np.complex128),
+        )
+
+
+def array_beats(
+    paths: FramePaths, chirps: Pose, array: MimoArray, chirp: Chirp
+) -> Complex[np.ndarray, "chirp rx sample"]:
+    """Return the beat signals of a frame in each receiver, sqrt(W) for a unit transmitted power, without noise.
+
+    Parameters
+    ----------
+    paths:
+        Of the frame.
+    chirps:
+        True poses of the radar in the middle of each of its chirps.
+    array, chirp:
+        The array and its sweep. Real samples are the real part of these times the square root of 2.
+
+    """
+    count, samples = len(chirps.position_m), chirp.samples
+    points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
+    pieces, correction = spreading_pieces(), sample_correction(samples, points)
+    receivers = len(array.receiver_m)
+    beats = np.empty((count, receivers, samples), dtype=np.complex128)
+    time_s = (np.arange(count) - (count - 1) / 2) * array.period_s
+    code = np.tile(array.sent_code, (array.blocks, 1))
+    tx_m, rx_m = (
+        np.ascontiguousarray(np.einsum("mij,ej->mei", chirps.R_world_antenna, e))
+        for e in (array.transmitter_m, array.receiver_m)
+    )
+    widest_m = float(np.linalg.norm(array.receiver_m, axis=1).max())
+    order = _order(widest_m * abs(chirp.slope_hz_s) / speed_of_light / chirp.sampling_rate_hz * points)
+    sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
+    sampled = (*sampled_band_hz(chirp), chirp.sampling_rate_hz, speed_of_light)
+    table = (paths.place_m, paths.beyond_m, paths.drift_mps, paths.gain)
+    at_once = max(1, GRID_NUMBERS // (points * receivers))
+    n, half = np.arange(samples) - samples // 2, WIDTH // 2
+    for first in range(0, count, at_once):
+        rows = slice(first, min(first + at_once, count))
+        some = rows.stop - rows.start
+        grid, drift = np.zeros((some, points + WIDTH, 2 * receivers)), np.zeros((some, 2))
+        poses = chirps.position_m[rows], chirps.velocity_mps[rows], tx_m[rows], rx_m[rows], time_s[rows], code[rows]
+        over_rows(
+            lambda start, stop, poses=poses, out=(grid, drift): _spread_channels(
+                start, stop, table, poses, (*sweep, *sampled), pieces, order, *out
+            ),
+            some,
+        )
+        folded = grid[:, half : half + points]
+        folded[:, points - half :] += grid[:, :half]  # the frequency axis is periodic
+        folded[:, :half] += grid[:, points + half :]
+        folded = folded[..., :receivers] + 1j * folded[..., receivers:]
+        transform = ifft(folded, axis=1, overwrite_x=True, norm="forward", workers=cores())
+        bend = drift[:, 0] / np.maximum(drift[:, 1], 1e-300) / chirp.sampling_rate_hz**2
+        turn = correction * np.exp(2j * np.pi * np.outer(bend, n.astype(float) ** 2))
+        beats[rows] = transform[:, n].transpose(0, 2, 1) * turn[:, None]
+    if array.mixing is not None:
+        beats = np.einsum("kl,mls->mks", array.mixing, beats)
+    return beats
+
+
+def _order(shift_points: float) -> int:
+    """Return the powers of a shift of the spreading function that its accuracy needs."""
+    error = shift_points
+    for order in range(HIGHEST_ORDER):
+        if error < SPREAD_ACCURACY:
+            return order
+        error *= shift_points / (order + 2)
+    return HIGHEST_ORDER
+
+
+@compiled
+@no_type_check
+def _spread_channels(begin, end, table, poses, sweep, pieces, order, grid, drift):
+    """Spread the paths of some chirps onto the grids of all receivers."""
+    place, beyond, drifting, gain = table
+    position, velocity, tx, rx, time_s, code = poses
+    carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
+    receivers = rx.shape[1]
+    points = grid.shape[1] - WIDTH
+    along = np.empty(receivers)
+    square = np.empty(receivers)
+    # Real parts of all receivers, then imaginary ones: one loop over both.
+    numbers = 2 * receivers
+    wave, shift = np.empty(numbers), np.empty(numbers)
+    per_second = sign * slope / rate_hz * points
+    for row in range(begin, end):
+        px, py, pz = position[row, 0], position[row, 1], position[row, 2]
+        vx, vy, vz = velocity[row, 0], velocity[row, 1], velocity[row, 2]
+        for k in range(receivers):
+            square[k] = rx[row, k, 0] ** 2 + rx[row, k, 1] ** 2 + rx[row, k, 2] ** 2
+        power = moment = 0.0
+        for p in range(len(place)):
+            x, y, z = place[p, 0] - px, place[p, 1] - py, place[p, 2] - pz
+            distance = np.sqrt(x * x + y * y + z * z)
+            inverse = 1.0 / distance
+            ux, uy, uz = x * inverse, y * inverse, z * inverse
+            rate = drifting[p] - (ux * vx + uy * vy + uz * vz)
+            stretch = 2.0 * rate / c
+            way = distance + 2.0 * (beyond[p] + drifting[p] * time_s[row])
+            half = 0.5 * inverse
+            for k in range(receivers):
+                a = ux * rx[row, k, 0] + uy * rx[row, k, 1] + uz * rx[row, k, 2]
+                along[k] = (-a + (square[k] - a * a) * half * (1.0 + a * inverse)) / c
+            for i in range(tx.shape[1]):
+                factor = code[row, i]
+                if factor.real == 0.0 and factor.imag == 0.0:
+                    continue
+                tx_x, tx_y, tx_z = x - tx[row, i, 0], y - tx[row, i, 1], z - tx[row, i, 2]
+                sent = np.sqrt(tx_x * tx_x + tx_y * tx_y + tx_z * tx_z)
+                delay = (sent + way) / c + centre_s * stretch
+                f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
+                if f < least_hz or f >= most_hz:
+                    continue
+                a, b = gain[p].real, -sign * gain[p].imag
+                zr, zi = a * factor.real - b * factor.imag, a * factor.imag + b * factor.real
+                turns = sign * (carrier * delay - slope * delay * delay / 2.0)
+                per_way = sign * (carrier - slope * delay)
+                for k in range(receivers):
+                    cosine, sine = turned(turns + per_way * along[k])
+                    wave[k] = zr * cosine - zi * sine
+                    wave[receivers + k] = zr * sine + zi * cosine
+                    shift[k] = shift[receivers + k] = per_second * along[k]
+                size = zr * zr + zi * zi
+                power += size
+                moment += size * sign * (slope * stretch - slope * stretch * stretch / 2.0)
+                u = f / rate_hz
+                at = (u - np.floor(u)) * points
+                first = np.ceil(at)
+                t = (first - at) * PIECES
+                piece = min(int(t), PIECES - 1)
+                t -= piece
+                index = min(int(first), points)
+                for j in range(WIDTH):
+                    c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
+                    c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
+                    w = ((c3 * t + c2) * t + c1) * t + c0
+                    w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
+                    out = grid[row, index + j]
+                    if order < 2:
+                        for k in range(numbers):
+                            out[k] += wave[k] * (w1 * shift[k] + w)
+                        continue
+                    w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
+                    w3 = -PIECES * PIECES * PIECES * c3
+                    for k in range(numbers):
+                        out[k] += wave[k] * (((w3 * shift[k] + w2) * shift[k] + w1) * shift[k] + w)
+        drift[row, 0] = moment
+        drift[row, 1] = power
