@@ -37,6 +37,7 @@ class Stream(IntEnum):
     VARIOGRAM = 61
     CELLS = 62
     SAMPLES = 63
+    CALIBRATION = 64
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Int
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.receiver import LidarTable
@@ -92,7 +94,8 @@ class SensorInputs:
     expected_ground: what is known of the ground beforehand; None for nothing.
     weather, lidar: tables of the scenario.
     angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
-    bursts: the chirps of each pulse; None for one.
+    array: finds points in the frames of an array; None for a radar without. module: the array with its true errors.
+    bursts: the chirps of each pulse, or frame; None for one.
     custom_engine: builds an engine in place of the one that the scenario names.
     """
 
@@ -104,6 +107,8 @@ class SensorInputs:
     weather: WeatherTable
     lidar: LidarTable
     angle: AngleEstimator | None = None
+    array: ArrayEstimator | None = None
+    module: MimoArray | None = None
     bursts: Bursts | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None
 
