@@ -38,6 +38,7 @@ SPREAD_ACCURACY = 1e-4
 HIGHEST_ORDER = 3
 # Chirps whose grids are held at once, in complex numbers.
 GRID_NUMBERS = 2**21
+LANES = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,24 +88,26 @@ def array_beats(
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
     pieces, correction = spreading_pieces(), sample_correction(samples, points)
     receivers = len(array.receiver_m)
+    # Processors handle several at once; others are computed for nothing, in less time than one by one.
+    lanes = receivers if receivers == 1 else -(-receivers // LANES) * LANES
     beats = np.empty((count, receivers, samples), dtype=np.complex128)
     time_s = (np.arange(count) - (count - 1) / 2) * array.period_s
     code = np.tile(array.sent_code, (array.blocks, 1))
     tx_m, rx_m = (
         np.ascontiguousarray(np.einsum("mij,ej->mei", chirps.R_world_antenna, e))
-        for e in (array.transmitter_m, array.receiver_m)
+        for e in (array.transmitter_m, np.pad(array.receiver_m, ((0, lanes - receivers), (0, 0))))
     )
     widest_m = float(np.linalg.norm(array.receiver_m, axis=1).max())
     order = _order(widest_m * abs(chirp.slope_hz_s) / speed_of_light / chirp.sampling_rate_hz * points)
     sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
     sampled = (*sampled_band_hz(chirp), chirp.sampling_rate_hz, speed_of_light)
     table = (paths.place_m, paths.beyond_m, paths.drift_mps, paths.gain)
-    at_once = max(1, GRID_NUMBERS // (points * receivers))
+    at_once = max(1, GRID_NUMBERS // (points * lanes))
     n, half = np.arange(samples) - samples // 2, WIDTH // 2
     for first in range(0, count, at_once):
         rows = slice(first, min(first + at_once, count))
         some = rows.stop - rows.start
-        grid, drift = np.zeros((some, points + WIDTH, 2 * receivers)), np.zeros((some, 2))
+        grid, drift = np.zeros((some, points + WIDTH, 2 * lanes)), np.zeros((some, 2))
         poses = chirps.position_m[rows], chirps.velocity_mps[rows], tx_m[rows], rx_m[rows], time_s[rows], code[rows]
         over_rows(
             lambda start, stop, poses=poses, out=(grid, drift): _spread_channels(
@@ -115,7 +118,7 @@ def array_beats(
         folded = grid[:, half : half + points]
         folded[:, points - half :] += grid[:, :half]  # the frequency axis is periodic
         folded[:, :half] += grid[:, points + half :]
-        folded = folded[..., :receivers] + 1j * folded[..., receivers:]
+        folded = folded[..., :receivers] + 1j * folded[..., lanes : lanes + receivers]
         transform = ifft(folded, axis=1, overwrite_x=True, norm="forward", workers=cores())
         bend = drift[:, 0] / np.maximum(drift[:, 1], 1e-300) / chirp.sampling_rate_hz**2
         turn = correction * np.exp(2j * np.pi * np.outer(bend, n.astype(float) ** 2))
@@ -139,77 +142,101 @@ def _order(shift_points: float) -> int:
 @no_type_check
 def _spread_channels(begin, end, table, poses, sweep, pieces, order, grid, drift):
     """Spread the paths of some chirps onto the grids of all receivers."""
+    code, tx = poses[5], poses[2]
+    paths = len(table[0])
+    # Of each path: direction over the distance and over c, frequency, turns, turns per second of way, amplitude.
+    columns = np.empty((9, paths))
+    for row in range(begin, end):
+        for i in range(tx.shape[1]):
+            if code[row, i].real != 0.0 or code[row, i].imag != 0.0:
+                _weigh(row, i, table, poses, sweep, columns, drift)
+                _spread(row, poses[3][row], sweep, columns, pieces, order, grid[row])
+
+
+@compiled
+@no_type_check
+def _weigh(row, i, table, poses, sweep, columns, drift):
+    """Write the columns of all paths from one transmitter of a chirp."""
     place, beyond, drifting, gain = table
-    position, velocity, tx, rx, time_s, code = poses
+    position, velocity, tx, _, time_s, code = poses
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
-    receivers = rx.shape[1]
-    points = grid.shape[1] - WIDTH
-    along = np.empty(receivers)
-    square = np.empty(receivers)
+    px, py, pz = position[row, 0], position[row, 1], position[row, 2]
+    vx, vy, vz = velocity[row, 0], velocity[row, 1], velocity[row, 2]
+    ex, ey, ez = tx[row, i, 0], tx[row, i, 1], tx[row, i, 2]
+    factor, later_s = code[row, i], time_s[row]
+    # No dependence on the previous path, so that the loop vectorises.
+    for p in range(len(place)):
+        x, y, z = place[p, 0] - px, place[p, 1] - py, place[p, 2] - pz
+        distance = np.sqrt(x * x + y * y + z * z)
+        inverse = 1.0 / distance
+        x, y, z = x * inverse, y * inverse, z * inverse
+        stretch = 2.0 * (drifting[p] - (x * vx + y * vy + z * vz)) / c
+        fx, fy, fz = x * distance - ex, y * distance - ey, z * distance - ez
+        way = distance + 2.0 * (beyond[p] + drifting[p] * later_s) + np.sqrt(fx * fx + fy * fy + fz * fz)
+        delay = way / c + centre_s * stretch
+        f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
+        passes = 1.0 if f >= least_hz and f < most_hz else 0.0
+        a, b = passes * gain[p].real, -sign * passes * gain[p].imag
+        columns[0, p], columns[1, p], columns[2, p], columns[3, p] = x, y, z, inverse
+        columns[4, p] = f / rate_hz
+        columns[5, p] = sign * (carrier * delay - slope * delay * delay / 2.0)
+        columns[6, p] = sign * (carrier - slope * delay)
+        columns[7, p] = a * factor.real - b * factor.imag
+        columns[8, p] = a * factor.imag + b * factor.real
+    for p in range(len(place)):
+        x, y, z = columns[0, p], columns[1, p], columns[2, p]
+        stretch = 2.0 * (drifting[p] - (x * vx + y * vy + z * vz)) / c
+        size = columns[7, p] ** 2 + columns[8, p] ** 2
+        drift[row, 0] += size * sign * (slope * stretch - slope * stretch * stretch / 2.0)
+        drift[row, 1] += size
+
+
+@compiled
+@no_type_check
+def _spread(row, rx, sweep, columns, pieces, order, grid):
+    """Spread weighed paths onto the grids of the receivers at places `rx` of one chirp."""
+    carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
+    receivers, points = len(rx), len(grid) - WIDTH
     # Real parts of all receivers, then imaginary ones: one loop over both.
     numbers = 2 * receivers
-    wave, shift = np.empty(numbers), np.empty(numbers)
-    per_second = sign * slope / rate_hz * points
-    for row in range(begin, end):
-        px, py, pz = position[row, 0], position[row, 1], position[row, 2]
-        vx, vy, vz = velocity[row, 0], velocity[row, 1], velocity[row, 2]
+    wave, shift, along = np.empty(numbers), np.empty(numbers), np.empty(receivers)
+    ex, ey, ez, square = np.empty(receivers), np.empty(receivers), np.empty(receivers), np.empty(receivers)
+    for k in range(receivers):
+        ex[k], ey[k], ez[k] = rx[k, 0], rx[k, 1], rx[k, 2]
+        square[k] = ex[k] * ex[k] + ey[k] * ey[k] + ez[k] * ez[k]
+    per_second, per_metre = sign * slope / rate_hz * points, 1.0 / c
+    for p in range(columns.shape[1]):
+        zr, zi = columns[7, p], columns[8, p]
+        if zr == 0.0 and zi == 0.0:
+            continue
+        x, y, z, inverse = columns[0, p], columns[1, p], columns[2, p], columns[3, p]
+        turns, per_way, half = columns[5, p], columns[6, p], 0.5 * inverse
         for k in range(receivers):
-            square[k] = rx[row, k, 0] ** 2 + rx[row, k, 1] ** 2 + rx[row, k, 2] ** 2
-        power = moment = 0.0
-        for p in range(len(place)):
-            x, y, z = place[p, 0] - px, place[p, 1] - py, place[p, 2] - pz
-            distance = np.sqrt(x * x + y * y + z * z)
-            inverse = 1.0 / distance
-            ux, uy, uz = x * inverse, y * inverse, z * inverse
-            rate = drifting[p] - (ux * vx + uy * vy + uz * vz)
-            stretch = 2.0 * rate / c
-            way = distance + 2.0 * (beyond[p] + drifting[p] * time_s[row])
-            half = 0.5 * inverse
-            for k in range(receivers):
-                a = ux * rx[row, k, 0] + uy * rx[row, k, 1] + uz * rx[row, k, 2]
-                along[k] = (-a + (square[k] - a * a) * half * (1.0 + a * inverse)) / c
-            for i in range(tx.shape[1]):
-                factor = code[row, i]
-                if factor.real == 0.0 and factor.imag == 0.0:
-                    continue
-                tx_x, tx_y, tx_z = x - tx[row, i, 0], y - tx[row, i, 1], z - tx[row, i, 2]
-                sent = np.sqrt(tx_x * tx_x + tx_y * tx_y + tx_z * tx_z)
-                delay = (sent + way) / c + centre_s * stretch
-                f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
-                if f < least_hz or f >= most_hz:
-                    continue
-                a, b = gain[p].real, -sign * gain[p].imag
-                zr, zi = a * factor.real - b * factor.imag, a * factor.imag + b * factor.real
-                turns = sign * (carrier * delay - slope * delay * delay / 2.0)
-                per_way = sign * (carrier - slope * delay)
-                for k in range(receivers):
-                    cosine, sine = turned(turns + per_way * along[k])
-                    wave[k] = zr * cosine - zi * sine
-                    wave[receivers + k] = zr * sine + zi * cosine
-                    shift[k] = shift[receivers + k] = per_second * along[k]
-                size = zr * zr + zi * zi
-                power += size
-                moment += size * sign * (slope * stretch - slope * stretch * stretch / 2.0)
-                u = f / rate_hz
-                at = (u - np.floor(u)) * points
-                first = np.ceil(at)
-                t = (first - at) * PIECES
-                piece = min(int(t), PIECES - 1)
-                t -= piece
-                index = min(int(first), points)
-                for j in range(WIDTH):
-                    c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
-                    c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
-                    w = ((c3 * t + c2) * t + c1) * t + c0
-                    w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
-                    out = grid[row, index + j]
-                    if order < 2:
-                        for k in range(numbers):
-                            out[k] += wave[k] * (w1 * shift[k] + w)
-                        continue
-                    w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
-                    w3 = -PIECES * PIECES * PIECES * c3
-                    for k in range(numbers):
-                        out[k] += wave[k] * (((w3 * shift[k] + w2) * shift[k] + w1) * shift[k] + w)
-        drift[row, 0] = moment
-        drift[row, 1] = power
+            a = x * ex[k] + y * ey[k] + z * ez[k]
+            along[k] = per_metre * ((square[k] - a * a) * half * (1.0 + a * inverse) - a)
+        for k in range(receivers):
+            cosine, sine = turned(turns + per_way * along[k])
+            wave[k] = zr * cosine - zi * sine
+            wave[receivers + k] = zr * sine + zi * cosine
+            shift[k] = shift[receivers + k] = per_second * along[k]
+        u = columns[4, p]
+        at = (u - np.floor(u)) * points
+        first = np.ceil(at)
+        t = (first - at) * PIECES
+        piece = min(int(t), PIECES - 1)
+        t -= piece
+        index = min(int(first), points)
+        for j in range(WIDTH):
+            c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
+            c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
+            w = ((c3 * t + c2) * t + c1) * t + c0
+            w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
+            out = grid[index + j]
+            if order < 2:
+                for k in range(numbers):
+                    out[k] += wave[k] * (w1 * shift[k] + w)
+                continue
+            w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
+            w3 = -PIECES * PIECES * PIECES * c3
+            for k in range(numbers):
+                out[k] += wave[k] * (((w3 * shift[k] + w2) * shift[k] + w1) * shift[k] + w)
