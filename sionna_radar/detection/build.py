@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector
@@ -62,6 +62,7 @@ def build_array_estimator(
         rate_window=table.rate_window,
         min_range_m=processing.min_range_m,
         false_alarm_probability=processing.cfar.false_alarm_probability,
+        dynamic_range_db=processing.dynamic_range_db,
         half_view_rad=float(np.deg2rad(table.half_view_deg)),
         average_cells=table.average_cells,
         max_sigma_m=table.max_sigma_m,

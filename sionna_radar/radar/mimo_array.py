@@ -70,6 +70,14 @@ class MimoArray:
         return len(self.transmitter_m) * len(self.receiver_m)
 
     @property
+    def gain(self) -> float:
+        """Signal-to-noise ratio of a beam over that of one channel with one transmitter: squared length of `steering`.
+
+        The number of virtual elements, times that of the transmitters where all send at once.
+        """
+        return float(np.sum(np.abs(self.code) ** 2)) * len(self.receiver_m)
+
+    @property
     def sent_code(self) -> Complex[np.ndarray, "code tx"]:
         """Factors that the transmitters truly have."""
         return self.code if self.true_code is None else self.true_code
@@ -158,7 +166,9 @@ class MimoArray:
         sent = np.exp(turn * self.steps_m(self.transmitter_m, direction, bent)) @ self.code.T
         sent = sent * np.exp(2 * turn * np.outer(range_rate_mps, self.chirp_in_block_s))
         got = np.exp(turn * self.steps_m(self.receiver_m, direction, bent))
-        vectors: Complex[np.ndarray, "n channel"] = (sent[:, :, None] * got[:, None, :]).reshape(len(direction), -1)
+        vectors: Complex[np.ndarray, "n channel"] = (sent[:, :, None] * got[:, None, :]).reshape(
+            len(direction), sent.shape[1] * got.shape[1]
+        )
         return vectors
 
     def factor(

@@ -418,9 +418,7 @@ def check_angle(
         raise refuse(*problem)
 
 
-def check_array(
-    processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str
-) -> None:
+def check_array(processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str) -> None:
     """Reject an array, or its absence, that conflicts with the rest of a scenario."""
     array = radar.array
     if sensor != "mimo":

@@ -396,13 +396,15 @@ class ArrayTable(Table):
     """directions farther from the antenna's axis are left out."""
     rate_window: Literal["hann", "hamming", "blackman", "blackmanharris"] = "hann"
     """over the chirps of a frame."""
-    average_cells: tuple[Annotated[int, Field(strict=True, ge=1, le=64)], Annotated[int, Field(strict=True, ge=1, le=64)]] = (
+    average_cells: tuple[
+        Annotated[int, Field(strict=True, ge=1, le=64)], Annotated[int, Field(strict=True, ge=1, le=64)]
+    ] = (
         2,
         2,
     )
     """cells of range rate and of range that are averaged to a point."""
     max_sigma_m: Positive = 2.0
-    """points of a larger standard deviation across the ray are left out."""
+    """points of a larger standard deviation, along the ray or across it, are left out."""
 
     @model_validator(mode="after")
     def _elements_are_apart(self) -> ArrayTable:

@@ -17,6 +17,7 @@ paths.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import no_type_check
 
 import numpy as np
@@ -109,12 +110,7 @@ def array_beats(
         some = rows.stop - rows.start
         grid, drift = np.zeros((some, points + WIDTH, 2 * lanes)), np.zeros((some, 2))
         poses = chirps.position_m[rows], chirps.velocity_mps[rows], tx_m[rows], rx_m[rows], time_s[rows], code[rows]
-        over_rows(
-            lambda start, stop, poses=poses, out=(grid, drift): _spread_channels(
-                start, stop, table, poses, (*sweep, *sampled), pieces, order, *out
-            ),
-            some,
-        )
+        over_rows(partial(_spread_chirps, table, poses, (*sweep, *sampled), pieces, order, grid, drift), some)
         folded = grid[:, half : half + points]
         folded[:, points - half :] += grid[:, :half]  # the frequency axis is periodic
         folded[:, :half] += grid[:, points + half :]
@@ -140,7 +136,7 @@ def _order(shift_points: float) -> int:
 
 @compiled
 @no_type_check
-def _spread_channels(begin, end, table, poses, sweep, pieces, order, grid, drift):
+def _spread_chirps(table, poses, sweep, pieces, order, grid, drift, begin, end):
     """Spread the paths of some chirps onto the grids of all receivers."""
     code, tx = poses[5], poses[2]
     paths = len(table[0])
@@ -195,7 +191,7 @@ def _weigh(row, i, table, poses, sweep, columns, drift):
 @no_type_check
 def _spread(row, rx, sweep, columns, pieces, order, grid):
     """Spread weighed paths onto the grids of the receivers at places `rx` of one chirp."""
-    carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
+    slope, sign, rate_hz, c = sweep[1], sweep[2], sweep[6], sweep[7]
     receivers, points = len(rx), len(grid) - WIDTH
     # Real parts of all receivers, then imaginary ones: one loop over both.
     numbers = 2 * receivers

@@ -12,9 +12,14 @@ import numpy as np
 from jaxtyping import Float, Inexact, Int
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
-from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
-from sionna_radar.detection.build import build_angle_estimator, build_array_estimator, build_detector, build_expected_ground
+from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.build import (
+    build_angle_estimator,
+    build_array_estimator,
+    build_detector,
+    build_expected_ground,
+)
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -475,7 +480,7 @@ def _map(
 
 
 def _mapped_extent_m(local: Scenario, flight: _FlightOver) -> Extent:
-    """Return the extent of the DEM: the ground that the beam's axis meets, or what an array sees to both sides of it."""
+    """Return the extent of the DEM: the ground that the beam's axis meets, or what an array sees to its sides."""
     extent_m = flight.hits.extent_m
     if local.radar.array is None or local.sensor != "mimo":
         return extent_m

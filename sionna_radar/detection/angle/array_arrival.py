@@ -7,9 +7,9 @@ that the motion between transmitters is compensated exactly. Range rates beyond 
 same cell; all cones that the antenna sees are compared, and the phases of the codes tell them apart.
 
 A cell holds up to two sources, as the cone meets level ground left and right of the track. The second is sought in
-what the first leaves, and both are refined in turns (RELAX: Li and Stoica 1996, "Efficient mixed-spectrum estimation
-with applications to target feature extraction", IEEE Trans. Signal Process. 44), which is maximum likelihood for
-sources of unknown amplitudes in white noise.
+what the first leaves, and both are refined in turns, each where the part of its vector outside of the other's explains
+most: maximum likelihood for sources of unknown amplitudes in white noise, by alternating projection (Ziskind and Wax
+1988, "Maximum likelihood localization of multiple sources by alternating projection", IEEE Trans. ASSP 36).
 
 The variance of phi is its Cramer-Rao bound for unknown amplitudes (Stoica and Nehorai 1989, see `row`): w / (2 |s|^2 h)
 with the noise w of a channel and h the squared length of a's derivative outside of the space of all sources. Speckle
@@ -18,10 +18,12 @@ given the power P of their sum the place of its phase centre scatters by that ov
 Gaussian sum whose first moment has an independent part (Goodman 2007, "Speckle Phenomena in Optics", app. A). The
 phase centre lies on the ground; the cell's centre, where the point is placed, does not.
 
-Detection precedes all that. The power of a cell, summed over C channels of independent noise, has a gamma distribution.
-Ground fills whole regions of a map, and a ring of cells beside the tested one holds more of it; so the noise is
-estimated from an order statistic of the whole map, its lowest tenth. Echoes can only raise that, so that the rate of
-false alarms is at most the nominal one, and equal to it without echoes.
+A source is detected where the spectrum exceeds a multiple of the noise. In noise the spectrum at a direction is
+exponential, and that of G scanned directions exceeds w ln(G / p) somewhere with a probability of at most p (Boole's
+inequality), which is the rate of false alarms of a cell. Directions are scanned only in cells whose power, summed over
+the channels and so gamma distributed, belongs to the strongest few of a hundred cells of noise. Ground fills whole
+regions of a map, and a ring of cells beside the tested one holds more of it; so the noise is estimated from an order
+statistic of the whole map, its lowest tenth. Echoes can only raise that, and lower the rate of false alarms.
 """
 
 from collections.abc import Iterator
@@ -29,23 +31,27 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex, Float, Inexact, Int
+from jaxtyping import Bool, Complex, Float, Inexact, Int
 from scipy.ndimage import uniform_filter
-from scipy.special import gammaincinv, gammainccinv
+from scipy.special import gammainccinv, gammaincinv
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.numerics import window
+from sionna_radar.foundation.numerics import from_db, window
 from sionna_radar.radar.mimo_array import MimoArray
 
 # Quantile of a map's powers that tells its noise.
 NOISE_QUANTILE = 0.1
+# Share of cells of noise in which directions are scanned.
+SCANNED = 0.03
 # Directions in a spectrum per beam of the virtual array.
 STEPS_IN_BEAM = 8
 # Passes over both sources.
-REFINEMENTS = 3
+REFINEMENTS = 4
+# Least share of a source's vector outside of another's: a quarter of a beam.
+LEAST_APART = 0.05
 # Cells over which the mean power about one is taken, each way.
 MEAN_CELLS = 5
 # Error of a steering vector's phases by a range that many cells share, rad.
@@ -105,16 +111,24 @@ class Cone:
         return self.axis + np.outer(np.cos(phi_rad), self.across) + np.outer(np.sin(phi_rad), self.up)
 
 
+@dataclass(frozen=True)
+class Angles(Columns):
+    """Directions on cones: the angle about the motion, and the number of the cone."""
+
+    phi_rad: Float[np.ndarray, " n"]
+    cone: Int[np.ndarray, " n"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ArrayEstimator:
     """Finds points in the frames of an array.
 
     analyser: of the range, one bin a cell. array: its calibrated model.
     rate_window: over the blocks. min_range_m: nothing nearer is detected.
-    false_alarm_probability: in a cell, and of a second source in one.
+    false_alarm_probability: of a source in a cell. dynamic_range_db: weaker sources beside another are left out.
     half_view_rad: directions farther from boresight are left out.
     average_cells: cells of range rate and of range that are averaged to a point.
-    max_sigma_m: points of a larger standard deviation across the ray are left out.
+    max_sigma_m: points of a larger standard deviation are left out.
     """
 
     analyser: SpectrumAnalyser
@@ -122,13 +136,14 @@ class ArrayEstimator:
     rate_window: str
     min_range_m: float
     false_alarm_probability: float
+    dynamic_range_db: float
     half_view_rad: float
     average_cells: tuple[int, int]
     max_sigma_m: float
 
     def map(self, beats: Inexact[np.ndarray, "chirp rx sample"]) -> FrameMap:
         """Return the channels of a frame over range rate and range, with the noise."""
-        array, (chirps, receivers, samples) = self.array, beats.shape
+        array, (_, receivers, samples) = self.array, beats.shape
         spectrum = self.analyser.amplitude(beats.reshape(-1, samples))
         shaped = spectrum.reshape(array.blocks, len(array.code) * receivers, -1)
         row = np.arange(array.blocks) - array.blocks // 2
@@ -156,10 +171,10 @@ class ArrayEstimator:
         tested = found.power[:, found.range_m >= self.min_range_m]
         return float(np.quantile(tested, NOISE_QUANTILE) * channels / gammaincinv(channels, NOISE_QUANTILE))
 
-    def detected(self, found: FrameMap) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
-        """Return the rows and cells of a map that exceed the threshold."""
+    def scanned(self, found: FrameMap) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
+        """Return the rows and cells of a map in which directions are scanned."""
         channels = found.channel.shape[2]
-        threshold = found.noise * gammainccinv(channels, self.false_alarm_probability) / channels
+        threshold = found.noise * gammainccinv(channels, max(SCANNED, self.false_alarm_probability)) / channels
         rate, cell = np.nonzero((found.power > threshold) & (found.range_m >= self.min_range_m))
         return rate, cell
 
@@ -179,15 +194,14 @@ class ArrayEstimator:
         return self._points(found, sources, pulse, measured)
 
     def sources(self, found: FrameMap, measured: Pose) -> Sources:
-        """Return the sources in all detected cells of a map."""
-        rate, cell = self.detected(found)
-        parts = []
+        """Return the detected sources of a map."""
+        rate, cell = self.scanned(found)
+        parts = [_none()]
         for row in np.unique(rate):
             cones = list(self._cones(float(found.rate_mps[row]), measured))
             own = cell[rate == row]
-            for some in self._alike(found.range_m[own]):
-                parts.append(self._in_row(found, int(row), own[some], cones))
-        return Sources.concatenate([p for p in parts if p is not None]) if parts else _none()
+            parts += [self._in_row(found, int(row), own[some], cones) for some in self._alike(found.range_m[own])]
+        return Sources.concatenate(parts)
 
     def _cones(self, rate_mps: float, measured: Pose) -> Iterator[Cone]:
         """Yield the cones of all range rates that fold into one and lie within view."""
@@ -212,9 +226,7 @@ class ArrayEstimator:
             sine = np.sqrt(1 - cosine**2)
             nearest = cosine * ahead[0] + sine * up[0]
             if nearest >= np.cos(self.half_view_rad):
-                yield Cone(
-                    range_rate_mps=rate, fold=fold, axis=cosine * ahead, across=sine * across, up=sine * up
-                )
+                yield Cone(range_rate_mps=rate, fold=fold, axis=cosine * ahead, across=sine * across, up=sine * up)
 
     def _alike(self, range_m: Float[np.ndarray, " cell"]) -> Iterator[Int[np.ndarray, " some"]]:
         """Yield cells whose wavefronts are bent alike."""
@@ -237,53 +249,65 @@ class ArrayEstimator:
             number.append(np.full(len(seen), index))
         return np.concatenate(angle), np.concatenate(number)
 
-    def _in_row(self, found: FrameMap, row: int, cell: Int[np.ndarray, " cell"], cones: list[Cone]) -> Sources | None:
+    def _in_row(self, found: FrameMap, row: int, cell: Int[np.ndarray, " cell"], cones: list[Cone]) -> Sources:
         if not cones or not len(cell):
-            return None
+            return _none()
         phi, cone = self._grid(cones)
         if len(phi) < 3:
-            return None
+            return _none()
         scan = _Scan(self.array, cones, phi, cone, float(1 / np.mean(1 / found.range_m[cell])))
         x = found.channel[row, cell]
-        channels = x.shape[1]
+        # Over the power of a source: the beams add the channels.
+        least = found.noise * np.log(len(phi) / self.false_alarm_probability) / self.array.gain
         first = scan.strongest(x)
-        beams = max(1.0, len(phi) / STEPS_IN_BEAM)
-        least = found.noise * -np.log(self.false_alarm_probability / beams) / channels
+        level = scan.power(x, first)
+        one = level >= least
+        if not one.any():
+            return _none()
+        x, cell, first, level = x[one], cell[one], first.rows(np.flatnonzero(one)), level[one]
         left = x - scan.fitted(x, first)
         second = scan.strongest(left)
-        for _ in range(REFINEMENTS):
-            first = scan.strongest(x - scan.fitted(left, second), near=first)
-            left = x - scan.fitted(x - scan.fitted(left, second), first)
-            second = scan.strongest(left, near=second)
-        amplitudes, h = scan.solved(x, (first, second))
-        power = np.abs(amplitudes) ** 2
-        both = (power.min(axis=1) >= least) & np.isfinite(h).all(axis=1)
-        single = np.flatnonzero(~both)
-        parts = [
-            self._table(scan, found, row, cell, both, where, power[:, n], h[:, n])
-            for n, where in enumerate((first, second))
-        ]
-        if len(single):
-            alone = scan.strongest(x[single])
-            amplitude, bound = scan.solved(x[single], (alone,))
-            power_1 = np.abs(amplitude[:, 0]) ** 2
-            parts.append(
-                self._table(scan, found, row, cell[single], power_1 >= least, alone, power_1, bound[:, 0])
-            )
+        beside = scan.power(left, second)
+        two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level)
+        single, double = np.flatnonzero(~two), np.flatnonzero(two)
+        both = self._refined(scan, x[double], first.rows(double), second.rows(double))
+        parts = []
+        for sources, own in (((first.rows(single),), single), (both, double)):
+            amplitude, h = scan.solved(x[own], sources)
+            for number, where in enumerate(sources):
+                power = np.abs(amplitude[:, number]) ** 2
+                parts.append(self._table(scan, found, row, cell[own], where, power, h[:, number]))
         return Sources.concatenate(parts)
 
-    def _table(self, scan: "_Scan", found: FrameMap, row: int, cell, kept, where, power, h) -> Sources:
-        phi, cone = where
-        with np.errstate(divide="ignore"):
-            sigma = np.sqrt(found.noise / (2 * power * h))
-        fold = np.array([c.fold for c in scan.cones])[cone]
+    @staticmethod
+    def _refined(
+        scan: "_Scan", x: Complex[np.ndarray, "n channel"], first: Angles, second: Angles
+    ) -> tuple[Angles, Angles]:
+        """Return both sources of cells, each sought anew in what the other leaves."""
+        for _ in range(REFINEMENTS):
+            first = scan.strongest(x, near=first, beside=second)
+            second = scan.strongest(x, near=second, beside=first)
+        return first, second
+
+    def _table(
+        self,
+        scan: "_Scan",
+        found: FrameMap,
+        row: int,
+        cell: Int[np.ndarray, " n"],
+        where: Angles,
+        power: Float[np.ndarray, " n"],
+        h: Float[np.ndarray, " n"],
+    ) -> Sources:
+        kept = np.isfinite(h)
+        where = where.rows(np.flatnonzero(kept))
         return Sources(
-            rate=np.full(np.count_nonzero(kept), row),
+            rate=np.full(len(where), row),
             cell=cell[kept],
-            fold=fold[kept],
-            direction=scan.direction(phi, cone)[kept],
+            fold=np.array([c.fold for c in scan.cones])[where.cone],
+            direction=scan.direction(where),
             power=power[kept],
-            phi_sigma_rad=sigma[kept],
+            phi_sigma_rad=np.sqrt(found.noise / (2 * power * h)[kept]),
         )
 
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
@@ -307,10 +331,8 @@ class ArrayEstimator:
             np.einsum("ni,ni->n", vertical, away) * cone_sigma,
             np.einsum("ni,ni->n", vertical, around) * sine * sources.phi_sigma_rad,
         )
-        usable = across * range_m <= self.max_sigma_m
-        return self._averaged(
-            found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse
-        )
+        usable = np.flatnonzero(np.hypot(across * range_m, range_sigma) <= self.max_sigma_m)
+        return self._averaged(found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
 
     @staticmethod
     def spread_cells(weights: Float[np.ndarray, " n"]) -> float:
@@ -361,7 +383,7 @@ class ArrayEstimator:
             range_m=length[order],
             range_sigma_m=np.sqrt(range_2)[order],
             power=strongest[order],
-            snr_db=10 * np.log10(np.maximum(strongest / found.noise * found.channel.shape[2], 1e-30))[order],
+            snr_db=10 * np.log10(np.maximum(strongest / found.noise * self.array.gain, 1e-30))[order],
             direction=(mean / length[:, None])[order],
             across_sigma_rad=(np.sqrt(across_2) / length)[order],
         )
@@ -380,10 +402,6 @@ class ArrayEstimator:
         return 1 + (np.minimum(count, full) - 1) / (full - 1) * (raised - 1)
 
 
-# Angle about the motion, and the number of the cone.
-Where = tuple[Float[np.ndarray, " cell"], Int[np.ndarray, " cell"]]
-
-
 class _Scan:
     """Steering vectors along the cones of a range rate."""
 
@@ -397,27 +415,47 @@ class _Scan:
     ) -> None:
         self.array, self.cones, self.range_m = array, cones, range_m
         self._phi, self._cone = phi_rad, cone
-        self._vectors = self.vectors(phi_rad, cone)
+        self._vectors = self.vectors(Angles(phi_rad, cone))
         self._step = float(np.diff(phi_rad[:2])[0])
 
-    def direction(self, phi_rad: Float[np.ndarray, " n"], cone: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    def direction(self, where: Angles) -> Float[np.ndarray, "n 3"]:
         """Return unit vectors in the antenna's frame."""
         axis, across, up = (np.array([getattr(c, name) for c in self.cones]) for name in ("axis", "across", "up"))
-        return axis[cone] + np.cos(phi_rad)[:, None] * across[cone] + np.sin(phi_rad)[:, None] * up[cone]
+        phi, cone = where.phi_rad[:, None], where.cone
+        return axis[cone] + np.cos(phi) * across[cone] + np.sin(phi) * up[cone]
 
-    def vectors(self, phi_rad: Float[np.ndarray, " n"], cone: Int[np.ndarray, " n"]) -> Complex[np.ndarray, "n channel"]:
+    def vectors(self, where: Angles) -> Complex[np.ndarray, "n channel"]:
         """Return steering vectors."""
-        rate_mps = np.array([c.range_rate_mps for c in self.cones])[cone]
-        return self.array.steering(self.direction(phi_rad, cone), rate_mps, self.range_m)
+        rate_mps = np.array([c.range_rate_mps for c in self.cones])[where.cone]
+        return self.array.steering(self.direction(where), rate_mps, self.range_m)
 
-    def strongest(self, x: Complex[np.ndarray, "cell channel"], near: Where | None = None) -> Where:
+    def strongest(
+        self, x: Complex[np.ndarray, "cell channel"], near: Angles | None = None, beside: Angles | None = None
+    ) -> Angles:
         """Return where the spectrum of each cell is highest, to a fraction of a step.
 
-        near: look no farther than a beam from there.
+        Parameters
+        ----------
+        x:
+            The channels of each cell.
+        near:
+            Look no farther than a beam from there.
+        beside:
+            Another source, whose vector counts with none of the spectrum.
+
         """
+        if beside is not None:
+            x = x - self.fitted(x, beside)
         power = np.abs(x @ self._vectors.conj().T) ** 2
+        if beside is not None:
+            other = self.vectors(beside)
+            size = np.sum(np.abs(other) ** 2, axis=1, keepdims=True)
+            shared = np.abs(other @ self._vectors.conj().T) ** 2 / size**2
+            power = np.where(shared < 1 - LEAST_APART, power / np.maximum(1 - shared, LEAST_APART), 0.0)
         if near is not None:
-            close = (np.abs(self._phi - near[0][:, None]) <= STEPS_IN_BEAM * self._step) & (self._cone == near[1][:, None])
+            close = (np.abs(self._phi - near.phi_rad[:, None]) <= STEPS_IN_BEAM * self._step) & (
+                self._cone == near.cone[:, None]
+            )
             power = np.where(close, power, -1.0)
         best = np.argmax(power, axis=1)
         row = np.arange(len(x))
@@ -428,25 +466,33 @@ class _Scan:
         bend = left - 2 * centre + right
         inner &= (bend < 0) & (left >= 0) & (right >= 0)
         offset = np.where(inner, np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -0.5, 0.5), 0.0)
-        return self._phi[best] + offset * self._step, self._cone[best]
+        return Angles(self._phi[best] + offset * self._step, self._cone[best])
 
-    def fitted(self, x: Complex[np.ndarray, "cell channel"], where: Where) -> Complex[np.ndarray, "cell channel"]:
+    def power(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Float[np.ndarray, " cell"]:
+        """Return the power of a source there, by its spectrum."""
+        a = self.vectors(where)
+        size = np.sum(np.abs(a) ** 2, axis=1)
+        power: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / size**2
+        return power
+
+    def fitted(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Complex[np.ndarray, "cell channel"]:
         """Return the part of the channels that one source explains."""
-        a = self.vectors(*where)
+        a = self.vectors(where)
         amplitude = np.einsum("nc,nc->n", a.conj(), x) / np.sum(np.abs(a) ** 2, axis=1)
         part: Complex[np.ndarray, "cell channel"] = amplitude[:, None] * a
         return part
 
     def solved(
-        self, x: Complex[np.ndarray, "cell channel"], sources: tuple[Where, ...]
+        self, x: Complex[np.ndarray, "cell channel"], sources: tuple[Angles, ...]
     ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
         """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
-        a = np.stack([self.vectors(*where) for where in sources], axis=2)
+        a = np.stack([self.vectors(where) for where in sources], axis=2)
         step = 0.01 * self._step
-        slope = np.stack(
-            [(self.vectors(phi + step, cone) - self.vectors(phi - step, cone)) / (2 * step) for phi, cone in sources],
-            axis=2,
-        )
+        slopes = []
+        for where in sources:
+            ahead, behind = (self.vectors(Angles(where.phi_rad + side * step, where.cone)) for side in (1, -1))
+            slopes.append((ahead - behind) / (2 * step))
+        slope = np.stack(slopes, axis=2)
         gram = np.einsum("ncs,nct->nst", a.conj(), a)
         singular = np.abs(np.linalg.det(gram)) < 1e-6 * a.shape[1] ** len(sources)
         gram[singular] = np.eye(len(sources))
@@ -460,6 +506,4 @@ class _Scan:
 
 def _none() -> Sources:
     index, number = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return Sources(
-        rate=index, cell=index, fold=index, direction=np.zeros((0, 3)), power=number, phi_sigma_rad=number
-    )
+    return Sources(rate=index, cell=index, fold=index, direction=np.zeros((0, 3)), power=number, phi_sigma_rad=number)

@@ -7,8 +7,8 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Int
 
-from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
