@@ -11,6 +11,10 @@ what the first leaves, and both are refined in turns, each where the part of its
 most: maximum likelihood for sources of unknown amplitudes in white noise, by alternating projection (Ziskind and Wax
 1988, "Maximum likelihood localization of multiple sources by alternating projection", IEEE Trans. ASSP 36).
 
+Where another direction explains a cell nearly as well (a side lobe, or a cone of another fold), the source is left out:
+the difference of both powers over the noise is the logarithm of the likelihoods' ratio, and must reach that of a false
+alarm.
+
 The variance of phi is its Cramer-Rao bound for unknown amplitudes (Stoica and Nehorai 1989, see `row`): w / (2 |s|^2 h)
 with the noise w of a channel and h the squared length of a's derivative outside of the space of all sources. Speckle
 adds to it: a cell's scatterers spread in range and range rate with the standard deviation of the windows' response, and
@@ -31,7 +35,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Inexact, Int
+from jaxtyping import Complex, Float, Inexact, Int
 from scipy.ndimage import uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
@@ -271,12 +275,14 @@ class ArrayEstimator:
         two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level)
         single, double = np.flatnonzero(~two), np.flatnonzero(two)
         both = self._refined(scan, x[double], first.rows(double), second.rows(double))
-        parts = []
+        parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
         for sources, own in (((first.rows(single),), single), (both, double)):
             amplitude, h = scan.solved(x[own], sources)
             for number, where in enumerate(sources):
-                power = np.abs(amplitude[:, number]) ** 2
-                parts.append(self._table(scan, found, row, cell[own], where, power, h[:, number]))
+                left = x[own] - scan.fitted(x[own], sources[1 - number]) if len(sources) > 1 else x[own]
+                kept = np.flatnonzero((scan.lead(left, where) >= least_lead) & np.isfinite(h[:, number]))
+                power = np.abs(amplitude[kept, number]) ** 2
+                parts.append(self._table(scan, found, row, cell[own[kept]], where.rows(kept), power, h[kept, number]))
         return Sources.concatenate(parts)
 
     @staticmethod
@@ -299,15 +305,13 @@ class ArrayEstimator:
         power: Float[np.ndarray, " n"],
         h: Float[np.ndarray, " n"],
     ) -> Sources:
-        kept = np.isfinite(h)
-        where = where.rows(np.flatnonzero(kept))
         return Sources(
             rate=np.full(len(where), row),
-            cell=cell[kept],
+            cell=cell,
             fold=np.array([c.fold for c in scan.cones])[where.cone],
             direction=scan.direction(where),
-            power=power[kept],
-            phi_sigma_rad=np.sqrt(found.noise / (2 * power * h)[kept]),
+            power=power,
+            phi_sigma_rad=np.sqrt(found.noise / (2 * power * h)),
         )
 
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
@@ -474,6 +478,14 @@ class _Scan:
         size = np.sum(np.abs(a) ** 2, axis=1)
         power: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / size**2
         return power
+
+    def lead(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Float[np.ndarray, " cell"]:
+        """Return by how much the power of a source exceeds that of any farther than a beam away, or on another cone."""
+        size = np.sum(np.abs(self._vectors[0]) ** 2)
+        power = np.abs(x @ self._vectors.conj().T) ** 2 / size**2
+        close = np.abs(self._phi - where.phi_rad[:, None]) <= STEPS_IN_BEAM * self._step
+        away = np.where(close & (self._cone == where.cone[:, None]), 0.0, power)
+        return self.power(x, where) - away.max(axis=1)
 
     def fitted(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Complex[np.ndarray, "cell channel"]:
         """Return the part of the channels that one source explains."""
