@@ -51,9 +51,11 @@ NOISE_QUANTILE = 0.1
 # Share of cells of noise in which directions are scanned.
 SCANNED = 0.03
 # Directions in a spectrum per beam of the virtual array.
-STEPS_IN_BEAM = 8
+STEPS_IN_BEAM = 4
+# Steps of a parabola to a source's place, each half as wide.
+ASCENTS = 3
 # Passes over both sources.
-REFINEMENTS = 4
+REFINEMENTS = 6
 # Least share of a source's vector outside of another's: a quarter of a beam.
 LEAST_APART = 0.05
 # Cells over which the mean power about one is taken, each way.
@@ -204,7 +206,10 @@ class ArrayEstimator:
         for row in np.unique(rate):
             cones = list(self._cones(float(found.rate_mps[row]), measured))
             own = cell[rate == row]
-            parts += [self._in_row(found, int(row), own[some], cones) for some in self._alike(found.range_m[own])]
+            parts += [
+                self._in_row(found, int(row), own[some], cones, _down(measured))
+                for some in self._alike(found.range_m[own])
+            ]
         return Sources.concatenate(parts)
 
     def _cones(self, rate_mps: float, measured: Pose) -> Iterator[Cone]:
@@ -253,24 +258,31 @@ class ArrayEstimator:
             number.append(np.full(len(seen), index))
         return np.concatenate(angle), np.concatenate(number)
 
-    def _in_row(self, found: FrameMap, row: int, cell: Int[np.ndarray, " cell"], cones: list[Cone]) -> Sources:
+    def _in_row(
+        self,
+        found: FrameMap,
+        row: int,
+        cell: Int[np.ndarray, " cell"],
+        cones: list[Cone],
+        down: Float[np.ndarray, "3"],
+    ) -> Sources:
         if not cones or not len(cell):
             return _none()
         phi, cone = self._grid(cones)
         if len(phi) < 3:
             return _none()
-        scan = _Scan(self.array, cones, phi, cone, float(1 / np.mean(1 / found.range_m[cell])))
+        scan = _Scan(self.array, cones, phi, cone, float(1 / np.mean(1 / found.range_m[cell])), down)
         x = found.channel[row, cell]
         # Over the power of a source: the beams add the channels.
         least = found.noise * np.log(len(phi) / self.false_alarm_probability) / self.array.gain
-        first = scan.strongest(x)
+        first = scan.refined(x, scan.strongest(x))
         level = scan.power(x, first)
         one = level >= least
         if not one.any():
             return _none()
         x, cell, first, level = x[one], cell[one], first.rows(np.flatnonzero(one)), level[one]
         left = x - scan.fitted(x, first)
-        second = scan.strongest(left)
+        second = scan.refined(left, scan.strongest(left))
         beside = scan.power(left, second)
         two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level)
         single, double = np.flatnonzero(~two), np.flatnonzero(two)
@@ -278,9 +290,9 @@ class ArrayEstimator:
         parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
         for sources, own in (((first.rows(single),), single), (both, double)):
             amplitude, h = scan.solved(x[own], sources)
+            lead = scan.lead(x[own], sources, self.analyser.bin_m)
             for number, where in enumerate(sources):
-                left = x[own] - scan.fitted(x[own], sources[1 - number]) if len(sources) > 1 else x[own]
-                kept = np.flatnonzero((scan.lead(left, where) >= least_lead) & np.isfinite(h[:, number]))
+                kept = np.flatnonzero((lead[:, number] >= least_lead) & np.isfinite(h[:, number]))
                 power = np.abs(amplitude[kept, number]) ** 2
                 parts.append(self._table(scan, found, row, cell[own[kept]], where.rows(kept), power, h[kept, number]))
         return Sources.concatenate(parts)
@@ -291,8 +303,8 @@ class ArrayEstimator:
     ) -> tuple[Angles, Angles]:
         """Return both sources of cells, each sought anew in what the other leaves."""
         for _ in range(REFINEMENTS):
-            first = scan.strongest(x, near=first, beside=second)
-            second = scan.strongest(x, near=second, beside=first)
+            first = scan.refined(x, first, second)
+            second = scan.refined(x, second, first)
         return first, second
 
     def _table(
@@ -317,7 +329,7 @@ class ArrayEstimator:
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
         """Return the means of neighbouring sources, as points with standard deviations."""
         velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
-        down = measured.R_world_antenna[0].T @ np.array([0.0, 0.0, -1.0])
+        down = _down(measured)
         speed = max(float(np.linalg.norm(velocity)), 1e-9)
         u, range_m = sources.direction, found.range_m[sources.cell]
         mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
@@ -416,8 +428,9 @@ class _Scan:
         phi_rad: Float[np.ndarray, " n"],
         cone: Int[np.ndarray, " n"],
         range_m: float,
+        down: Float[np.ndarray, "3"],
     ) -> None:
-        self.array, self.cones, self.range_m = array, cones, range_m
+        self.array, self.cones, self.range_m, self._down = array, cones, range_m, down
         self._phi, self._cone = phi_rad, cone
         self._vectors = self.vectors(Angles(phi_rad, cone))
         self._step = float(np.diff(phi_rad[:2])[0])
@@ -433,44 +446,38 @@ class _Scan:
         rate_mps = np.array([c.range_rate_mps for c in self.cones])[where.cone]
         return self.array.steering(self.direction(where), rate_mps, self.range_m)
 
-    def strongest(
-        self, x: Complex[np.ndarray, "cell channel"], near: Angles | None = None, beside: Angles | None = None
-    ) -> Angles:
-        """Return where the spectrum of each cell is highest, to a fraction of a step.
+    def strongest(self, x: Complex[np.ndarray, "cell channel"]) -> Angles:
+        """Return the scanned direction where the spectrum of each cell is highest."""
+        best = np.argmax(np.abs(x @ self._vectors.conj().T) ** 2, axis=1)
+        return Angles(self._phi[best], self._cone[best])
 
-        Parameters
-        ----------
-        x:
-            The channels of each cell.
-        near:
-            Look no farther than a beam from there.
-        beside:
-            Another source, whose vector counts with none of the spectrum.
+    def refined(self, x: Complex[np.ndarray, "cell channel"], where: Angles, beside: Angles | None = None) -> Angles:
+        """Return where near a direction a source explains most of each cell, besides another source or alone."""
+        step, phi = self._step, where.phi_rad
+        for _ in range(ASCENTS):
+            left, centre, right = (
+                self._explained(x, Angles(phi + side * step, where.cone), beside) for side in (-1, 0, 1)
+            )
+            bend = left - 2 * centre + right
+            peaked = np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -1.0, 1.0)
+            phi = phi + step * np.where(bend < 0, peaked, np.sign(right - left))
+            step = step / 2
+        return Angles(phi, where.cone)
 
-        """
-        if beside is not None:
-            x = x - self.fitted(x, beside)
-        power = np.abs(x @ self._vectors.conj().T) ** 2
+    def _explained(
+        self, x: Complex[np.ndarray, "cell channel"], where: Angles, beside: Angles | None
+    ) -> Float[np.ndarray, " cell"]:
+        a = self.vectors(where)
+        size = np.sum(np.abs(a) ** 2, axis=1)
         if beside is not None:
             other = self.vectors(beside)
-            size = np.sum(np.abs(other) ** 2, axis=1, keepdims=True)
-            shared = np.abs(other @ self._vectors.conj().T) ** 2 / size**2
-            power = np.where(shared < 1 - LEAST_APART, power / np.maximum(1 - shared, LEAST_APART), 0.0)
-        if near is not None:
-            close = (np.abs(self._phi - near.phi_rad[:, None]) <= STEPS_IN_BEAM * self._step) & (
-                self._cone == near.cone[:, None]
-            )
-            power = np.where(close, power, -1.0)
-        best = np.argmax(power, axis=1)
-        row = np.arange(len(x))
-        below, above = np.maximum(best - 1, 0), np.minimum(best + 1, len(self._phi) - 1)
-        inner = (self._cone[below] == self._cone[best]) & (self._cone[above] == self._cone[best]) & (below < best)
-        inner &= above > best
-        left, centre, right = power[row, below], power[row, best], power[row, above]
-        bend = left - 2 * centre + right
-        inner &= (bend < 0) & (left >= 0) & (right >= 0)
-        offset = np.where(inner, np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -0.5, 0.5), 0.0)
-        return Angles(self._phi[best] + offset * self._step, self._cone[best])
+            shared = np.einsum("nc,nc->n", other.conj(), a) / np.sum(np.abs(other) ** 2, axis=1)
+            a = a - shared[:, None] * other
+        left = np.sum(np.abs(a) ** 2, axis=1)
+        explained: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / np.maximum(
+            left, LEAST_APART * size
+        )
+        return explained
 
     def power(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Float[np.ndarray, " cell"]:
         """Return the power of a source there, by its spectrum."""
@@ -479,13 +486,28 @@ class _Scan:
         power: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / size**2
         return power
 
-    def lead(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Float[np.ndarray, " cell"]:
-        """Return by how much the power of a source exceeds that of any farther than a beam away, or on another cone."""
+    def lead(
+        self, x: Complex[np.ndarray, "cell channel"], sources: tuple[Angles, ...], cell_m: float
+    ) -> Float[np.ndarray, "cell source"]:
+        """Return by how much the power of sources exceeds that of any direction away from them, or on another cone.
+
+        Away is farther than a beam, and than two range cells of `cell_m` of level ground are long.
+        """
         size = np.sum(np.abs(self._vectors[0]) ** 2)
         power = np.abs(x @ self._vectors.conj().T) ** 2 / size**2
-        close = np.abs(self._phi - where.phi_rad[:, None]) <= STEPS_IN_BEAM * self._step
-        away = np.where(close & (self._cone == where.cone[:, None]), 0.0, power)
-        return self.power(x, where) - away.max(axis=1)
+        for where in sources:
+            near = STEPS_IN_BEAM * self._step + self._long_rad(where, 2 * cell_m)
+            close = np.abs(self._phi - where.phi_rad[:, None]) <= near[:, None]
+            power[close & (self._cone == where.cone[:, None])] = 0.0
+        return np.column_stack([self.power(x, where) for where in sources]) - power.max(axis=1, keepdims=True)
+
+    def _long_rad(self, where: Angles, length_m: float) -> Float[np.ndarray, " cell"]:
+        """Return the angle about the motion over which the range to level ground grows by a length."""
+        step = 0.01 * self._step
+        height, beside = (self.direction(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
+        slope = np.abs(beside - height) / step / np.maximum(height, 1e-3)
+        angle: Float[np.ndarray, " cell"] = np.minimum(length_m / self.range_m / np.maximum(slope, 1e-3), np.pi)
+        return angle
 
     def fitted(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Complex[np.ndarray, "cell channel"]:
         """Return the part of the channels that one source explains."""
@@ -514,6 +536,12 @@ class _Scan:
         h = np.sum(np.abs(slope) ** 2, axis=1) - np.einsum("nst,nsu,nut->nt", along.conj(), inverse, along).real
         h[singular] = np.nan
         return amplitude, np.maximum(h, 1e-9)
+
+
+def _down(measured: Pose) -> Float[np.ndarray, "3"]:
+    """Return the direction down in the antenna's frame."""
+    down: Float[np.ndarray, "3"] = -measured.R_world_antenna[0, 2]
+    return down
 
 
 def _none() -> Sources:
