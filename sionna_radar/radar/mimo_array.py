@@ -136,18 +136,21 @@ class MimoArray:
         return float(np.diff(places).max() * SAME_WAVELENGTHS) if len(places) > 1 else 0.0
 
     def steps_m(
-        self, place_m: Float[np.ndarray, "element 3"], direction: Float[np.ndarray, "n 3"], curvature_per_m: float
+        self,
+        place_m: Float[np.ndarray, "element 3"],
+        direction: Float[np.ndarray, "n 3"],
+        range_m: Float[np.ndarray, " n"],
     ) -> Float[np.ndarray, "n element"]:
         """Return by how much the ways from scatterers to elements are longer than to the array's middle."""
-        along = direction @ place_m.T
+        along, bent = direction @ place_m.T, 1 / range_m[:, None]
         square = np.sum(place_m**2, axis=1) - along**2
-        return -along + square * (curvature_per_m / 2) * (1 + along * curvature_per_m)
+        return -along + square * (bent / 2) * (1 + along * bent)
 
     def steering(
         self,
         direction: Float[np.ndarray, "n 3"],
         range_rate_mps: Float[np.ndarray, " n"],
-        range_m: float = np.inf,
+        range_m: Float[np.ndarray, " n"] | float = np.inf,
     ) -> Complex[np.ndarray, "n channel"]:
         """Return the signals of a block, chirp by chirp and receiver by receiver, from scatterers of unit amplitude.
 
@@ -158,14 +161,14 @@ class MimoArray:
         range_rate_mps:
             Of the scatterers in these directions.
         range_m:
-            Of all of them; wavefronts are plane by default.
+            Their ranges; wavefronts are plane by default.
 
         """
         turn = 2j * np.pi * self.direction / self.wavelength_m
-        bent = 1 / range_m
-        sent = np.exp(turn * self.steps_m(self.transmitter_m, direction, bent)) @ self.code.T
+        away_m = np.broadcast_to(np.asarray(range_m, dtype=np.float64), len(direction))
+        sent = np.exp(turn * self.steps_m(self.transmitter_m, direction, away_m)) @ self.code.T
         sent = sent * np.exp(2 * turn * np.outer(range_rate_mps, self.chirp_in_block_s))
-        got = np.exp(turn * self.steps_m(self.receiver_m, direction, bent))
+        got = np.exp(turn * self.steps_m(self.receiver_m, direction, away_m))
         vectors: Complex[np.ndarray, "n channel"] = (sent[:, :, None] * got[:, None, :]).reshape(
             len(direction), sent.shape[1] * got.shape[1]
         )

@@ -55,7 +55,7 @@ STEPS_IN_BEAM = 4
 # Steps of a parabola to a source's place, each half as wide.
 ASCENTS = 3
 # Passes over both sources.
-REFINEMENTS = 6
+REFINEMENTS = 3
 # Least share of a source's vector outside of another's: a quarter of a beam.
 LEAST_APART = 0.05
 # Cells over which the mean power about one is taken, each way.
@@ -103,18 +103,52 @@ class Sources(Columns):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cone:
-    """Directions of one range rate in the antenna's frame: u = axis + across cos(phi) + up sin(phi)."""
+class Cones(Columns):
+    """Directions of range rates, in the antenna's frame: u = axis + across cos(phi) + up sin(phi).
 
-    range_rate_mps: float
-    fold: int
-    axis: Float[np.ndarray, "3"]
-    across: Float[np.ndarray, "3"]
-    up: Float[np.ndarray, "3"]
+    row: of the map that a range rate folds into; fold: how many times it does.
+    """
 
-    def at(self, phi_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    row: Int[np.ndarray, " cone"]
+    fold: Int[np.ndarray, " cone"]
+    range_rate_mps: Float[np.ndarray, " cone"]
+    axis: Float[np.ndarray, "cone 3"]
+    across: Float[np.ndarray, "cone 3"]
+    up: Float[np.ndarray, "cone 3"]
+
+    @classmethod
+    def of(cls, found: FrameMap, span_mps: float, measured: Pose) -> "Cones":
+        """Return the cones of all range rates of a map, `span_mps` apart where they fold; none without motion."""
+        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
+        speed = float(np.linalg.norm(velocity))
+        most = int(np.ceil(speed / span_mps)) + 1 if speed > 0 else 0
+        row, fold = (
+            g.ravel() for g in np.meshgrid(np.arange(len(found.rate_mps)), np.arange(-most, most + 1), indexing="ij")
+        )
+        rate = found.rate_mps[row] + fold * span_mps
+        seen = np.abs(rate) < speed
+        row, fold, rate = row[seen], fold[seen], rate[seen]
+        ahead = velocity / max(speed, 1e-300)
+        # Up: next to the boresight, so that phi = 90 deg is the direction nearest to it.
+        up = np.array([1.0, 0.0, 0.0]) - ahead[0] * ahead
+        if np.linalg.norm(up) < 1e-6:
+            up = np.array([0.0, 0.0, 1.0]) - ahead[2] * ahead
+        up /= max(float(np.linalg.norm(up)), 1e-300)
+        cosine = -rate / max(speed, 1e-300)
+        sine = np.sqrt(1 - cosine**2)
+        return cls(
+            row=row,
+            fold=fold,
+            range_rate_mps=rate,
+            axis=np.outer(cosine, ahead),
+            across=np.outer(sine, np.cross(up, ahead)),
+            up=np.outer(sine, up),
+        )
+
+    def at(self, where: "Angles") -> Float[np.ndarray, "n 3"]:
         """Return unit vectors."""
-        return self.axis + np.outer(np.cos(phi_rad), self.across) + np.outer(np.sin(phi_rad), self.up)
+        phi, cone = where.phi_rad[:, None], where.cone
+        return self.axis[cone] + np.cos(phi) * self.across[cone] + np.sin(phi) * self.up[cone]
 
 
 @dataclass(frozen=True)
@@ -201,135 +235,49 @@ class ArrayEstimator:
 
     def sources(self, found: FrameMap, measured: Pose) -> Sources:
         """Return the detected sources of a map."""
+        cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
+        down = -measured.R_world_antenna[0, 2]
+        scan = _Scan(self.array, cones, self.half_view_rad, down)
         rate, cell = self.scanned(found)
-        parts = [_none()]
-        for row in np.unique(rate):
-            cones = list(self._cones(float(found.rate_mps[row]), measured))
-            own = cell[rate == row]
-            parts += [
-                self._in_row(found, int(row), own[some], cones, _down(measured))
-                for some in self._alike(found.range_m[own])
-            ]
-        return Sources.concatenate(parts)
-
-    def _cones(self, rate_mps: float, measured: Pose) -> Iterator[Cone]:
-        """Yield the cones of all range rates that fold into one and lie within view."""
-        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
-        speed = float(np.linalg.norm(velocity))
-        if speed == 0:
-            return
-        ahead = velocity / speed
-        # Across: as far from the boresight as can be, so that phi = 90 deg is the direction next to it.
-        up = np.array([1.0, 0.0, 0.0]) - ahead[0] * ahead
-        if np.linalg.norm(up) < 1e-6:
-            up = np.array([0.0, 0.0, 1.0]) - ahead[2] * ahead
-        up /= np.linalg.norm(up)
-        across = np.cross(up, ahead)
-        span = 2 * self.array.highest_rate_mps
-        most = int(np.ceil(speed / span)) + 1
-        for fold in range(-most, most + 1):
-            rate = rate_mps + fold * span
-            cosine = -rate / speed
-            if abs(cosine) >= 1:
-                continue
-            sine = np.sqrt(1 - cosine**2)
-            nearest = cosine * ahead[0] + sine * up[0]
-            if nearest >= np.cos(self.half_view_rad):
-                yield Cone(range_rate_mps=rate, fold=fold, axis=cosine * ahead, across=sine * across, up=sine * up)
-
-    def _alike(self, range_m: Float[np.ndarray, " cell"]) -> Iterator[Int[np.ndarray, " some"]]:
-        """Yield cells whose wavefronts are bent alike."""
-        elements = (self.array.transmitter_m, self.array.receiver_m)
-        square = max(float(np.sum(e**2, axis=1).max()) for e in elements)
-        per_curvature = np.pi * square / self.array.wavelength_m
-        number = np.floor(per_curvature / np.maximum(range_m, self.analyser.bin_m) / CURVATURE_RAD)
-        for each in np.unique(number):
-            yield np.flatnonzero(number == each)
-
-    def _grid(self, cones: list[Cone]) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Return the scanned angles about the motion, and the cone of each; each cone's from one edge to the other."""
-        size = max(float(self.array.size_m.max()) / self.array.wavelength_m, 1.0)
-        step = 1 / (size * STEPS_IN_BEAM)
-        phi = np.arange(0.0, np.pi, step)
-        angle, number = [], []
-        for index, cone in enumerate(cones):
-            seen = phi[cone.at(phi)[:, 0] >= np.cos(self.half_view_rad)]
-            angle.append(seen)
-            number.append(np.full(len(seen), index))
-        return np.concatenate(angle), np.concatenate(number)
-
-    def _in_row(
-        self,
-        found: FrameMap,
-        row: int,
-        cell: Int[np.ndarray, " cell"],
-        cones: list[Cone],
-        down: Float[np.ndarray, "3"],
-    ) -> Sources:
-        if not cones or not len(cell):
-            return _none()
-        phi, cone = self._grid(cones)
-        if len(phi) < 3:
-            return _none()
-        scan = _Scan(self.array, cones, phi, cone, float(1 / np.mean(1 / found.range_m[cell])), down)
-        x = found.channel[row, cell]
+        cells = _Cells(rate=rate, range_m=found.range_m[cell], cell=cell, x=found.channel[rate, cell])
+        level, first, directions = scan.strongest(cells)
         # Over the power of a source: the beams add the channels.
-        least = found.noise * np.log(len(phi) / self.false_alarm_probability) / self.array.gain
-        first = scan.refined(x, scan.strongest(x))
-        level = scan.power(x, first)
-        one = level >= least
-        if not one.any():
-            return _none()
-        x, cell, first, level = x[one], cell[one], first.rows(np.flatnonzero(one)), level[one]
-        left = x - scan.fitted(x, first)
-        second = scan.refined(left, scan.strongest(left))
-        beside = scan.power(left, second)
-        two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level)
+        least = found.noise * np.log(np.maximum(directions, 1) / self.false_alarm_probability) / self.array.gain
+        one = np.flatnonzero(level >= least)
+        cells, least = cells.rows(one), least[one]
+        first = scan.refined(cells, first.rows(one))
+        left = replace(cells, x=cells.x - scan.fitted(cells, first))
+        beside, second, _ = scan.strongest(left)
+        two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level[one])
         single, double = np.flatnonzero(~two), np.flatnonzero(two)
-        both = self._refined(scan, x[double], first.rows(double), second.rows(double))
+        pairs = first.rows(double), second.rows(double)
+        for _ in range(REFINEMENTS):
+            pairs = scan.refined(cells.rows(double), pairs[0], pairs[1]), pairs[1]
+            pairs = pairs[0], scan.refined(cells.rows(double), pairs[1], pairs[0])
         parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
-        for sources, own in (((first.rows(single),), single), (both, double)):
-            amplitude, h = scan.solved(x[own], sources)
-            lead = scan.lead(x[own], sources, self.analyser.bin_m)
+        for sources, rows in (((first.rows(single),), single), (pairs, double)):
+            own = cells.rows(rows)
+            amplitude, h = scan.solved(own, sources)
+            lead = scan.lead(own, sources, self.analyser.bin_m)
             for number, where in enumerate(sources):
                 kept = np.flatnonzero((lead[:, number] >= least_lead) & np.isfinite(h[:, number]))
                 power = np.abs(amplitude[kept, number]) ** 2
-                parts.append(self._table(scan, found, row, cell[own[kept]], where.rows(kept), power, h[kept, number]))
+                parts.append(
+                    Sources(
+                        rate=own.rate[kept],
+                        cell=own.cell[kept],
+                        fold=cones.fold[where.cone[kept]],
+                        direction=cones.at(where.rows(kept)),
+                        power=power,
+                        phi_sigma_rad=np.sqrt(found.noise / (2 * power * h[kept, number])),
+                    )
+                )
         return Sources.concatenate(parts)
-
-    @staticmethod
-    def _refined(
-        scan: "_Scan", x: Complex[np.ndarray, "n channel"], first: Angles, second: Angles
-    ) -> tuple[Angles, Angles]:
-        """Return both sources of cells, each sought anew in what the other leaves."""
-        for _ in range(REFINEMENTS):
-            first = scan.refined(x, first, second)
-            second = scan.refined(x, second, first)
-        return first, second
-
-    def _table(
-        self,
-        scan: "_Scan",
-        found: FrameMap,
-        row: int,
-        cell: Int[np.ndarray, " n"],
-        where: Angles,
-        power: Float[np.ndarray, " n"],
-        h: Float[np.ndarray, " n"],
-    ) -> Sources:
-        return Sources(
-            rate=np.full(len(where), row),
-            cell=cell,
-            fold=np.array([c.fold for c in scan.cones])[where.cone],
-            direction=scan.direction(where),
-            power=power,
-            phi_sigma_rad=np.sqrt(found.noise / (2 * power * h)),
-        )
 
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
         """Return the means of neighbouring sources, as points with standard deviations."""
         velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
-        down = _down(measured)
+        down = -measured.R_world_antenna[0, 2]
         speed = max(float(np.linalg.norm(velocity)), 1e-9)
         u, range_m = sources.direction, found.range_m[sources.cell]
         mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
@@ -418,45 +366,72 @@ class ArrayEstimator:
         return 1 + (np.minimum(count, full) - 1) / (full - 1) * (raised - 1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Cells(Columns):
+    """Cells of a map and their channels."""
+
+    rate: Int[np.ndarray, " cell"]
+    cell: Int[np.ndarray, " cell"]
+    range_m: Float[np.ndarray, " cell"]
+    x: Complex[np.ndarray, "cell channel"]
+
+
 class _Scan:
-    """Steering vectors along the cones of a range rate."""
+    """Directions in cells of a map, along the cones of their range rates."""
 
-    def __init__(
-        self,
-        array: MimoArray,
-        cones: list[Cone],
-        phi_rad: Float[np.ndarray, " n"],
-        cone: Int[np.ndarray, " n"],
-        range_m: float,
-        down: Float[np.ndarray, "3"],
-    ) -> None:
-        self.array, self.cones, self.range_m, self._down = array, cones, range_m, down
-        self._phi, self._cone = phi_rad, cone
-        self._vectors = self.vectors(Angles(phi_rad, cone))
-        self._step = float(np.diff(phi_rad[:2])[0])
+    def __init__(self, array: MimoArray, cones: Cones, half_view_rad: float, down: Float[np.ndarray, "3"]) -> None:
+        self.array, self.cones, self._down = array, cones, down
+        size = max(float(array.size_m.max()) / array.wavelength_m, 1.0)
+        self._step, self._least_ahead = 1 / (size * STEPS_IN_BEAM), np.cos(half_view_rad)
+        elements = (array.transmitter_m, array.receiver_m)
+        square = max(float(np.sum(e**2, axis=1).max()) for e in elements)
+        self._bend_m = np.pi * square / array.wavelength_m / CURVATURE_RAD
 
-    def direction(self, where: Angles) -> Float[np.ndarray, "n 3"]:
-        """Return unit vectors in the antenna's frame."""
-        axis, across, up = (np.array([getattr(c, name) for c in self.cones]) for name in ("axis", "across", "up"))
-        phi, cone = where.phi_rad[:, None], where.cone
-        return axis[cone] + np.cos(phi) * across[cone] + np.sin(phi) * up[cone]
+    def strongest(self, cells: _Cells) -> tuple[Float[np.ndarray, " cell"], Angles, Int[np.ndarray, " cell"]]:
+        """Return the power of the strongest scanned direction of each cell, where it is, and of how many."""
+        count = len(cells)
+        level, directions = np.zeros(count), np.zeros(count, dtype=np.int64)
+        phi, cone = np.zeros(count), np.zeros(count, dtype=np.int64)
+        for own, grid, power in self._scanned(cells):
+            best = np.argmax(power, axis=1)
+            level[own] = power[np.arange(len(own)), best]
+            phi[own], cone[own], directions[own] = grid.phi_rad[best], grid.cone[best], len(grid)
+        return level, Angles(phi, cone), directions
 
-    def vectors(self, where: Angles) -> Complex[np.ndarray, "n channel"]:
+    def _scanned(self, cells: _Cells) -> Iterator[tuple[Int[np.ndarray, " own"], Angles, Float[np.ndarray, "own n"]]]:
+        """Yield the cells of each range rate whose wavefronts are bent alike, the directions, and the spectra."""
+        bend = np.floor(self._bend_m / np.maximum(cells.range_m, 1e-3)).astype(np.int64)
+        order = np.lexsort((bend, cells.rate))
+        changes = (np.diff(cells.rate[order]) != 0) | (np.diff(bend[order]) != 0)
+        grids: dict[int, Angles] = {}
+        for own in np.split(order, np.flatnonzero(changes) + 1):
+            if not len(own):
+                continue
+            row = int(cells.rate[own[0]])
+            if row not in grids:
+                grids[row] = self._grid(row)
+            if not len(grids[row]):
+                continue
+            vectors = self.vectors(grids[row], float(1 / np.mean(1 / np.maximum(cells.range_m[own], 1e-3))))
+            yield own, grids[row], np.abs(cells.x[own] @ vectors.conj().T) ** 2 / self.array.gain**2
+
+    def _grid(self, row: int) -> Angles:
+        """Return the scanned directions of a range rate: along all its cones, as far as the view reaches."""
+        phi, cones = np.arange(0.0, np.pi, self._step), np.flatnonzero(self.cones.row == row)
+        grid = Angles(np.tile(phi, len(cones)), np.repeat(cones, len(phi)))
+        return grid.rows(np.flatnonzero(self.cones.at(grid)[:, 0] >= self._least_ahead))
+
+    def vectors(self, where: Angles, range_m: Float[np.ndarray, " n"] | float) -> Complex[np.ndarray, "n channel"]:
         """Return steering vectors."""
-        rate_mps = np.array([c.range_rate_mps for c in self.cones])[where.cone]
-        return self.array.steering(self.direction(where), rate_mps, self.range_m)
+        return self.array.steering(self.cones.at(where), self.cones.range_rate_mps[where.cone], range_m)
 
-    def strongest(self, x: Complex[np.ndarray, "cell channel"]) -> Angles:
-        """Return the scanned direction where the spectrum of each cell is highest."""
-        best = np.argmax(np.abs(x @ self._vectors.conj().T) ** 2, axis=1)
-        return Angles(self._phi[best], self._cone[best])
-
-    def refined(self, x: Complex[np.ndarray, "cell channel"], where: Angles, beside: Angles | None = None) -> Angles:
+    def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
         """Return where near a direction a source explains most of each cell, besides another source or alone."""
         step, phi = self._step, where.phi_rad
+        other = None if beside is None else self.vectors(beside, cells.range_m)
         for _ in range(ASCENTS):
             left, centre, right = (
-                self._explained(x, Angles(phi + side * step, where.cone), beside) for side in (-1, 0, 1)
+                self._explained(cells, Angles(phi + side * step, where.cone), other) for side in (-1, 0, 1)
             )
             bend = left - 2 * centre + right
             peaked = np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -1.0, 1.0)
@@ -465,85 +440,69 @@ class _Scan:
         return Angles(phi, where.cone)
 
     def _explained(
-        self, x: Complex[np.ndarray, "cell channel"], where: Angles, beside: Angles | None
+        self, cells: _Cells, where: Angles, other: Complex[np.ndarray, "cell channel"] | None
     ) -> Float[np.ndarray, " cell"]:
-        a = self.vectors(where)
-        size = np.sum(np.abs(a) ** 2, axis=1)
-        if beside is not None:
-            other = self.vectors(beside)
-            shared = np.einsum("nc,nc->n", other.conj(), a) / np.sum(np.abs(other) ** 2, axis=1)
+        a = self.vectors(where, cells.range_m)
+        if other is not None:
+            shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
             a = a - shared[:, None] * other
-        left = np.sum(np.abs(a) ** 2, axis=1)
-        explained: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / np.maximum(
-            left, LEAST_APART * size
-        )
+        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), LEAST_APART * self.array.gain)
+        explained: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
         return explained
 
-    def power(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Float[np.ndarray, " cell"]:
-        """Return the power of a source there, by its spectrum."""
-        a = self.vectors(where)
-        size = np.sum(np.abs(a) ** 2, axis=1)
-        power: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), x)) ** 2 / size**2
-        return power
+    def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
+        """Return the part of the channels that one source explains."""
+        a = self.vectors(where, cells.range_m)
+        amplitude = np.einsum("nc,nc->n", a.conj(), cells.x) / self.array.gain
+        part: Complex[np.ndarray, "cell channel"] = amplitude[:, None] * a
+        return part
 
-    def lead(
-        self, x: Complex[np.ndarray, "cell channel"], sources: tuple[Angles, ...], cell_m: float
-    ) -> Float[np.ndarray, "cell source"]:
+    def lead(self, cells: _Cells, sources: tuple[Angles, ...], cell_m: float) -> Float[np.ndarray, "cell source"]:
         """Return by how much the power of sources exceeds that of any direction away from them, or on another cone.
 
         Away is farther than a beam, and than two range cells of `cell_m` of level ground are long.
         """
-        size = np.sum(np.abs(self._vectors[0]) ** 2)
-        power = np.abs(x @ self._vectors.conj().T) ** 2 / size**2
-        for where in sources:
-            near = STEPS_IN_BEAM * self._step + self._long_rad(where, 2 * cell_m)
-            close = np.abs(self._phi - where.phi_rad[:, None]) <= near[:, None]
-            power[close & (self._cone == where.cone[:, None])] = 0.0
-        return np.column_stack([self.power(x, where) for where in sources]) - power.max(axis=1, keepdims=True)
+        beam = STEPS_IN_BEAM * self._step
+        near = [beam + self._long_rad(where, cells.range_m, 2 * cell_m) for where in sources]
+        away = np.zeros(len(cells))
+        for own, grid, power in self._scanned(cells):
+            for where, reach in zip(sources, near, strict=True):
+                close = np.abs(grid.phi_rad - where.phi_rad[own, None]) <= reach[own, None]
+                power[close & (grid.cone == where.cone[own, None])] = 0.0
+            away[own] = power.max(axis=1)
+        return np.column_stack(
+            [np.sum(np.abs(self.fitted(cells, where)) ** 2, axis=1) / self.array.gain - away for where in sources]
+        )
 
-    def _long_rad(self, where: Angles, length_m: float) -> Float[np.ndarray, " cell"]:
+    def _long_rad(
+        self, where: Angles, range_m: Float[np.ndarray, " cell"], length_m: float
+    ) -> Float[np.ndarray, " cell"]:
         """Return the angle about the motion over which the range to level ground grows by a length."""
         step = 0.01 * self._step
-        height, beside = (self.direction(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
+        height, beside = (self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
         slope = np.abs(beside - height) / step / np.maximum(height, 1e-3)
-        angle: Float[np.ndarray, " cell"] = np.minimum(length_m / self.range_m / np.maximum(slope, 1e-3), np.pi)
+        angle: Float[np.ndarray, " cell"] = np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
         return angle
 
-    def fitted(self, x: Complex[np.ndarray, "cell channel"], where: Angles) -> Complex[np.ndarray, "cell channel"]:
-        """Return the part of the channels that one source explains."""
-        a = self.vectors(where)
-        amplitude = np.einsum("nc,nc->n", a.conj(), x) / np.sum(np.abs(a) ** 2, axis=1)
-        part: Complex[np.ndarray, "cell channel"] = amplitude[:, None] * a
-        return part
-
     def solved(
-        self, x: Complex[np.ndarray, "cell channel"], sources: tuple[Angles, ...]
+        self, cells: _Cells, sources: tuple[Angles, ...]
     ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
         """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
-        a = np.stack([self.vectors(where) for where in sources], axis=2)
+        a = np.stack([self.vectors(where, cells.range_m) for where in sources], axis=2)
         step = 0.01 * self._step
         slopes = []
         for where in sources:
-            ahead, behind = (self.vectors(Angles(where.phi_rad + side * step, where.cone)) for side in (1, -1))
+            ahead, behind = (
+                self.vectors(Angles(where.phi_rad + side * step, where.cone), cells.range_m) for side in (1, -1)
+            )
             slopes.append((ahead - behind) / (2 * step))
         slope = np.stack(slopes, axis=2)
         gram = np.einsum("ncs,nct->nst", a.conj(), a)
-        singular = np.abs(np.linalg.det(gram)) < 1e-6 * a.shape[1] ** len(sources)
+        singular = np.abs(np.linalg.det(gram)) < 1e-6 * self.array.gain ** len(sources)
         gram[singular] = np.eye(len(sources))
         inverse = np.linalg.inv(gram)
-        amplitude = np.einsum("nst,nct,nc->ns", inverse, a.conj(), x)
+        amplitude = np.einsum("nst,nct,nc->ns", inverse, a.conj(), cells.x, optimize=True)
         along = np.einsum("ncs,nct->nst", a.conj(), slope)
         h = np.sum(np.abs(slope) ** 2, axis=1) - np.einsum("nst,nsu,nut->nt", along.conj(), inverse, along).real
         h[singular] = np.nan
         return amplitude, np.maximum(h, 1e-9)
-
-
-def _down(measured: Pose) -> Float[np.ndarray, "3"]:
-    """Return the direction down in the antenna's frame."""
-    down: Float[np.ndarray, "3"] = -measured.R_world_antenna[0, 2]
-    return down
-
-
-def _none() -> Sources:
-    index, number = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return Sources(rate=index, cell=index, fold=index, direction=np.zeros((0, 3)), power=number, phi_sigma_rad=number)
