@@ -219,7 +219,7 @@ def receiver_mixing(
 
     """
     apart = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
-    with np.errstate(divide="ignore"):
-        coupled = np.where(apart > 0, coupling * 0.5 / apart, 0.0) * np.exp(-2j * np.pi * apart)
-    mixing: Complex[np.ndarray, "rx rx"] = error[:, None] * (np.eye(len(place_m)) + np.nan_to_num(coupled))
+    np.fill_diagonal(apart, np.inf)
+    coupled = coupling * 0.5 / apart * np.exp(-2j * np.pi * np.where(np.isfinite(apart), apart, 0.0))
+    mixing: Complex[np.ndarray, "rx rx"] = error[:, None] * (np.eye(len(place_m)) + coupled)
     return mixing
