@@ -12,8 +12,8 @@ point of the grid. Both kinds of spreading share one set of powers of x,
     w(t - x) = w - x w' + x^2 w'' / 2 - x^3 w''' / 6,
 
 as many as the widest x asks for, so that a receiver costs a few multiplications a path and not another search and
-evaluation. A sweep's own drift in frequency by motion (`beat_sum`'s bend) is that of the power-weighted mean of its
-paths.
+evaluation; and transmitters that send at once are summed for all receivers. A sweep's own drift in frequency by motion
+(the bend of `beat_sum`) is that of the power-weighted mean of its paths.
 """
 
 from dataclasses import dataclass
@@ -142,24 +142,31 @@ def _spread_chirps(table, poses, sweep, pieces, order, grid, drift, begin, end):
     paths = len(table[0])
     # Of each path: direction over the distance and over c, frequency, turns, turns per second of way, amplitude.
     columns = np.empty((9, paths))
+    middle = np.zeros(3)
     for row in range(begin, end):
+        sending, last = 0, 0
         for i in range(tx.shape[1]):
             if code[row, i].real != 0.0 or code[row, i].imag != 0.0:
-                _weigh(row, i, table, poses, sweep, columns, drift)
-                _spread(row, poses[3][row], sweep, columns, pieces, order, grid[row])
+                sending, last = sending + 1, i
+        if sending == 1:
+            _weigh(row, tx[row, last], code[row, last], table, poses, sweep, columns, drift)
+            _spread(poses[3][row], sweep, columns, pieces, order, grid[row])
+        elif sending > 1:
+            _weigh(row, middle, code[row, last] / code[row, last], table, poses, sweep, columns, drift)
+            _spread_together(tx[row], code[row], poses[3][row], sweep, columns, pieces, grid[row])
 
 
 @compiled
 @no_type_check
-def _weigh(row, i, table, poses, sweep, columns, drift):
-    """Write the columns of all paths from one transmitter of a chirp."""
+def _weigh(row, sender, factor, table, poses, sweep, columns, drift):
+    """Write the columns of all paths of a chirp from a transmitter at a place."""
     place, beyond, drifting, gain = table
-    position, velocity, tx, _, time_s, code = poses
+    position, velocity, time_s = poses[0], poses[1], poses[4]
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
     px, py, pz = position[row, 0], position[row, 1], position[row, 2]
     vx, vy, vz = velocity[row, 0], velocity[row, 1], velocity[row, 2]
-    ex, ey, ez = tx[row, i, 0], tx[row, i, 1], tx[row, i, 2]
-    factor, later_s = code[row, i], time_s[row]
+    ex, ey, ez = sender[0], sender[1], sender[2]
+    later_s = time_s[row]
     # No dependence on the previous path, so that the loop vectorises.
     for p in range(len(place)):
         x, y, z = place[p, 0] - px, place[p, 1] - py, place[p, 2] - pz
@@ -189,7 +196,7 @@ def _weigh(row, i, table, poses, sweep, columns, drift):
 
 @compiled
 @no_type_check
-def _spread(row, rx, sweep, columns, pieces, order, grid):
+def _spread(rx, sweep, columns, pieces, order, grid):
     """Spread weighed paths onto the grids of the receivers at places `rx` of one chirp."""
     slope, sign, rate_hz, c = sweep[1], sweep[2], sweep[6], sweep[7]
     receivers, points = len(rx), len(grid) - WIDTH
@@ -236,3 +243,74 @@ def _spread(row, rx, sweep, columns, pieces, order, grid):
             w3 = -PIECES * PIECES * PIECES * c3
             for k in range(numbers):
                 out[k] += wave[k] * (((w3 * shift[k] + w2) * shift[k] + w1) * shift[k] + w)
+
+
+@compiled
+@no_type_check
+def _spread_together(tx, code, rx, sweep, columns, pieces, grid):
+    """Spread weighed paths from the array's middle onto the grids, with the sum of all transmitters of one chirp.
+
+    A shift of the spreading function is the sum of a transmitter's and a receiver's; powers of it are sums of products
+    of both, so that the transmitters add up once for all receivers.
+    """
+    slope, sign, rate_hz, c = sweep[1], sweep[2], sweep[6], sweep[7]
+    receivers, points = len(rx), len(grid) - WIDTH
+    numbers = 2 * receivers
+    waves, moments = np.empty((4, numbers)), np.empty((2, 4))
+    per_second, per_metre = sign * slope / rate_hz * points, 1.0 / c
+    for p in range(columns.shape[1]):
+        zr, zi = columns[7, p], columns[8, p]
+        if zr == 0.0 and zi == 0.0:
+            continue
+        x, y, z, inverse = columns[0, p], columns[1, p], columns[2, p], columns[3, p]
+        turns, per_way, half = columns[5, p], columns[6, p], 0.5 * inverse
+        for q in range(4):
+            moments[0, q] = moments[1, q] = 0.0
+        for i in range(len(tx)):
+            a = x * tx[i, 0] + y * tx[i, 1] + z * tx[i, 2]
+            square = tx[i, 0] * tx[i, 0] + tx[i, 1] * tx[i, 1] + tx[i, 2] * tx[i, 2]
+            along = per_metre * ((square - a * a) * half * (1.0 + a * inverse) - a)
+            cosine, sine = turned(per_way * along)
+            re = code[i].real * cosine - code[i].imag * sine
+            im = code[i].real * sine + code[i].imag * cosine
+            for q in range(4):
+                moments[0, q] += re
+                moments[1, q] += im
+                re *= per_second * along
+                im *= per_second * along
+        for k in range(receivers):
+            a = x * rx[k, 0] + y * rx[k, 1] + z * rx[k, 2]
+            square = rx[k, 0] * rx[k, 0] + rx[k, 1] * rx[k, 1] + rx[k, 2] * rx[k, 2]
+            along = per_metre * ((square - a * a) * half * (1.0 + a * inverse) - a)
+            cosine, sine = turned(turns + per_way * along)
+            wr, wi = zr * cosine - zi * sine, zr * sine + zi * cosine
+            d = per_second * along
+            for q in range(4):
+                re, im = moments[0, q], moments[1, q]
+                if q == 1:
+                    re, im = re + d * moments[0, 0], im + d * moments[1, 0]
+                elif q == 2:
+                    re += d * (2.0 * moments[0, 1] + d * moments[0, 0])
+                    im += d * (2.0 * moments[1, 1] + d * moments[1, 0])
+                elif q == 3:
+                    re += d * (3.0 * moments[0, 2] + d * (3.0 * moments[0, 1] + d * moments[0, 0]))
+                    im += d * (3.0 * moments[1, 2] + d * (3.0 * moments[1, 1] + d * moments[1, 0]))
+                waves[q, k] = wr * re - wi * im
+                waves[q, receivers + k] = wr * im + wi * re
+        u = columns[4, p]
+        at = (u - np.floor(u)) * points
+        first = np.ceil(at)
+        t = (first - at) * PIECES
+        piece = min(int(t), PIECES - 1)
+        t -= piece
+        index = min(int(first), points)
+        for j in range(WIDTH):
+            c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
+            c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
+            w = ((c3 * t + c2) * t + c1) * t + c0
+            w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
+            w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
+            w3 = -PIECES * PIECES * PIECES * c3
+            out = grid[index + j]
+            for k in range(numbers):
+                out[k] += w * waves[0, k] + w1 * waves[1, k] + w2 * waves[2, k] + w3 * waves[3, k]

@@ -50,6 +50,8 @@ TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
 # Widest gap between virtual elements of a filled array, wavelengths: half of one, and a little.
 LARGEST_GAP = 0.55
+# Fewest places of virtual elements, over their number: boards that check their channels by doubled ones have more.
+LEAST_PLACES = 2 / 3
 # Fewest cells of range rate within the beam of an array.
 LEAST_RATES = 4
 
@@ -266,7 +268,7 @@ def array_warnings(
             f"the {np.rad2deg(half_view_rad):.0f} deg of radar.array.half_view_deg; fill it, or lower half_view_deg to "
             f"{np.rad2deg(np.arcsin(min(1.0, 0.5 / gap))):.0f}"
         )
-    if doubled:
+    if len(array.duplicates) < LEAST_PLACES * array.channels:
         warnings.append(
             f"{doubled} places of virtual elements are taken more than once: {array.channels} channels make "
             f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"

@@ -1,7 +1,8 @@
 """A module with an array of transmitters and receivers that maps without turning; a pulse of its survey is a frame.
 
 Paths are traced once a frame, from the pose in its middle: all chirps, transmitters and receivers share the scatterers
-(`signal.array_beats`). Frames are received and processed one after another, so that memory holds one.
+(`signal.array_beats`). Frames are received and processed one after another; those of a block, which are few, are kept
+for whoever records them.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -36,14 +37,15 @@ class Mimo:
         """Return the points of a block of frames."""
         with timed("trace"):
             paths = self._thread.submit(self.tracer.trace, pulses).result()
-        echoes = []
+        echoes, frames = [], []
         for row in range(len(pulses)):
             frame = pulses.rows(np.array([row]))
             with timed("synthesise"):
                 beats = self._received(paths, frame)
+            frames.append(beats)
             with timed("detect"):
                 echoes.append(self.estimator.find(beats, int(frame.index[0]), frame.measured))
-        return Observation(paths=paths, echoes=Echoes.concatenate(echoes))
+        return Observation(paths=paths, echoes=Echoes.concatenate(echoes), frames=np.stack(frames))
 
     def frame(self, pulses: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         """Return the beat signals of one frame, sqrt(W), chirp by chirp."""

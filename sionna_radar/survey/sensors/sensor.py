@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Inexact, Int
 
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
@@ -38,6 +38,7 @@ class Observation:
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     beats: beat signals of each sweep, for whoever records them; None for a sensor without.
+    frames: those of an array, chirp by chirp and receiver by receiver; None for another sensor.
     saturated: samples of each pulse that the converter clipped; None for a sensor without a full scale.
     """
 
@@ -46,6 +47,7 @@ class Observation:
     profiles: Profiles | None = None
     through_volume: bool = False
     beats: Beats | None = None
+    frames: Inexact[np.ndarray, "pulse chirp rx sample"] | None = None
     saturated: Int[np.ndarray, " pulse"] | None = None
 
 
