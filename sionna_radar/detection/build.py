@@ -66,6 +66,7 @@ def build_array_estimator(
         half_view_rad=float(np.deg2rad(table.half_view_deg)),
         average_cells=table.average_cells,
         max_sigma_m=table.max_sigma_m,
+        strongest=processing.echoes != "all",
     )
 
 

@@ -26,6 +26,7 @@ class Stream(IntEnum):
     TARGET_SCANS = 5
     VOLUME = 6
     PHASE_NOISE = 7
+    VOLUME_DIRECTIONS = 8
     VEGETATION = 12
     MOTION = 13
     NAVIGATION = 50

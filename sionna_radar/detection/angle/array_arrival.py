@@ -35,8 +35,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex, Float, Inexact, Int
-from scipy.ndimage import uniform_filter
+from jaxtyping import Bool, Complex, Float, Inexact, Int
+from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
 from sionna_radar.detection.echoes import Echoes
@@ -60,6 +60,9 @@ REFINEMENTS = 3
 LEAST_APART = 0.05
 # Cells over which the mean power about one is taken, each way.
 MEAN_CELLS = 5
+# Sources so much weaker than the strongest across the track, within so many beams, are not what fills the beam: one
+# look of speckle falls by 10 dB below its mean in one cell of ten.
+WEAKER_DB, BESIDE = 12.0, 3
 # Error of a steering vector's phases by a range that many cells share, rad.
 CURVATURE_RAD = 0.05
 
@@ -167,6 +170,8 @@ class ArrayEstimator:
     rate_window: over the blocks. min_range_m: nothing nearer is detected.
     false_alarm_probability: of a source in a cell. dynamic_range_db: weaker sources beside another are left out.
     half_view_rad: directions farther from boresight are left out.
+    strongest: whether sources far weaker than others in nearly their direction are left out, as rain in front of ground
+        is: the power of what fills a beam falls with the square of the range, whatever it is.
     average_cells: cells of range rate and of range that are averaged to a point.
     max_sigma_m: points of a larger standard deviation are left out.
     """
@@ -180,6 +185,7 @@ class ArrayEstimator:
     half_view_rad: float
     average_cells: tuple[int, int]
     max_sigma_m: float
+    strongest: bool = False
 
     def map(self, beats: Inexact[np.ndarray, "chirp rx sample"]) -> FrameMap:
         """Return the channels of a frame over range rate and range, with the noise."""
@@ -231,7 +237,24 @@ class ArrayEstimator:
         """
         found = self.map(beats)
         sources = self.sources(found, measured)
+        if self.strongest and len(sources):
+            sources = sources.rows(self._outstanding(found, sources))
         return self._points(found, sources, pulse, measured)
+
+    def _outstanding(self, found: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
+        """Mark sources not far weaker than the strongest in their direction, at equal range."""
+        level = sources.power * found.range_m[sources.cell] ** 2
+        beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
+        highest = np.zeros(int(np.ptp(beam)) + 1)
+        np.maximum.at(highest, beam - beam.min(), level)
+        around = maximum_filter(highest, size=BESIDE, mode="constant")[beam - beam.min()]
+        kept: Bool[np.ndarray, " source"] = level * from_db(WEAKER_DB) >= around
+        return kept
+
+    @property
+    def _beam(self) -> float:
+        """Direction cosine of a beam of the virtual array."""
+        return self.array.wavelength_m / max(float(self.array.size_m.max()), self.array.wavelength_m)
 
     def sources(self, found: FrameMap, measured: Pose) -> Sources:
         """Return the detected sources of a map."""
@@ -317,12 +340,11 @@ class ArrayEstimator:
         pulse: int,
     ) -> Echoes:
         rates, cells = self.average_cells
-        beam = self.array.wavelength_m / max(float(self.array.size_m.max()), self.array.wavelength_m)
         key = np.column_stack(
             [
                 (sources.rate + sources.fold * len(found.rate_mps)) // rates,
                 sources.cell // cells,
-                np.floor(sources.direction[:, 1:] / beam),
+                np.floor(sources.direction[:, 1:] / self._beam),
             ]
         ).astype(np.int64)
         _, group = np.unique(key, axis=0, return_inverse=True)

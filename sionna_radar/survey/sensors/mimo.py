@@ -6,6 +6,7 @@ for whoever records them.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Complex, Int
@@ -20,6 +21,7 @@ from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.signal.array_beats import FramePaths, array_beats
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.tracing.effects.volume_echo import spread_over_beam
 from sionna_radar.tracing.paths import Paths
 
 
@@ -28,7 +30,7 @@ class Mimo:
 
     def __init__(self, given: SensorInputs, frames: Bursts, module: MimoArray, estimator: ArrayEstimator) -> None:
         self._receiver, self._detector, self._frames = given.receiver, given.detector, frames
-        self._module = module
+        self._module, self._engine, self._expected = module, given.engine, given.expected_ground
         self.tracer, self.estimator = given.tracer(), estimator
         # Dr.Jit's state belongs to a thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
@@ -36,7 +38,7 @@ class Mimo:
     def observe(self, pulses: Pulses) -> Observation:
         """Return the points of a block of frames."""
         with timed("trace"):
-            paths = self._thread.submit(self.tracer.trace, pulses).result()
+            paths = self._thread.submit(self._trace, pulses).result()
         echoes, frames = [], []
         for row in range(len(pulses)):
             frame = pulses.rows(np.array([row]))
@@ -44,12 +46,26 @@ class Mimo:
                 beats = self._received(paths, frame)
             frames.append(beats)
             with timed("detect"):
-                echoes.append(self.estimator.find(beats, int(frame.index[0]), frame.measured))
+                echoes.append(self._near_ground(self.estimator.find(beats, int(frame.index[0]), frame.measured), frame))
         return Observation(paths=paths, echoes=Echoes.concatenate(echoes), frames=np.stack(frames))
 
     def frame(self, pulses: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         """Return the beat signals of one frame, sqrt(W), chirp by chirp."""
-        return self._received(self._thread.submit(self.tracer.trace, pulses).result(), pulses)
+        return self._received(self._thread.submit(self._trace, pulses).result(), pulses)
+
+    def _trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of frames; rain, which is traced on the beam's axis, fills the beam."""
+        engine = self._engine
+        return spread_over_beam(self.tracer.trace(pulses), pulses, engine.antenna, engine.caster, engine.seed)
+
+    def _near_ground(self, echoes: Echoes, frame: Pulses) -> Echoes:
+        """Return the points of a frame where ground is expected."""
+        if self._expected is None or echoes.direction is None:
+            return echoes
+        pose = frame.measured
+        place_m = pose.position_m[0] + echoes.range_m[:, None] * (echoes.direction @ pose.R_world_antenna[0].T)
+        near = echoes.rows(self._expected.holds(place_m, pose.position_m[0]))
+        return replace(near, number=np.arange(len(near)))
 
     def _received(self, paths: Paths, frame: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         receiver = self._receiver
