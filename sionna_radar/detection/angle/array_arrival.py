@@ -40,6 +40,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
@@ -224,7 +225,13 @@ class ArrayEstimator:
         rate, cell = np.nonzero((found.power > threshold) & (found.range_m >= self.min_range_m))
         return rate, cell
 
-    def find(self, beats: Inexact[np.ndarray, "chirp rx sample"], pulse: int, measured: Pose) -> Echoes:
+    def find(
+        self,
+        beats: Inexact[np.ndarray, "chirp rx sample"],
+        pulse: int,
+        measured: Pose,
+        expected: ExpectedGround | None = None,
+    ) -> Echoes:
         """Return the points of a frame, their ranges not corrected for Doppler.
 
         Parameters
@@ -233,10 +240,16 @@ class ArrayEstimator:
             Of the frame, chirp by chirp.
         pulse, measured:
             Its index, and the pose (one row) in its middle.
+        expected:
+            What is known of the ground beforehand; sources elsewhere are left out.
 
         """
         found = self.map(beats)
         sources = self.sources(found, measured)
+        if expected is not None:
+            range_m = found.range_m[sources.cell]
+            place_m = range_m[:, None] * (sources.direction @ measured.R_world_antenna[0].T) + measured.position_m[0]
+            sources = sources.rows(expected.holds(place_m, measured.position_m[0]))
         if self.strongest and len(sources):
             sources = sources.rows(self._outstanding(found, sources))
         return self._points(found, sources, pulse, measured)

@@ -6,7 +6,6 @@ for whoever records them.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Complex, Int
@@ -46,7 +45,8 @@ class Mimo:
                 beats = self._received(paths, frame)
             frames.append(beats)
             with timed("detect"):
-                echoes.append(self._near_ground(self.estimator.find(beats, int(frame.index[0]), frame.measured), frame))
+                index, expected = int(frame.index[0]), self._expected
+                echoes.append(self.estimator.find(beats, index, frame.measured, expected))
         return Observation(paths=paths, echoes=Echoes.concatenate(echoes), frames=np.stack(frames))
 
     def frame(self, pulses: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
@@ -57,15 +57,6 @@ class Mimo:
         """Return the paths of frames; rain, which is traced on the beam's axis, fills the beam."""
         engine = self._engine
         return spread_over_beam(self.tracer.trace(pulses), pulses, engine.antenna, engine.caster, engine.seed)
-
-    def _near_ground(self, echoes: Echoes, frame: Pulses) -> Echoes:
-        """Return the points of a frame where ground is expected."""
-        if self._expected is None or echoes.direction is None:
-            return echoes
-        pose = frame.measured
-        place_m = pose.position_m[0] + echoes.range_m[:, None] * (echoes.direction @ pose.R_world_antenna[0].T)
-        near = echoes.rows(self._expected.holds(place_m, pose.position_m[0]))
-        return replace(near, number=np.arange(len(near)))
 
     def _received(self, paths: Paths, frame: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         receiver = self._receiver
