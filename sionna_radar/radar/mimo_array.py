@@ -164,15 +164,24 @@ class MimoArray:
             Their ranges; wavefronts are plane by default.
 
         """
-        turn = 2j * np.pi * self.direction / self.wavelength_m
-        away_m = np.broadcast_to(np.asarray(range_m, dtype=np.float64), len(direction))
-        sent = np.exp(turn * self.steps_m(self.transmitter_m, direction, away_m)) @ self.code.T
-        sent = sent * np.exp(2 * turn * np.outer(range_rate_mps, self.chirp_in_block_s))
-        got = np.exp(turn * self.steps_m(self.receiver_m, direction, away_m))
+        sent, got = self.responses(direction, range_rate_mps, range_m)
         vectors: Complex[np.ndarray, "n channel"] = (sent[:, :, None] * got[:, None, :]).reshape(
             len(direction), sent.shape[1] * got.shape[1]
         )
         return vectors
+
+    def responses(
+        self,
+        direction: Float[np.ndarray, "n 3"],
+        range_rate_mps: Float[np.ndarray, " n"],
+        range_m: Float[np.ndarray, " n"] | float = np.inf,
+    ) -> tuple[Complex[np.ndarray, "n code"], Complex[np.ndarray, "n rx"]]:
+        """Return the factors of `steering`: of the chirps of a block, and of the receivers."""
+        turn = 2j * np.pi * self.direction / self.wavelength_m
+        away_m = np.broadcast_to(np.asarray(range_m, dtype=np.float64), len(direction))
+        sent = np.exp(turn * self.steps_m(self.transmitter_m, direction, away_m)) @ self.code.T
+        sent = sent * np.exp(2 * turn * np.outer(range_rate_mps, self.chirp_in_block_s))
+        return sent, np.exp(turn * self.steps_m(self.receiver_m, direction, away_m))
 
     def factor(
         self, direction: Float[np.ndarray, "n 3"], toward: Float[np.ndarray, "3"] | None = None

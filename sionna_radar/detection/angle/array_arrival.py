@@ -44,7 +44,7 @@ from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.numerics import from_db, window
+from sionna_radar.foundation.numerics import from_db, on_one_thread, window
 from sionna_radar.radar.mimo_array import MimoArray
 
 # Quantile of a map's powers that tells its noise.
@@ -64,8 +64,8 @@ MEAN_CELLS = 5
 # Sources so much weaker than the strongest across the track, within so many beams, are not what fills the beam: one
 # look of speckle falls by 10 dB below its mean in one cell of ten.
 WEAKER_DB, BESIDE = 12.0, 3
-# Error of a steering vector's phases by a range that many cells share, rad.
-CURVATURE_RAD = 0.05
+# Error of the phases of scanned directions by a range that many cells share, rad; found ones are refined at their own.
+CURVATURE_RAD = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,6 +269,7 @@ class ArrayEstimator:
         """Direction cosine of a beam of the virtual array."""
         return self.array.wavelength_m / max(float(self.array.size_m.max()), self.array.wavelength_m)
 
+    @on_one_thread
     def sources(self, found: FrameMap, measured: Pose) -> Sources:
         """Return the detected sources of a map."""
         cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
@@ -447,8 +448,13 @@ class _Scan:
                 grids[row] = self._grid(row)
             if not len(grids[row]):
                 continue
-            vectors = self.vectors(grids[row], float(1 / np.mean(1 / np.maximum(cells.range_m[own], 1e-3))))
-            yield own, grids[row], np.abs(cells.x[own] @ vectors.conj().T) ** 2 / self.array.gain**2
+            middle_m = float(1 / np.mean(1 / np.maximum(cells.range_m[own], 1e-3)))
+            grid = grids[row]
+            sent, got = self.array.responses(self.cones.at(grid), self.cones.range_rate_mps[grid.cone], middle_m)
+            # Receivers first: the vectors of all channels are never made.
+            by_chirp = cells.x[own].reshape(len(own), sent.shape[1], got.shape[1]) @ got.conj().T
+            spectrum = np.einsum("ncg,gc->ng", by_chirp, sent.conj())
+            yield own, grid, np.abs(spectrum) ** 2 / self.array.gain**2
 
     def _grid(self, row: int) -> Angles:
         """Return the scanned directions of a range rate: along all its cones, as far as the view reaches."""

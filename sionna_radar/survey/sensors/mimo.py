@@ -66,12 +66,11 @@ class Mimo:
         beats *= np.sqrt(receiver.transmit_power_w)
         if receiver.chirp.sampling == "real":
             beats = np.sqrt(2) * beats.real
-        for channel in range(beats.shape[1]):
-            noise = pulse_generators(receiver.seed, Stream.NOISE, chirps.index, channel)
-            for row, generator in enumerate(noise):
-                parts = generator.standard_normal(beats.shape[2] * (beats.itemsize // 8))
-                power = receiver.noise_power_w * 8 / beats.itemsize
-                beats[row, channel] += np.sqrt(power) * parts.view(beats.dtype)
+        # One draw covers all receivers of a chirp.
+        sigma = np.sqrt(receiver.noise_power_w * 8 / beats.itemsize)
+        for clean, generator in zip(beats, pulse_generators(receiver.seed, Stream.NOISE, chirps.index), strict=True):
+            parts = generator.standard_normal(clean.size * (beats.itemsize // 8))
+            clean += sigma * parts.view(beats.dtype).reshape(clean.shape)
         return beats
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
