@@ -142,8 +142,11 @@ def test_a_good_module_is_told_nothing():
             "repeats beams 90 deg apart",
         ),
         (
-            {"receivers_wavelengths": [[0, 0], [0.5, 0]], "transmitters_wavelengths": [[0, 0], [0.5, 0], [1.0, 0.0]]},
-            "2 places of",
+            {
+                "receivers_wavelengths": [[0, 0], [0.5, 0]],
+                "transmitters_wavelengths": [[0, 0], [0.5, 0], [1.0, 0.0], [1.5, 0.0]],
+            },
+            "3 places of",
         ),
         ({"speed_mps": 25.0}, "range rates of 6.05 m/s within the beam fold at 5.19 m/s"),
         ({"chirps": 8, "speed_mps": 1.0}, "too few to sharpen"),

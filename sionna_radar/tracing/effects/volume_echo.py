@@ -39,7 +39,6 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.persistent.density import power_grid
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import DropPolarization, drop_polarization, marshall_palmer, snow_polarization, spheres
@@ -64,7 +63,7 @@ def spread_over_beam(paths: Paths, pulses: Pulses, antenna: Antenna, caster: Ray
     rain = np.flatnonzero(paths.surface == VOLUME)
     if not len(rain):
         return paths
-    grid = power_grid(antenna)
+    grid = antenna.two_way
     below = np.cumsum(grid.power_sr.ravel())
     row, pose = pulses.row_of(paths.pulse[rain]), pulses.true
     parts, numbers = [paths.rows(np.flatnonzero(paths.surface != VOLUME))], np.arange(TONES_IN_BEAM)
