@@ -28,6 +28,7 @@ from sionna_radar.raytracer.backend import BACKEND_VARIABLE, gpu_usable
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.sensors.mimo import Mimo
 from sionna_radar.tracing.paths import Paths
 
 
@@ -129,6 +130,48 @@ FLOOR_BOUND = 2.0
 ENGINE_REPEATS = 7
 # Pixels beside the track, m, and steps between them.
 ALONG_M, ACROSS_M, STEP_M = (-3.0, 3.0), (24.0, 32.0), 0.04
+
+
+# Virtual channels of a module over those of one, with the same scatterers and as many chirps of each transmitter.
+CHANNEL_BOUNDS = {(3, 4): 4.0, (12, 16): 40.0}
+
+
+def measure_channels(frames: int) -> Iterator[Ratio]:
+    """Yield what the signals of frames take, traced paths and noise included, over those of one channel."""
+    pulses = np.arange(frames)
+    times = {}
+    for transmitters, receivers in ((1, 1), *CHANNEL_BOUNDS):
+        array = {
+            "transmitters_wavelengths": [
+                [(n - (transmitters - 1) / 2) * receivers / 2, 0.0] for n in range(transmitters)
+            ],
+            "receivers_wavelengths": [[(n - (receivers - 1) / 2) / 2, 0.0] for n in range(receivers)],
+            "chirps": 32,
+        }
+        prepared = prepare(
+            load_scenario(
+                "hills",
+                {
+                    "sensor": "mimo",
+                    "radar": {"preset": "ti_awr1843_array", "array": array},
+                    "tracing.paths_per_pulse": 8000,
+                },
+            )
+        )
+        sensor, flown = prepared.build_sensor(), [prepared.flight.pulses(pulses[n : n + 1]) for n in range(frames)]
+        assert isinstance(sensor, Mimo)
+        receive = partial(_received, sensor, flown)
+        receive()
+        times[transmitters, receivers] = min(seconds_of(receive) for _ in range(3))
+    for (transmitters, receivers), bound in CHANNEL_BOUNDS.items():
+        ratio = times[transmitters, receivers] / times[1, 1]
+        name = f"signals of {transmitters * receivers} channels / of one"
+        yield Ratio(name=name, value=ratio, bound=bound, at_most=True)
+
+
+def _received(sensor: Mimo, frames: Sequence[Pulses]) -> None:
+    for frame in frames:
+        sensor.frame(frame)
 
 
 def measure_engines(pulses: int) -> Iterator[Ratio]:

@@ -33,14 +33,15 @@ if TYPE_CHECKING:
     from sionna_radar.survey.observation import SampleType
     from sionna_radar.survey.result import Processed
 
-KINDS = ("signals", "paths", "profiles")
+KINDS = ("signals", "paths", "profiles", "cube")
 RecordOption = Annotated[
     list[str] | None,
     typer.Option(
         "--record",
         metavar="WHAT",
-        help="Record signals, paths or profiles while flying: a kind alone goes with the results as KIND.nc, "
-        "KIND=FILE.nc or FILE.nc (signals, unless the file is named after a kind) to a file of its own. Repeatable.",
+        help="Record signals, paths, profiles or the cube of an array while flying: a kind alone goes with the results "
+        "as KIND.nc, KIND=FILE.nc or FILE.nc (signals, unless the file is named after a kind) to a file of its own, "
+        "cube=FILE.bin to a raw capture with its FILE.cfg. Repeatable.",
     ),
 ]
 RecordAsOption = Annotated[
@@ -64,7 +65,7 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
         kind, separator, name = text.partition("=")
         if not separator and text.endswith(".nc"):
             kind, name = Path(text).stem if Path(text).stem in KINDS else "signals", text
-        if kind not in KINDS or (separator and not name.endswith(".nc")):
+        if kind not in KINDS or (separator and not name.endswith((".nc", ".bin") if kind == "cube" else ".nc")):
             message = f"{text!r} is not recorded; give {', '.join(KINDS)}, or one of them with =FILE.nc"
             raise ScenarioError([Problem("--record", message)], "command line")
         if kind in files or kind in inside:

@@ -1,9 +1,11 @@
 """The processing of a scenario: its detector, range estimator, expected ground and estimator of angles of arrival."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.cfar import Cfar
@@ -18,9 +20,11 @@ from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
 from sionna_radar.radar.build import build_side_receivers
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.signal.analog_filters import HighPass
@@ -44,6 +48,26 @@ def build_angle_estimator(
         spread=spread,
         half_power=(float(np.sin(width_az / 2)), float(np.sin(width_el / 2))),
         length_m=processing.angle_length_m,
+    )
+
+
+def build_array_estimator(
+    table: ArrayTable | None, processing: ProcessingTable, detector: Detector, array: MimoArray | None
+) -> ArrayEstimator | None:
+    """Return what finds points in the frames of an array; None without one."""
+    if table is None or array is None:
+        return None
+    return ArrayEstimator(
+        analyser=replace(detector.analyser, zero_padding=1),
+        array=replace(array, true_code=None, mixing=None),
+        rate_window=table.rate_window,
+        min_range_m=processing.min_range_m,
+        false_alarm_probability=processing.cfar.false_alarm_probability,
+        dynamic_range_db=processing.dynamic_range_db,
+        half_view_rad=float(np.deg2rad(table.half_view_deg)),
+        average_cells=table.average_cells,
+        max_sigma_m=table.max_sigma_m,
+        strongest=processing.echoes != "all",
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from rasterio.windows import Window
 from scipy.spatial.transform import Rotation
 
@@ -58,6 +58,17 @@ class ExpectedGround:
         shift_m = chirp.doppler_range_m(pose.boresight_range_rate_mps)
         window = np.column_stack([nearest + shift_m, farthest + shift_m])
         return np.where(met[:, None], window, [-np.inf, np.inf])
+
+    def holds(
+        self, place_m: Float[np.ndarray, "point 3"], platform_m: Float[np.ndarray, "3"]
+    ) -> Bool[np.ndarray, " point"]:
+        """Return whether points seen from a platform lie within the tolerance of the expected ground."""
+        if self.surface is None:
+            expected_m = np.full(len(place_m), platform_m[2] - self.altitude_m)
+        else:
+            expected_m = self.surface.at(*place_m[:, :2].T)
+        near: Bool[np.ndarray, " point"] = np.abs(place_m[:, 2] - expected_m) <= self.tolerance_m
+        return near
 
     def _meets(
         self, pose: Pose, direction: Float[np.ndarray, "pulse 3"], raised_m: float, reach_m: float

@@ -26,6 +26,7 @@ class Stream(IntEnum):
     TARGET_SCANS = 5
     VOLUME = 6
     PHASE_NOISE = 7
+    VOLUME_DIRECTIONS = 8
     VEGETATION = 12
     MOTION = 13
     NAVIGATION = 50
@@ -37,6 +38,7 @@ class Stream(IntEnum):
     VARIOGRAM = 61
     CELLS = 62
     SAMPLES = 63
+    CALIBRATION = 64
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

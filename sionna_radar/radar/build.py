@@ -8,10 +8,12 @@ from jaxtyping import Complex, Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import from_db
+from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, reach_of_power
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
+from sionna_radar.radar.mimo_array import MimoArray, code_of, receiver_mixing
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.radar.second_receiver import UNAMBIGUOUS, SideReceiver, baseline_of, difference_pattern
 from sionna_radar.scenario.bases import AntennaParameters
@@ -111,6 +113,43 @@ def build_side_receivers(
             for multiple in range(1, (table.receivers or 2) if in_row else 2)
         ]
     return tuple(receivers)
+
+
+def build_array(radar: RadarTable, seed: int) -> MimoArray | None:
+    """Return the array of a scenario's radar, with the errors that its calibration leaves; None if it has none.
+
+    seed: of these errors, which are those of one module.
+    """
+    table = radar.array
+    if table is None:
+        return None
+    chirp = build_chirp(radar)
+    wavelength_m = chirp.wavelength_m
+    places = (table.transmitters_wavelengths, table.receivers_wavelengths)
+    transmitter_m, receiver_m = (
+        np.pad(np.array(place, dtype=np.float64), ((0, 0), (1, 0))) * wavelength_m for place in places
+    )
+    code = code_of(table.multiplexing, len(transmitter_m))
+    random = pulse_generator(seed, Stream.CALIBRATION, 0)
+    nepers = table.gain_error_db * np.log(10) / 20
+    spread = nepers, np.deg2rad(table.phase_error_deg)
+    sent, got = (
+        np.exp(random.standard_normal((len(place), 2)) @ np.array([spread[0], 1j * spread[1]]))
+        for place in (transmitter_m, receiver_m)
+    )
+    coupling = 0.0 if table.coupling_db is None else 10 ** (table.coupling_db / 20)
+    exact = not any((table.gain_error_db, table.phase_error_deg, coupling))
+    return MimoArray(
+        transmitter_m=transmitter_m,
+        receiver_m=receiver_m,
+        code=code,
+        blocks=table.chirps_per_frame // len(code),
+        period_s=1 / radar.chirp_rate_hz,
+        wavelength_m=wavelength_m,
+        direction=chirp.direction,
+        true_code=None if exact else code * sent,
+        mixing=None if exact else receiver_mixing(receiver_m, got, coupling, wavelength_m),
+    )
 
 
 def build_chirp(radar: RadarTable) -> Chirp:

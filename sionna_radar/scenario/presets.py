@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -20,6 +20,12 @@ class Preset:
     radar: Mapping[str, Any]
     sources: tuple[str, ...]
     assumed: tuple[str, ...]
+
+
+def _places(left: Sequence[int], up: Sequence[int] | None = None) -> tuple[tuple[float, float], ...]:
+    """Return the places of elements in wavelengths about their middle, by numbers of half wavelengths."""
+    middle = (max(left) + min(left)) / 2
+    return tuple((0.5 * (x - middle), 0.5 * y) for x, y in zip(left, up or (0,) * len(left), strict=True))
 
 
 PRESETS: Mapping[str, Preset] = MappingProxyType(
@@ -87,6 +93,80 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "a scan from the air: the board itself has none, and a fixed beam maps no more than a line",
             ),
         ),
+        "ti_awr1843_array": Preset(
+            summary="the same board with all 3 transmitters and 4 receivers, looking down: sensor = 'mimo'",
+            radar={
+                "carrier_hz": 77e9,
+                "bandwidth_hz": 400e6,
+                "chirp_rate_hz": 16e3,
+                "samples_per_chirp": 256,
+                "sampling": "iq",
+                "transmit_power_dbm": 12.0,
+                "noise_figure_db": 15.0,
+                "antenna": {
+                    "kind": "array",
+                    "elements": (1, 4),
+                    "spacing_wavelengths": (0.5, 0.45),
+                    "element_exponent": 2.4,
+                },
+                "scan": {"mode": "fixed", "incidence_deg": 0.0},
+                "array": {
+                    "transmitters_wavelengths": _places((0, 2, 4), (0, 1, 0)),
+                    "receivers_wavelengths": _places((0, 1, 2, 3)),
+                    "multiplexing": "tdm",
+                },
+            },
+            sources=(
+                "12 dBm, noise figure 14 dB at 76 to 77 GHz and 15 dB at 77 to 81 GHz, complex sampling: AWR1843 "
+                "data sheet, SWRS222",
+                "transmitters a wavelength apart, the middle one raised by half a wavelength, receivers half a "
+                "wavelength apart: xWR1843 evaluation module user's guide, SPRUIM4, as public repositories quote it",
+                "a two-way pattern of -2 to -4 dB at 30 deg in azimuth and -12 to -16 dB at 60 deg, and half-power at "
+                "+-14 deg in elevation: SPRUIM4; the cosine to the power of 2.4 has -3.0 and -14.4 dB",
+            ),
+            assumed=(
+                "400 MHz in 256 samples, 16,000 chirps a second: 96 m of range, 5.2 m/s of range rate",
+                "four patches along the track, 0.45 of a wavelength apart, which have that half-power width",
+                "the board's left along the platform's left, and half a wavelength at the carrier",
+            ),
+        ),
+        "ti_awr2243_cascade": Preset(
+            summary="a cascade of four 77 GHz chips, 12 transmitters and 16 receivers, looking down: sensor = 'mimo'",
+            radar={
+                "carrier_hz": 77e9,
+                "bandwidth_hz": 400e6,
+                "chirp_rate_hz": 32e3,
+                "samples_per_chirp": 256,
+                "sampling": "iq",
+                "transmit_power_dbm": 13.0,
+                "noise_figure_db": 13.0,
+                "antenna": {
+                    "kind": "array",
+                    "elements": (1, 4),
+                    "spacing_wavelengths": (0.5, 0.45),
+                    "element_exponent": 2.4,
+                },
+                "scan": {"mode": "fixed", "incidence_deg": 0.0},
+                "array": {
+                    "transmitters_wavelengths": _places(
+                        (11, 10, 9, 32, 28, 24, 20, 16, 12, 8, 4, 0), (6, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+                    ),
+                    "receivers_wavelengths": _places((11, 12, 13, 14, 50, 51, 52, 53, 46, 47, 48, 49, 0, 1, 2, 3)),
+                    "multiplexing": "ddm",
+                },
+            },
+            sources=(
+                "places of the antennas in half wavelengths: the 4-chip cascade board of TIDEP-01012, as the "
+                "configuration files of its examples give them in many public repositories",
+                "13 dBm, noise figure 13 dB at 77 GHz: AWR2243 data sheet, SWRS223, as public repositories quote it",
+            ),
+            assumed=(
+                "the pattern of each antenna that of `ti_awr1843_array`",
+                "half a wavelength at the carrier; the board is made for 76.8 GHz",
+                "400 MHz in 256 samples, 32,000 chirps a second: 96 m of range, 2.6 m/s of range rate",
+                "Doppler multiplexing of all transmitters at once; the board can turn each one's phase",
+            ),
+        ),
         "uw_scat_ku": Preset(
             summary="UW-Scat, a 17.2 GHz FMCW scatterometer for snow and ice",
             radar={
@@ -151,6 +231,8 @@ def filled_in(values: Mapping[str, Any], implied: Mapping[str, str]) -> dict[str
     if isinstance(receiver, Mapping) and receiver.get("amplifiers"):
         preset.pop("noise_figure_db", None)
     merged = {**preset, **{key: value for key, value in values.items() if value is not None}}
+    if isinstance(values.get("array"), Mapping) and "array" in preset:
+        merged["array"] = {**preset["array"], **values["array"]}
     for table, tag in KINDS.items():
         table_values, preset_table = values.get(table), preset[table]
         if isinstance(table_values, Mapping):

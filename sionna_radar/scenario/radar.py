@@ -21,7 +21,7 @@ from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.receiver import ReceiverTable, SecondReceiverTable
+from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable, SecondReceiverTable
 from sionna_radar.scenario.table import InputPath, Real, Table, refuse
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
@@ -214,6 +214,8 @@ class RadarTable(Table):
     """its beam and polarization."""
     second_receiver: SecondReceiverTable | None = None
     """one that tells the angle of arrival inside the beam; without it there is none."""
+    array: ArrayTable | None = None
+    """the elements of a module, for sensor = "mimo"; without it there is one of each kind."""
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
     """how the beam moves."""
 
@@ -414,3 +416,36 @@ def check_angle(
         problem = "dem.method", message + "set 'linear' or 'smooth'"
     if problem is not None:
         raise refuse(*problem)
+
+
+def check_array(processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str) -> None:
+    """Reject an array, or its absence, that conflicts with the rest of a scenario."""
+    array = radar.array
+    if sensor != "mimo":
+        if array is not None and sensor == "radar":
+            raise refuse("radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it")
+        return
+    if array is None:
+        raise refuse("radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some")
+    receiver = radar.receiver
+    problem: tuple[str, str] | None = None
+    if radar.sweep == "triangular":
+        problem = "radar.sweep", "'triangular' is not for frames of an array; set 'up'"
+    elif radar.stagger > 0:
+        problem = "radar.stagger", f"{radar.stagger:g} is not for frames of an array; set 0"
+    elif radar.scan.mode not in ("fixed", "side_looking"):
+        problem = "radar.scan.mode", f"{radar.scan.mode!r} moves the array within its frames; set 'fixed'"
+    elif processing.angle != "off":
+        problem = "processing.angle", f"{processing.angle!r} is of a second receiver; set 'off'"
+    elif processing.average.chirps > 1:
+        problem = "processing.average.chirps", "frames of an array are no averages; set 1, and radar.array.chirps"
+    elif tracing.speckle == "per_pulse":
+        problem = "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
+    elif receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
+        problem = "radar.receiver", "an array's receivers are ideal but for noise and radar.array; remove the others"
+    if problem is not None:
+        raise refuse(*problem)
+    frame_s = array.chirps_per_frame / radar.chirp_rate_hz
+    if frame_s * array.frame_rate_hz > 1 + 1e-9:
+        message = f"{array.frame_rate_hz:g} frames of {1e3 * frame_s:.3g} ms do not fit into a second; lower it to "
+        raise refuse("radar.array.frame_rate_hz", f"{message}{1 / frame_s:.3g}, or lower radar.array.chirps")

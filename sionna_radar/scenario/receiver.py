@@ -363,6 +363,74 @@ class SecondReceiverTable(Table):
         return self
 
 
+Place2 = tuple[Annotated[Real, Field(ge=-500, le=500)], Annotated[Real, Field(ge=-500, le=500)]]
+MAX_TRANSMITTERS, MAX_RECEIVERS, MAX_CHANNELS = 64, 64, 1024
+# Places closer than this are one.
+SAME_WAVELENGTHS = 1e-3
+
+
+class ArrayTable(Table):
+    """Transmitters and receivers of a module that maps without turning: sensor = "mimo".
+
+    The antenna's pattern is that of each element.
+    """
+
+    transmitters_wavelengths: tuple[Place2, ...]
+    """where the transmitters are: [left, up] of the antenna's middle."""
+    receivers_wavelengths: tuple[Place2, ...]
+    """where the receivers are."""
+    multiplexing: Literal["tdm", "ddm", "bpm"] = "tdm"
+    """how transmitters are told apart: they take turns, or all send at once, with Doppler frequencies or binary phases
+    of their own."""
+    chirps: Annotated[int, Field(strict=True, ge=8, le=4096)] = 64
+    """of each transmitter in a frame; with "bpm" blocks of a power of two."""
+    frame_rate_hz: Annotated[Real, Field(gt=0, le=1e5)] = 10.0
+    """frames a second; between them the module is silent."""
+    gain_error_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+    """standard deviation of what calibration leaves of the gain of each transmitter and receiver."""
+    phase_error_deg: Annotated[Real, Field(ge=0, le=180)] = 0.0
+    """the same of the phase."""
+    coupling_db: Annotated[Real, Field(ge=-100, le=-3)] | None = None
+    """what a receiver half a wavelength away couples over; less over longer ways. Without it there is none."""
+    half_view_deg: Annotated[Real, Field(gt=0, lt=90)] = 50.0
+    """directions farther from the antenna's axis are left out."""
+    rate_window: Literal["hann", "hamming", "blackman", "blackmanharris"] = "hann"
+    """over the chirps of a frame."""
+    average_cells: tuple[
+        Annotated[int, Field(strict=True, ge=1, le=64)], Annotated[int, Field(strict=True, ge=1, le=64)]
+    ] = (
+        2,
+        2,
+    )
+    """cells of range rate and of range that are averaged to a point."""
+    max_sigma_m: Positive = 2.0
+    """points of a larger standard deviation, along the ray or across it, are left out."""
+
+    @model_validator(mode="after")
+    def _elements_are_apart(self) -> ArrayTable:
+        limits = {"transmitters_wavelengths": MAX_TRANSMITTERS, "receivers_wavelengths": MAX_RECEIVERS}
+        for name, most in limits.items():
+            places = getattr(self, name)
+            if not 1 <= len(places) <= most:
+                raise refuse(name, f"has {len(places)} elements; give 1 to {most}")
+            rounded = [tuple(round(x / SAME_WAVELENGTHS) for x in place) for place in places]
+            for number, place in enumerate(rounded):
+                if place in rounded[:number]:
+                    first = rounded.index(place)
+                    message = f"elements {first} and {number} are both at {list(places[number])}; move or remove one"
+                    raise refuse(name, message)
+        channels = len(self.transmitters_wavelengths) * len(self.receivers_wavelengths)
+        if channels > MAX_CHANNELS:
+            raise refuse("receivers_wavelengths", f"{channels} channels are more than {MAX_CHANNELS}; give fewer")
+        return self
+
+    @property
+    def chirps_per_frame(self) -> int:
+        """All chirps of a frame."""
+        count = len(self.transmitters_wavelengths)
+        return self.chirps * (1 << (count - 1).bit_length() if self.multiplexing == "bpm" else count)
+
+
 class LidarTable(Table):
     """A range sensor on the radar's scan: the range along the beam axis, exact but for white noise.
 

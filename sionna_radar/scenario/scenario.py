@@ -29,7 +29,7 @@ from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, RadarTable, ScanTable, check_angle, check_average
+from sionna_radar.scenario.radar import AntennaTable, RadarTable, ScanTable, check_angle, check_array, check_average
 from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
@@ -375,6 +375,11 @@ class Scenario(Table):
         method = self.dem.method
         needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
         check_angle(self.processing, self.radar, self.weather, self.sensor, method if needs_profiles else None)
+        return self
+
+    @model_validator(mode="after")
+    def _array_is_flown(self) -> Scenario:
+        check_array(self.processing, self.radar, self.tracing, self.sensor)
         return self
 
     @model_validator(mode="after")

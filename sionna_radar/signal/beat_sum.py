@@ -56,7 +56,7 @@ def exponential_sums(
     """
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
     grid = np.empty((len(first), points), dtype=np.complex128)
-    pieces, correction = _pieces(), _correction(samples, points)
+    pieces, correction = spreading_pieces(), sample_correction(samples, points)
     over_rows(lambda start, stop: _spread(start, stop, first, last, frequency, weight, pieces, grid), len(first))
     transform = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=cores())
     sums = np.empty((len(first), samples), dtype=np.complex128)
@@ -71,7 +71,7 @@ def _spreading(offset: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 
 @cache
-def _correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
+def sample_correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
     """Return the inverse of the spreading function's transform at each sample, by Gaussian quadrature."""
     node, weight = np.polynomial.legendre.leggauss(NODES)
     offset = node * WIDTH / 2
@@ -81,7 +81,7 @@ def _correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
 
 
 @cache
-def _pieces() -> Float[np.ndarray, "piece 4 point"]:
+def spreading_pieces() -> Float[np.ndarray, "piece 4 point"]:
     """Return the cubic polynomials of the spreading function at each point, in the fraction of a piece.
 
     The first point lies t - WIDTH / 2 from the exponential, with t from 0 to 1 in all pieces. Each polynomial

@@ -12,8 +12,14 @@ import numpy as np
 from jaxtyping import Float, Inexact, Int
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
+from sionna_radar.detection.build import (
+    build_angle_estimator,
+    build_array_estimator,
+    build_detector,
+    build_expected_ground,
+)
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -31,9 +37,10 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import ANTENNAS, SENSORS
@@ -79,7 +86,8 @@ class Prepared:
     flown: the trajectory with its nominal height and speed, and what a log gave for it.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     angle: finds directions inside the beam; None for echoes on the beam's axis.
-    bursts: the chirps that are averaged to each pulse of the flight; None for one.
+    array: finds points in the frames of an array, whose true errors are those of module; None for a radar without.
+    bursts: the chirps that are averaged to each pulse of the flight, or the frame that it is; None for one.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
@@ -108,6 +116,8 @@ class Prepared:
     custom: CustomParts = field(default_factory=CustomParts)
     beams: tuple[Antenna, ...] = ()
     angle: AngleEstimator | None = None
+    array: ArrayEstimator | None = None
+    module: MimoArray | None = None
     bursts: Bursts | None = None
     warnings: tuple[str, ...] = ()
 
@@ -173,6 +183,8 @@ class Prepared:
             weather=self.local.weather,
             lidar=self.local.lidar,
             angle=self.angle,
+            array=self.array,
+            module=self.module,
             bursts=self.bursts,
             custom_engine=self.custom.engine,
         )
@@ -333,6 +345,8 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
         mapper=mapper,
         custom=custom,
         angle=processing.angle,
+        array=processing.array,
+        module=radar.module,
         bursts=flight.bursts,
         ground_extent_m=flight.hits.extent_m,
     )
@@ -347,6 +361,7 @@ class _Radar:
     antenna: Antenna
     beams: tuple[Antenna, ...]
     high_pass: HighPass | None
+    module: MimoArray | None = None
 
     @property
     def chirp(self) -> Chirp:
@@ -366,6 +381,7 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
         antenna=antenna,
         beams=beams_of(antenna, scan),
         high_pass=build_high_pass(local.radar.receiver),
+        module=build_array(local.radar, local.seed) if local.sensor == "mimo" else None,
     )
     check_vegetation(local, antenna)
     check_rotors(local, radar.chirp)
@@ -383,6 +399,7 @@ def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
 class _Processing:
     detector: Detector
     angle: AngleEstimator | None
+    array: ArrayEstimator | None
 
 
 def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
@@ -402,7 +419,8 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
     angle = build_angle_estimator(local.radar, local.processing, detector, radar.antenna)
-    return _Processing(detector=detector, angle=angle)
+    array = build_array_estimator(local.radar.array, local.processing, detector, radar.module)
+    return _Processing(detector=detector, angle=angle, array=array)
 
 
 def _world(local: Scenario, window_m: Extent, custom: CustomParts, shared: World) -> BuiltScene:
@@ -433,7 +451,10 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
         schedule: PulseSchedule = custom.flight.schedule(flown, radar.scan, place.origin_m[2] if place else 0.0)
     else:
         schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
-    bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
+    if radar.module is None:
+        bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
+    else:
+        bursts = Bursts(schedule=schedule, chirps=radar.module.chirps, period_s=radar.module.period_s)
     schedule = schedule if bursts is None else bursts.schedule
     check_pulses(schedule, local)
     hits = boresight_hits(schedule, world)
@@ -448,9 +469,10 @@ def _map(
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flight.flown, radar.scan)
     mapper = build_mapper(
         local.dem,
-        dem_grid(local.dem.spacing_m, flight.hits.extent_m, max_gap_m, world.scene.georeference),
+        dem_grid(local.dem.spacing_m, _mapped_extent_m(local, flight), max_gap_m, world.scene.georeference),
         max_gap_m,
-        radar.antenna if local.sensor != "lidar" else None,
+        # The points of an array lie at single places.
+        radar.antenna if local.sensor not in ("lidar", "mimo") else None,
         processing.detector.analyser,
         local.processing.doppler_correction,
         custom.dem_method,
@@ -459,6 +481,19 @@ def _map(
     )
     _check_profiles(local, mapper, custom)
     return mapper
+
+
+def _mapped_extent_m(local: Scenario, flight: _FlightOver) -> Extent:
+    """Return the extent of the DEM: the ground that the beam's axis meets, or what an array sees to its sides."""
+    extent_m = flight.hits.extent_m
+    if local.radar.array is None or local.sensor != "mimo":
+        return extent_m
+    reach_m = flight.flown.altitude_m * np.tan(np.deg2rad(local.radar.array.half_view_deg))
+    pose = flight.schedule.sample(SAMPLED_PULSES).measured
+    left = np.abs(pose.R_world_antenna[:, :2, 1]).max(axis=0)
+    west, south, east, north = extent_m
+    east_m, north_m = reach_m * left
+    return (west - east_m, south - north_m, east + east_m, north + north_m)
 
 
 def _receiver(local: Scenario, radar: _Radar, world: BuiltScene, flight: _FlightOver) -> Receiver:
@@ -496,7 +531,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
 
 def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    rate_hz = scenario.radar.mean_rate_hz / scenario.processing.average.chirps
+    rate_hz = _pulse_rate_hz(scenario) / (1 + scenario.radar.stagger / 2) / scenario.processing.average.chirps
     spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
@@ -518,8 +553,14 @@ def _reference_echo(
     )
 
 
+def _pulse_rate_hz(scenario: Scenario) -> float:
+    """Return the pulses a second without pauses: chirps, or the frames of an array."""
+    array = scenario.radar.array
+    return scenario.radar.chirp_rate_hz if array is None or scenario.sensor != "mimo" else array.frame_rate_hz
+
+
 def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None) -> PulseSchedule:
-    rate_hz, errors = scenario.radar.chirp_rate_hz, scenario.platform.navigation
+    rate_hz, errors = _pulse_rate_hz(scenario), scenario.platform.navigation
     return schedule_pulses(
         trajectory,
         scan,

@@ -15,6 +15,7 @@ from sionna_radar.foundation.numerics import to_db
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
 from sionna_radar.signal.build import rounding_over_noise
@@ -26,6 +27,7 @@ logger = logging.getLogger("sionna_radar")
 # Keys that raise echoes, by the sensor.
 LOUDER = {
     "radar": "radar.snr_db or radar.transmit_power_dbm",
+    "mimo": "radar.snr_db or radar.transmit_power_dbm",
     "lidar": "lidar.clear_range_m, lidar.ground_reflectivity or lidar.reflectivities",
 }
 # Spread over the survey, by which warnings know how the antenna looks at the ground.
@@ -45,6 +47,13 @@ UNEXPLAINED_SHARE_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
+
+# Widest gap between virtual elements of a filled array, wavelengths: half of one, and a little.
+LARGEST_GAP = 0.55
+# Fewest places of virtual elements, over their number: boards that check their channels by doubled ones have more.
+LEAST_PLACES = 2 / 3
+# Fewest cells of range rate within the beam of an array.
+LEAST_RATES = 4
 
 # Share of clipped pulses above which a warning is given.
 SATURATED_SHARE_WARNED = 0.001
@@ -235,6 +244,61 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
     )
 
 
+def array_warnings(
+    array: MimoArray, half_view_rad: float, up_beamwidth_rad: float, speed_mps: float, height_m: float, cell_m: float
+) -> tuple[str, ...]:
+    """Return the warnings about an array and its frames.
+
+    Parameters
+    ----------
+    array, half_view_rad:
+        The array, and how far from boresight it is looked at.
+    up_beamwidth_rad:
+        Half-power width of an element's pattern along the up axis.
+    speed_mps, height_m, cell_m:
+        Of the flight, and length of a range cell.
+
+    """
+    warnings = []
+    gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
+    if gap > LARGEST_GAP and gap * 2 * np.sin(half_view_rad) > 1:
+        apart_deg = float(np.rad2deg(np.arcsin(min(1.0, 1 / gap))))
+        warnings.append(
+            f"a gap of {gap:.3g} wavelengths between virtual elements repeats beams {apart_deg:.0f} deg apart, within "
+            f"the {np.rad2deg(half_view_rad):.0f} deg of radar.array.half_view_deg; fill it, or lower half_view_deg to "
+            f"{np.rad2deg(np.arcsin(min(1.0, 0.5 / gap))):.0f}"
+        )
+    if len(array.duplicates) < LEAST_PLACES * array.channels:
+        warnings.append(
+            f"{doubled} places of virtual elements are taken more than once: {array.channels} channels make "
+            f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"
+        )
+    ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
+    if ahead_mps > array.highest_rate_mps:
+        warnings.append(
+            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
+            "directions alone tell them apart; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
+        )
+    if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
+        warnings.append(
+            f"range rates within the beam span {2 * ahead_mps / array.rate_cell_mps:.2g} cells of "
+            f"{array.rate_cell_mps:.3g} m/s, too few to sharpen it along the track; raise radar.array.chirps or fly "
+            "faster"
+        )
+    dwell_s = height_m * 2 * float(np.tan(up_beamwidth_rad / 2)) / max(speed_mps, 1e-9)
+    if array.duration_s > dwell_s:
+        warnings.append(
+            f"a frame of {1e3 * array.duration_s:.3g} ms is longer than the {1e3 * dwell_s:.3g} ms for which ground "
+            "stays within the beam; lower radar.array.chirps"
+        )
+    elif (moved_m := ahead_mps * array.duration_s) > cell_m:
+        warnings.append(
+            f"ground moves by {moved_m:.3g} m in range during a frame, more than a cell of {cell_m:.3g} m; lower "
+            "radar.array.chirps or radar.bandwidth_hz"
+        )
+    return tuple(warnings)
+
+
 def survey_warnings(
     prepared: Prepared, observed: Observed, points: Points, lit: DemError, estimate: Estimate
 ) -> tuple[str, ...]:
@@ -256,6 +320,15 @@ def survey_warnings(
     local = prepared.local
     warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
     warnings += _burst_warnings(prepared)
+    if prepared.array is not None:
+        warnings += array_warnings(
+            prepared.array.array,
+            prepared.array.half_view_rad,
+            prepared.antenna.beamwidths_rad[1],
+            prepared.flown.speed_mps,
+            prepared.flown.altitude_m,
+            prepared.receiver.chirp.range_resolution_m,
+        )
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     spacing_m = prepared.mapper.grid.spacing_m

@@ -14,6 +14,7 @@ from benchmark_cases import (
     Ratio,
     bare_casting,
     measure_backends,
+    measure_channels,
     measure_engines,
     measure_growth,
     measure_reuse,
@@ -47,6 +48,7 @@ def measure() -> Iterator[Ratio]:
     yield _effective_path_cost(stock_pulses=5)
     yield from _against_bare_rays(2000, repeats=7)
     yield from measure_engines(2000)
+    yield from measure_channels(2)
     yield from _persistent_over_per_pulse(512, repeats=7)
     yield from _faster_than_flight(length_m=900.0)
     yield from _methods()

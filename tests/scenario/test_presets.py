@@ -1,9 +1,10 @@
 """Published radars: their figures stand where none are given, and give way to those that are."""
 
+import numpy as np
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.build import build_chirp
+from sionna_radar.radar.build import build_antenna, build_array, build_chirp
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.radar import RadarTable
 
@@ -14,7 +15,8 @@ def test_every_preset_is_a_radar_with_sources(name):
     assert PRESETS[name].sources
     assert PRESETS[name].assumed
     assert build_chirp(radar).carrier_hz == PRESETS[name].radar["carrier_hz"]
-    assert 0 < min(radar.antenna.beamwidths_rad) <= max(radar.antenna.beamwidths_rad) < 1.1
+    if radar.array is None:
+        assert 0 < min(radar.antenna.beamwidths_rad) <= max(radar.antenna.beamwidths_rad) < 1.1
     again = RadarTable(**radar.model_dump(mode="json", exclude_none=True))
     assert again == radar
 
@@ -41,3 +43,23 @@ def test_range_resolutions_are_the_published_ones():
 def test_an_unknown_preset_is_refused():
     with pytest.raises(ScenarioError, match=r"preset: 'avtis' is unknown; .* Did you mean avtis2"):
         RadarTable(preset="avtis")
+
+
+def test_the_elements_of_modules_have_the_published_patterns_and_places():
+    """Two-way 2 to 4 dB down at 30 deg and 12 to 16 at 60; virtual arrays of 8 and of 86 places across."""
+    for name, across in (("ti_awr1843_array", 8), ("ti_awr2243_cascade", 86)):
+        radar = RadarTable(preset=name)
+        antenna, array = build_antenna(radar.antenna), build_array(radar, 1)
+        angle = np.deg2rad([0.0, 30.0, 60.0])
+        two_way = antenna.gain(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)])) ** 2
+        assert -4 < 10 * np.log10(two_way[1] / two_way[0]) < -2
+        assert -16 < 10 * np.log10(two_way[2] / two_way[0]) < -12
+        assert 2 * np.deg2rad(13) < antenna.beamwidths_rad[1] < 2 * np.deg2rad(15)
+        level = array.virtual_m[np.isclose(array.virtual_m[:, 2], array.virtual_m[:, 2].min())]
+        assert len(np.unique(np.round(level[:, 1] / array.wavelength_m, 3))) == across
+        assert array.widest_gap_wavelengths(1) == pytest.approx(0.5, abs=0.01)
+
+
+def test_parts_of_an_array_are_merged_with_the_preset():
+    array = RadarTable(preset="ti_awr1843_array", array={"chirps": 32, "multiplexing": "bpm"}).array
+    assert (array.chirps, array.chirps_per_frame, len(array.receivers_wavelengths)) == (32, 128, 4)

@@ -393,7 +393,7 @@ CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.
 
 
 @dataclass(frozen=True, kw_only=True)
-class _CaptureConfig:
+class CaptureConfig:
     """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them."""
 
     receivers: int
@@ -412,7 +412,7 @@ class _CaptureConfig:
 
 def _capture(own: RecordingTable, config_file: Path) -> _Channel:
     """Return the samples of a raw capture, of one receiver and the chirps of one transmitter."""
-    config = _config(config_file)
+    config = capture_config(config_file)
     _check_receiver(own, config.receivers)
     chirps = len(config.transmitters)
     frame_bytes = 2 * config.receivers * config.samples * (2 if config.complex_samples else 1) * chirps * config.loops
@@ -438,12 +438,12 @@ def _capture(own: RecordingTable, config_file: Path) -> _Channel:
         sampling_rate_hz=1e3 * config.rate_ksps,
         sweep="up" if slope > 0 else "down",
     )
-    samples = _of_receiver(raw[:, sent[0]], config, own.lanes, own.receiver - 1)
+    samples = receiver_samples(raw[:, sent[0]], config, own.lanes, own.receiver - 1)
     return _Channel(samples=samples, radar=radar, time_s=loop_s.ravel() + sent[0] * chirp_s)
 
 
-def _of_receiver(
-    raw: Int[np.ndarray, "pulse value"], config: _CaptureConfig, lanes: int, receiver: int
+def receiver_samples(
+    raw: Int[np.ndarray, "pulse value"], config: CaptureConfig, lanes: int, receiver: int
 ) -> Num[np.ndarray, "pulse sample"]:
     """Return the samples of a receiver, counted from 0, in the raw values of chirps."""
     pulses, receivers, samples = len(raw), config.receivers, config.samples
@@ -462,7 +462,7 @@ def _of_receiver(
     return in_phase.astype(np.complex64) + 1j * quadrature.astype(np.float32)
 
 
-def _config(path: Path) -> _CaptureConfig:
+def capture_config(path: Path) -> CaptureConfig:
     """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
     text = read_text(path, "recording.config =", CONFIG_REMEDY)
     try:
@@ -477,7 +477,7 @@ def _config(path: Path) -> _CaptureConfig:
     return config
 
 
-def _from_lines(text: str) -> _CaptureConfig:
+def _from_lines(text: str) -> CaptureConfig:
     commands: dict[str, list[list[float]]] = {}
     for line in text.splitlines():
         words = line.split("%")[0].split()
@@ -489,7 +489,7 @@ def _from_lines(text: str) -> _CaptureConfig:
         chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
     first, last = int(frame[0]), int(frame[1])
     profile = {p[0]: p for p in commands["profileCfg"]}[chirps[first][2]]
-    return _CaptureConfig(
+    return CaptureConfig(
         receivers=int(channel[0]).bit_count(),
         complex_samples=adc[1] > 0,
         start_ghz=profile[1],
@@ -505,7 +505,7 @@ def _from_lines(text: str) -> _CaptureConfig:
     )
 
 
-def _from_json(document: Any) -> _CaptureConfig:
+def _from_json(document: Any) -> CaptureConfig:
     radio = document["mmWaveDevices"][0]["rfConfig"]
     frame = radio["rlFrameCfg_t"]
     chirps: dict[int, Any] = {}
@@ -515,7 +515,7 @@ def _from_json(document: Any) -> _CaptureConfig:
     first, last = frame["chirpStartIdx"], frame["chirpEndIdx"]
     profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
     profile = profiles[chirps[first]["profileId"]]
-    return _CaptureConfig(
+    return CaptureConfig(
         receivers=_bits(radio["rlChanCfg_t"]["rxChannelEn"]).bit_count(),
         complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
         start_ghz=float(profile["startFreqConst_GHz"]),

@@ -26,6 +26,7 @@ from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.observation import Recorder, SampleType
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.recordings.capture_file import CubeRecorder, config_of, is_capture
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
@@ -360,6 +361,55 @@ class ProfileRecorder:
         self._file.close()
 
 
+class NetcdfCubeRecorder:
+    """Records the frames of an array, chirp by chirp and receiver by receiver."""
+
+    def __init__(self, path: Path, prepared: Prepared) -> None:
+        array, chirp = prepared.module, prepared.receiver.chirp
+        assert array is not None
+        self._file = file = new_recording(path, prepared, "cube", "frames of a radar with an array")
+        file.dimension("chirp", array.chirps)
+        file.dimension("receiver", len(array.receiver_m))
+        file.dimension("transmitter", len(array.transmitter_m))
+        file.dimension("code", len(array.code))
+        file.dimension("sample", chirp.samples)
+        shape = ("pulse", "chirp", "receiver", "sample")
+        self._parts = ("in_phase", "quadrature") if chirp.sampling == "iq" else ("in_phase",)
+        for name in self._parts:
+            file.variable(name, shape, dtype=np.dtype(np.float32), long_name=f"{name} part of the beat", units="W0.5")
+        for name in ("transmitter", "receiver"):
+            places = getattr(array, f"{name}_m")
+            file.variable(
+                f"{name}_place",
+                (name, "axis"),
+                dtype=np.dtype(float),
+                long_name=f"places of the {name}s along boresight, left and up",
+                units="m",
+            )
+            file.write(f"{name}_place", 0, places)
+        for part, factor in (("real", array.code.real), ("imaginary", array.code.imag)):
+            text = f"{part} part of each transmitter's factor in the chirps of a block"
+            file.variable(f"code_{part}", ("code", "transmitter"), dtype=np.dtype(float), long_name=text, units="1")
+            file.write(f"code_{part}", 0, factor)
+
+    def write(self, pulses: Pulses, seen: Observation) -> None:
+        """Record a block of frames."""
+        assert seen.frames is not None
+        write_pulses(self._file, pulses)
+        for name in self._parts:
+            part = seen.frames.real if name == "in_phase" else seen.frames.imag
+            self._file.write(name, int(pulses.index[0]), part.astype(np.float32))
+
+    def finish(self, comparison: Comparison) -> None:
+        """Close the file."""
+        del comparison
+        self.close()
+
+    def close(self) -> None:
+        """Close an unfinished file."""
+        self._file.close()
+
+
 class PathRecorder:
     """Writes the paths of each block: delay, complex gain, range rate, incidence, hit point and surface.
 
@@ -416,8 +466,8 @@ class PathRecorder:
         self._file.close()
 
 
-Kind = Literal["signals", "paths", "profiles"]
-KINDS: tuple[Kind, ...] = ("signals", "paths", "profiles")
+Kind = Literal["signals", "paths", "profiles", "cube"]
+KINDS: tuple[Kind, ...] = ("signals", "paths", "profiles", "cube")
 
 
 @contextmanager
@@ -429,7 +479,7 @@ def recorders(
     Parameters
     ----------
     wanted:
-        Files by the kind of recording: "signals", "paths" or "profiles".
+        Files by the kind of recording: "signals", "paths", "profiles" or "cube".
     prepared:
         The survey.
     sample_type:
@@ -445,6 +495,10 @@ def recorders(
     """
     files = checked_files(wanted)
     refuse_average(prepared.scenario.processing, "a recording")
+    for kind, of_array in (("cube", True), ("signals", False), ("profiles", False)):
+        if kind in files and (prepared.module is not None) != of_array:
+            own = "sensor = 'mimo'" if of_array else "single chirps"
+            raise ScenarioError([Problem("record", f"{kind!r} is of {own}; give another kind, or change the sensor")])
     if "signals" in files and prepared.angle is not None:
         message = (
             f"{prepared.scenario.processing.angle!r} needs all receivers, and only the first one's signals are kept; "
@@ -454,6 +508,7 @@ def recorders(
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),
         "profiles": lambda path: ProfileRecorder(path, prepared),
+        "cube": lambda path: CubeRecorder(path, prepared) if is_capture(path) else NetcdfCubeRecorder(path, prepared),
     }
     with ExitStack() as stack:
         made, places = [], []
@@ -464,6 +519,8 @@ def recorders(
                 stack.callback(recorder.close)
                 made.append(recorder)
                 places.append((folder / path.name, path))
+                if kind == "cube" and is_capture(path):
+                    places.append((config_of(folder / path.name), config_of(path)))
             yield made
             for written, path in places:
                 if path.exists():
@@ -496,9 +553,10 @@ def _checked(kind: str, path: Path) -> Path:
         raise ScenarioError([Problem("record", f"{kind!r} is not recorded; give one of {', '.join(KINDS)}")], "run")
     try:
         path = path.expanduser().resolve()
-        if path.exists():
-            message = f"recording {path} exists already; move it away or name another file"
-            raise OutputError(message)
+        for file in (path, config_of(path)) if kind == "cube" and is_capture(path) else (path,):
+            if file.exists():
+                message = f"recording {file} exists already; move it away or name another file"
+                raise OutputError(message)
         if not path.parent.is_dir():
             message = f"recording {path} cannot be written: there is no folder {path.parent}; make it first"
             raise OutputError(message)

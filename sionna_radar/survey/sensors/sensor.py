@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Inexact, Int
 
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.receiver import LidarTable
@@ -36,6 +38,7 @@ class Observation:
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     beats: beat signals of each sweep, for whoever records them; None for a sensor without.
+    frames: those of an array, chirp by chirp and receiver by receiver; None for another sensor.
     saturated: samples of each pulse that the converter clipped; None for a sensor without a full scale.
     """
 
@@ -44,6 +47,7 @@ class Observation:
     profiles: Profiles | None = None
     through_volume: bool = False
     beats: Beats | None = None
+    frames: Inexact[np.ndarray, "pulse chirp rx sample"] | None = None
     saturated: Int[np.ndarray, " pulse"] | None = None
 
 
@@ -92,7 +96,8 @@ class SensorInputs:
     expected_ground: what is known of the ground beforehand; None for nothing.
     weather, lidar: tables of the scenario.
     angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
-    bursts: the chirps of each pulse; None for one.
+    array: finds points in the frames of an array; None for a radar without. module: the array with its true errors.
+    bursts: the chirps of each pulse, or frame; None for one.
     custom_engine: builds an engine in place of the one that the scenario names.
     """
 
@@ -104,6 +109,8 @@ class SensorInputs:
     weather: WeatherTable
     lidar: LidarTable
     angle: AngleEstimator | None = None
+    array: ArrayEstimator | None = None
+    module: MimoArray | None = None
     bursts: Bursts | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None
 

@@ -27,16 +27,18 @@ The polarization of the echo of rain and snow determines the share of it that th
 """
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Volume, Weather
 from sionna_radar.weather.drops import DropPolarization, drop_polarization, marshall_palmer, snow_polarization, spheres
@@ -45,6 +47,49 @@ from sionna_radar.weather.path import rain_clutter_power
 CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.
 MIN_SHARE = 1e-3
+
+
+# Tones that each one of a wide beam becomes.
+TONES_IN_BEAM = 24
+
+
+def spread_over_beam(paths: Paths, pulses: Pulses, antenna: Antenna, caster: RayCaster, seed: int) -> Paths:
+    """Return paths with the tones of the volume spread over the beam, for receivers that tell directions apart.
+
+    Each becomes some of random phases, in directions drawn from the two-way power, as far as the ground leaves the air
+    there; together they have its power.
+    """
+    rain = np.flatnonzero(paths.surface == VOLUME)
+    if not len(rain):
+        return paths
+    grid = antenna.two_way
+    below = np.cumsum(grid.power_sr.ravel())
+    row, pose = pulses.row_of(paths.pulse[rain]), pulses.true
+    parts, numbers = [paths.rows(np.flatnonzero(paths.surface != VOLUME))], np.arange(TONES_IN_BEAM)
+    for own in np.unique(row):
+        tones = paths.rows(rain[row == own])
+        generator = pulse_generator(seed, Stream.VOLUME_DIRECTIONS, int(pulses.index[own]))
+        drawn = np.searchsorted(below, generator.random((len(tones), TONES_IN_BEAM)) * below[-1])
+        toward = grid.direction[np.minimum(drawn, len(below) - 1)] @ pose.R_world_antenna[own].T
+        range_m = tones.delay_s * (speed_of_light / 2)
+        place = pose.position_m[own] + range_m[:, None, None] * toward
+        seen = caster.visible(np.broadcast_to(pose.position_m[own], (place.size // 3, 3)), place.reshape(-1, 3))
+        seen = seen.reshape(len(tones), TONES_IN_BEAM)
+        tone, number = np.nonzero(seen)
+        phase = np.exp(2j * np.pi * generator.random((len(tones), len(numbers)))[tone, number])
+        away = toward[tone, number]
+        # Drops fall: their own range rate grows with the cosine of the ray from the vertical.
+        drift = (tones.range_rate_mps - pose.boresight_range_rate_mps[own])[tone]
+        drift = drift * away[:, 2] / min(float(pose.boresight[own, 2]), -0.1)
+        parts.append(
+            replace(
+                tones.rows(tone),
+                gain=tones.gain[tone] * phase / np.sqrt(seen.sum(axis=1)[tone]),
+                hit_m=place[tone, number],
+                range_rate_mps=drift - away @ pose.velocity_mps[own],
+            )
+        )
+    return Paths.concatenate(parts)
 
 
 class VolumeEcho:

@@ -1,0 +1,549 @@
+"""Points in space from a frame of an array: range and range rate of a cell, and directions from its channels.
+
+Stationary ground of range rate v lies on the cone u.m = -v / |m| about the measured motion m of the radar. On it one
+angle is left, phi about the motion, which the channels tell: the spectrum |a(phi)^H x|^2 of a cell's channels x is that
+of beams across the track, each with the phases that its own direction and range rate give to the chirps of a block, so
+that the motion between transmitters is compensated exactly. Range rates beyond half of the blocks' rate fold into the
+same cell; all cones that the antenna sees are compared, and the phases of the codes tell them apart.
+
+A cell holds up to two sources, as the cone meets level ground left and right of the track. The second is sought in
+what the first leaves, and both are refined in turns, each where the part of its vector outside of the other's explains
+most: maximum likelihood for sources of unknown amplitudes in white noise, by alternating projection (Ziskind and Wax
+1988, "Maximum likelihood localization of multiple sources by alternating projection", IEEE Trans. ASSP 36).
+
+Where another direction explains a cell nearly as well (a side lobe, or a cone of another fold), the source is left out:
+the difference of both powers over the noise is the logarithm of the likelihoods' ratio, and must reach that of a false
+alarm.
+
+The variance of phi is its Cramer-Rao bound for unknown amplitudes (Stoica and Nehorai 1989, see `row`): w / (2 |s|^2 h)
+with the noise w of a channel and h the squared length of a's derivative outside of the space of all sources. Speckle
+adds to it: a cell's scatterers spread in range and range rate with the standard deviation of the windows' response, and
+given the power P of their sum the place of its phase centre scatters by that over sqrt(2 P / <P>), as for a complex
+Gaussian sum whose first moment has an independent part (Goodman 2007, "Speckle Phenomena in Optics", app. A). The
+phase centre lies on the ground; the cell's centre, where the point is placed, does not.
+
+A source is detected where the spectrum exceeds a multiple of the noise. In noise the spectrum at a direction is
+exponential, and that of G scanned directions exceeds w ln(G / p) somewhere with a probability of at most p (Boole's
+inequality), which is the rate of false alarms of a cell. Directions are scanned only in cells whose power, summed over
+the channels and so gamma distributed, belongs to the strongest few of a hundred cells of noise. Ground fills whole
+regions of a map, and a ring of cells beside the tested one holds more of it; so the noise is estimated from an order
+statistic of the whole map, its lowest tenth. Echoes can only raise that, and lower the rate of false alarms.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Inexact, Int
+from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.special import gammainccinv, gammaincinv
+
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.expected_ground import ExpectedGround
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.numerics import from_db, on_one_thread, window
+from sionna_radar.radar.mimo_array import MimoArray
+
+# Quantile of a map's powers that tells its noise.
+NOISE_QUANTILE = 0.1
+# Share of cells of noise in which directions are scanned.
+SCANNED = 0.03
+# Directions in a spectrum per beam of the virtual array.
+STEPS_IN_BEAM = 4
+# Steps of a parabola to a source's place, each half as wide.
+ASCENTS = 3
+# Passes over both sources.
+REFINEMENTS = 3
+# Least share of a source's vector outside of another's: a quarter of a beam.
+LEAST_APART = 0.05
+# Cells over which the mean power about one is taken, each way.
+MEAN_CELLS = 5
+# Sources so much weaker than the strongest across the track, within so many beams, are not what fills the beam: one
+# look of speckle falls by 10 dB below its mean in one cell of ten.
+WEAKER_DB, BESIDE = 12.0, 3
+# Error of the phases of scanned directions by a range that many cells share, rad; found ones are refined at their own.
+CURVATURE_RAD = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameMap:
+    """The channels of a frame over range rate and range.
+
+    channel: complex amplitudes; a beat of power P in every chirp has that of P.
+    noise: power of the noise in a channel of a cell.
+    rate_mps: of the rows, folded; range_m: of the cells, not corrected for Doppler.
+    """
+
+    channel: Complex[np.ndarray, "rate range channel"]
+    noise: float
+    rate_mps: Float[np.ndarray, " rate"]
+    range_m: Float[np.ndarray, " range"]
+
+    @cached_property
+    def power(self) -> Float[np.ndarray, "rate range"]:
+        """Mean power of the channels."""
+        mean: Float[np.ndarray, "rate range"] = np.mean(np.abs(self.channel) ** 2, axis=2)
+        return mean
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sources(Columns):
+    """Sources in cells of a map.
+
+    rate, cell: of the map; fold: how many times the range rate is folded.
+    direction: in the antenna's frame. power: of its amplitude.
+    phi_sigma_rad: standard deviation of the angle about the motion.
+    """
+
+    rate: Int[np.ndarray, " source"]
+    cell: Int[np.ndarray, " source"]
+    fold: Int[np.ndarray, " source"]
+    direction: Float[np.ndarray, "source 3"]
+    power: Float[np.ndarray, " source"]
+    phi_sigma_rad: Float[np.ndarray, " source"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cones(Columns):
+    """Directions of range rates, in the antenna's frame: u = axis + across cos(phi) + up sin(phi).
+
+    row: of the map that a range rate folds into; fold: how many times it does.
+    """
+
+    row: Int[np.ndarray, " cone"]
+    fold: Int[np.ndarray, " cone"]
+    range_rate_mps: Float[np.ndarray, " cone"]
+    axis: Float[np.ndarray, "cone 3"]
+    across: Float[np.ndarray, "cone 3"]
+    up: Float[np.ndarray, "cone 3"]
+
+    @classmethod
+    def of(cls, found: FrameMap, span_mps: float, measured: Pose) -> "Cones":
+        """Return the cones of all range rates of a map, `span_mps` apart where they fold; none without motion."""
+        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
+        speed = float(np.linalg.norm(velocity))
+        most = int(np.ceil(speed / span_mps)) + 1 if speed > 0 else 0
+        row, fold = (
+            g.ravel() for g in np.meshgrid(np.arange(len(found.rate_mps)), np.arange(-most, most + 1), indexing="ij")
+        )
+        rate = found.rate_mps[row] + fold * span_mps
+        seen = np.abs(rate) < speed
+        row, fold, rate = row[seen], fold[seen], rate[seen]
+        ahead = velocity / max(speed, 1e-300)
+        # Up: next to the boresight, so that phi = 90 deg is the direction nearest to it.
+        up = np.array([1.0, 0.0, 0.0]) - ahead[0] * ahead
+        if np.linalg.norm(up) < 1e-6:
+            up = np.array([0.0, 0.0, 1.0]) - ahead[2] * ahead
+        up /= max(float(np.linalg.norm(up)), 1e-300)
+        cosine = -rate / max(speed, 1e-300)
+        sine = np.sqrt(1 - cosine**2)
+        return cls(
+            row=row,
+            fold=fold,
+            range_rate_mps=rate,
+            axis=np.outer(cosine, ahead),
+            across=np.outer(sine, np.cross(up, ahead)),
+            up=np.outer(sine, up),
+        )
+
+    def at(self, where: "Angles") -> Float[np.ndarray, "n 3"]:
+        """Return unit vectors."""
+        phi, cone = where.phi_rad[:, None], where.cone
+        return self.axis[cone] + np.cos(phi) * self.across[cone] + np.sin(phi) * self.up[cone]
+
+
+@dataclass(frozen=True)
+class Angles(Columns):
+    """Directions on cones: the angle about the motion, and the number of the cone."""
+
+    phi_rad: Float[np.ndarray, " n"]
+    cone: Int[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArrayEstimator:
+    """Finds points in the frames of an array.
+
+    analyser: of the range, one bin a cell. array: its calibrated model.
+    rate_window: over the blocks. min_range_m: nothing nearer is detected.
+    false_alarm_probability: of a source in a cell. dynamic_range_db: weaker sources beside another are left out.
+    half_view_rad: directions farther from boresight are left out.
+    strongest: whether sources far weaker than others in nearly their direction are left out, as rain in front of ground
+        is: the power of what fills a beam falls with the square of the range, whatever it is.
+    average_cells: cells of range rate and of range that are averaged to a point.
+    max_sigma_m: points of a larger standard deviation are left out.
+    """
+
+    analyser: SpectrumAnalyser
+    array: MimoArray
+    rate_window: str
+    min_range_m: float
+    false_alarm_probability: float
+    dynamic_range_db: float
+    half_view_rad: float
+    average_cells: tuple[int, int]
+    max_sigma_m: float
+    strongest: bool = False
+
+    def map(self, beats: Inexact[np.ndarray, "chirp rx sample"]) -> FrameMap:
+        """Return the channels of a frame over range rate and range, with the noise."""
+        array, (_, receivers, samples) = self.array, beats.shape
+        spectrum = self.analyser.amplitude(beats.reshape(-1, samples))
+        shaped = spectrum.reshape(array.blocks, len(array.code) * receivers, -1)
+        row = np.arange(array.blocks) - array.blocks // 2
+        # Phases count from the middle of the frame.
+        turn = np.exp(2j * np.pi * row * (array.blocks - 1) / 2 / array.blocks)
+        weighted = shaped * self.rate_weights[:, None, None]
+        channel = np.fft.fftshift(np.fft.fft(weighted, axis=0), axes=0) * turn[:, None, None]
+        channel = np.ascontiguousarray(channel.transpose(0, 2, 1))
+        found = FrameMap(
+            channel=channel,
+            noise=np.inf,
+            rate_mps=array.direction * row * array.rate_cell_mps,
+            range_m=self.analyser.range_m,
+        )
+        return replace(found, noise=self._noise(found))
+
+    @cached_property
+    def rate_weights(self) -> Float[np.ndarray, " block"]:
+        """Weights of the blocks of a frame, with a sum of one."""
+        weights = window(self.rate_window, self.array.blocks)
+        return weights / weights.sum()
+
+    def _noise(self, found: FrameMap) -> float:
+        channels = found.channel.shape[2]
+        tested = found.power[:, found.range_m >= self.min_range_m]
+        return float(np.quantile(tested, NOISE_QUANTILE) * channels / gammaincinv(channels, NOISE_QUANTILE))
+
+    def scanned(self, found: FrameMap) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
+        """Return the rows and cells of a map in which directions are scanned."""
+        channels = found.channel.shape[2]
+        threshold = found.noise * gammainccinv(channels, max(SCANNED, self.false_alarm_probability)) / channels
+        rate, cell = np.nonzero((found.power > threshold) & (found.range_m >= self.min_range_m))
+        return rate, cell
+
+    def find(
+        self,
+        beats: Inexact[np.ndarray, "chirp rx sample"],
+        pulse: int,
+        measured: Pose,
+        expected: ExpectedGround | None = None,
+    ) -> Echoes:
+        """Return the points of a frame, their ranges not corrected for Doppler.
+
+        Parameters
+        ----------
+        beats:
+            Of the frame, chirp by chirp.
+        pulse, measured:
+            Its index, and the pose (one row) in its middle.
+        expected:
+            What is known of the ground beforehand; sources elsewhere are left out.
+
+        """
+        found = self.map(beats)
+        sources = self.sources(found, measured)
+        if expected is not None:
+            range_m = found.range_m[sources.cell]
+            place_m = range_m[:, None] * (sources.direction @ measured.R_world_antenna[0].T) + measured.position_m[0]
+            sources = sources.rows(expected.holds(place_m, measured.position_m[0]))
+        if self.strongest and len(sources):
+            sources = sources.rows(self._outstanding(found, sources))
+        return self._points(found, sources, pulse, measured)
+
+    def _outstanding(self, found: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
+        """Mark sources not far weaker than the strongest in their direction, at equal range."""
+        level = sources.power * found.range_m[sources.cell] ** 2
+        beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
+        highest = np.zeros(int(np.ptp(beam)) + 1)
+        np.maximum.at(highest, beam - beam.min(), level)
+        around = maximum_filter(highest, size=BESIDE, mode="constant")[beam - beam.min()]
+        kept: Bool[np.ndarray, " source"] = level * from_db(WEAKER_DB) >= around
+        return kept
+
+    @property
+    def _beam(self) -> float:
+        """Direction cosine of a beam of the virtual array."""
+        return self.array.wavelength_m / max(float(self.array.size_m.max()), self.array.wavelength_m)
+
+    @on_one_thread
+    def sources(self, found: FrameMap, measured: Pose) -> Sources:
+        """Return the detected sources of a map."""
+        cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
+        down = -measured.R_world_antenna[0, 2]
+        scan = _Scan(self.array, cones, self.half_view_rad, down)
+        rate, cell = self.scanned(found)
+        cells = _Cells(rate=rate, range_m=found.range_m[cell], cell=cell, x=found.channel[rate, cell])
+        level, first, directions = scan.strongest(cells)
+        # Over the power of a source: the beams add the channels.
+        least = found.noise * np.log(np.maximum(directions, 1) / self.false_alarm_probability) / self.array.gain
+        one = np.flatnonzero(level >= least)
+        cells, least = cells.rows(one), least[one]
+        first = scan.refined(cells, first.rows(one))
+        left = replace(cells, x=cells.x - scan.fitted(cells, first))
+        beside, second, _ = scan.strongest(left)
+        two = (beside >= least) & (beside * from_db(self.dynamic_range_db) >= level[one])
+        single, double = np.flatnonzero(~two), np.flatnonzero(two)
+        pairs = first.rows(double), second.rows(double)
+        for _ in range(REFINEMENTS):
+            pairs = scan.refined(cells.rows(double), pairs[0], pairs[1]), pairs[1]
+            pairs = pairs[0], scan.refined(cells.rows(double), pairs[1], pairs[0])
+        parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
+        for sources, rows in (((first.rows(single),), single), (pairs, double)):
+            own = cells.rows(rows)
+            amplitude, h = scan.solved(own, sources)
+            lead = scan.lead(own, sources, self.analyser.bin_m)
+            for number, where in enumerate(sources):
+                kept = np.flatnonzero((lead[:, number] >= least_lead) & np.isfinite(h[:, number]))
+                power = np.abs(amplitude[kept, number]) ** 2
+                parts.append(
+                    Sources(
+                        rate=own.rate[kept],
+                        cell=own.cell[kept],
+                        fold=cones.fold[where.cone[kept]],
+                        direction=cones.at(where.rows(kept)),
+                        power=power,
+                        phi_sigma_rad=np.sqrt(found.noise / (2 * power * h[kept, number])),
+                    )
+                )
+        return Sources.concatenate(parts)
+
+    def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
+        """Return the means of neighbouring sources, as points with standard deviations."""
+        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
+        down = -measured.R_world_antenna[0, 2]
+        speed = max(float(np.linalg.norm(velocity)), 1e-9)
+        u, range_m = sources.direction, found.range_m[sources.cell]
+        mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
+        speckle = mean / (2 * np.maximum(found.power[sources.rate, sources.cell], 1e-300))
+        range_sigma = self.spread_cells(self.analyser.window) * self.analyser.bin_m * np.sqrt(speckle)
+        cosine = u @ velocity / speed
+        sine = np.sqrt(np.maximum(1 - cosine**2, 1e-6))
+        cone_sigma = self.spread_cells(self.rate_weights) * self.array.rate_cell_mps / speed / sine * np.sqrt(speckle)
+        # Unit vectors across the ray: away from the motion on its cone, and around it.
+        away = (cosine[:, None] * u - velocity / speed) / sine[:, None]
+        around = np.cross(velocity / speed, u) / sine[:, None]
+        vertical = down - (u @ down)[:, None] * u
+        vertical /= np.maximum(np.linalg.norm(vertical, axis=1), 1e-9)[:, None]
+        across = np.hypot(
+            np.einsum("ni,ni->n", vertical, away) * cone_sigma,
+            np.einsum("ni,ni->n", vertical, around) * sine * sources.phi_sigma_rad,
+        )
+        usable = np.flatnonzero(np.hypot(across * range_m, range_sigma) <= self.max_sigma_m)
+        return self._averaged(found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
+
+    @staticmethod
+    def spread_cells(weights: Float[np.ndarray, " n"]) -> float:
+        """Return the standard deviation of a window's power response, in cells: of where a cell's scatterers lie.
+
+        The second moment of a spectrum is the energy of its signal's derivative (Parseval).
+        """
+        slope = np.gradient(np.append(weights, weights[0]))[:-1] * len(weights)
+        return float(np.sqrt(np.sum(slope**2) / np.sum(weights**2)) / (2 * np.pi))
+
+    def _averaged(
+        self,
+        found: FrameMap,
+        sources: Sources,
+        range_m: Float[np.ndarray, " source"],
+        range_sigma_m: Float[np.ndarray, " source"],
+        across_rad: Float[np.ndarray, " source"],
+        pulse: int,
+    ) -> Echoes:
+        rates, cells = self.average_cells
+        key = np.column_stack(
+            [
+                (sources.rate + sources.fold * len(found.rate_mps)) // rates,
+                sources.cell // cells,
+                np.floor(sources.direction[:, 1:] / self._beam),
+            ]
+        ).astype(np.int64)
+        _, group = np.unique(key, axis=0, return_inverse=True)
+        group = group.ravel()
+        variance = range_sigma_m**2 + (range_m * across_rad) ** 2
+        weight = 1 / np.maximum(variance, 1e-12)
+        total = np.bincount(group, weight)
+        mean = np.column_stack(
+            [np.bincount(group, weight * range_m * sources.direction[:, axis]) / total for axis in range(3)]
+        )
+        length = np.linalg.norm(mean, axis=1)
+        count = np.bincount(group)
+        shared = self._shared(count)
+        strongest = np.zeros(len(total))
+        np.maximum.at(strongest, group, sources.power)
+        range_2 = np.bincount(group, weight**2 * range_sigma_m**2) / total**2 * shared
+        across_2 = np.bincount(group, weight**2 * (range_m * across_rad) ** 2) / total**2 * shared
+        order = np.argsort(length, kind="stable")
+        return Echoes(
+            pulse=np.full(len(order), pulse),
+            number=np.arange(len(order)),
+            range_m=length[order],
+            range_sigma_m=np.sqrt(range_2)[order],
+            power=strongest[order],
+            snr_db=10 * np.log10(np.maximum(strongest / found.noise * self.array.gain, 1e-30))[order],
+            direction=(mean / length[:, None])[order],
+            across_sigma_rad=(np.sqrt(across_2) / length)[order],
+        )
+
+    def _shared(self, count: Int[np.ndarray, " group"]) -> Float[np.ndarray, " group"]:
+        """Return by how much windows, which correlate neighbouring cells, raise the variance of means of cells."""
+        rates, cells = self.average_cells
+        full = rates * cells
+        if full == 1:
+            return np.ones(len(count))
+        raised = 1.0
+        for weights, number in ((self.rate_weights, rates), (self.analyser.window, cells)):
+            energy = np.abs(np.fft.fft(weights**2)) / np.sum(weights**2)
+            lag = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
+            raised *= float(np.sum(energy[lag] ** 2)) / number
+        return 1 + (np.minimum(count, full) - 1) / (full - 1) * (raised - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Cells(Columns):
+    """Cells of a map and their channels."""
+
+    rate: Int[np.ndarray, " cell"]
+    cell: Int[np.ndarray, " cell"]
+    range_m: Float[np.ndarray, " cell"]
+    x: Complex[np.ndarray, "cell channel"]
+
+
+class _Scan:
+    """Directions in cells of a map, along the cones of their range rates."""
+
+    def __init__(self, array: MimoArray, cones: Cones, half_view_rad: float, down: Float[np.ndarray, "3"]) -> None:
+        self.array, self.cones, self._down = array, cones, down
+        size = max(float(array.size_m.max()) / array.wavelength_m, 1.0)
+        self._step, self._least_ahead = 1 / (size * STEPS_IN_BEAM), np.cos(half_view_rad)
+        elements = (array.transmitter_m, array.receiver_m)
+        square = max(float(np.sum(e**2, axis=1).max()) for e in elements)
+        self._bend_m = np.pi * square / array.wavelength_m / CURVATURE_RAD
+
+    def strongest(self, cells: _Cells) -> tuple[Float[np.ndarray, " cell"], Angles, Int[np.ndarray, " cell"]]:
+        """Return the power of the strongest scanned direction of each cell, where it is, and of how many."""
+        count = len(cells)
+        level, directions = np.zeros(count), np.zeros(count, dtype=np.int64)
+        phi, cone = np.zeros(count), np.zeros(count, dtype=np.int64)
+        for own, grid, power in self._scanned(cells):
+            best = np.argmax(power, axis=1)
+            level[own] = power[np.arange(len(own)), best]
+            phi[own], cone[own], directions[own] = grid.phi_rad[best], grid.cone[best], len(grid)
+        return level, Angles(phi, cone), directions
+
+    def _scanned(self, cells: _Cells) -> Iterator[tuple[Int[np.ndarray, " own"], Angles, Float[np.ndarray, "own n"]]]:
+        """Yield the cells of each range rate whose wavefronts are bent alike, the directions, and the spectra."""
+        bend = np.floor(self._bend_m / np.maximum(cells.range_m, 1e-3)).astype(np.int64)
+        order = np.lexsort((bend, cells.rate))
+        changes = (np.diff(cells.rate[order]) != 0) | (np.diff(bend[order]) != 0)
+        grids: dict[int, Angles] = {}
+        for own in np.split(order, np.flatnonzero(changes) + 1):
+            if not len(own):
+                continue
+            row = int(cells.rate[own[0]])
+            if row not in grids:
+                grids[row] = self._grid(row)
+            if not len(grids[row]):
+                continue
+            middle_m = float(1 / np.mean(1 / np.maximum(cells.range_m[own], 1e-3)))
+            grid = grids[row]
+            sent, got = self.array.responses(self.cones.at(grid), self.cones.range_rate_mps[grid.cone], middle_m)
+            # Receivers first: the vectors of all channels are never made.
+            by_chirp = cells.x[own].reshape(len(own), sent.shape[1], got.shape[1]) @ got.conj().T
+            spectrum = np.einsum("ncg,gc->ng", by_chirp, sent.conj())
+            yield own, grid, np.abs(spectrum) ** 2 / self.array.gain**2
+
+    def _grid(self, row: int) -> Angles:
+        """Return the scanned directions of a range rate: along all its cones, as far as the view reaches."""
+        phi, cones = np.arange(0.0, np.pi, self._step), np.flatnonzero(self.cones.row == row)
+        grid = Angles(np.tile(phi, len(cones)), np.repeat(cones, len(phi)))
+        return grid.rows(np.flatnonzero(self.cones.at(grid)[:, 0] >= self._least_ahead))
+
+    def vectors(self, where: Angles, range_m: Float[np.ndarray, " n"] | float) -> Complex[np.ndarray, "n channel"]:
+        """Return steering vectors."""
+        return self.array.steering(self.cones.at(where), self.cones.range_rate_mps[where.cone], range_m)
+
+    def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
+        """Return where near a direction a source explains most of each cell, besides another source or alone."""
+        step, phi = self._step, where.phi_rad
+        other = None if beside is None else self.vectors(beside, cells.range_m)
+        for _ in range(ASCENTS):
+            left, centre, right = (
+                self._explained(cells, Angles(phi + side * step, where.cone), other) for side in (-1, 0, 1)
+            )
+            bend = left - 2 * centre + right
+            peaked = np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -1.0, 1.0)
+            phi = phi + step * np.where(bend < 0, peaked, np.sign(right - left))
+            step = step / 2
+        return Angles(phi, where.cone)
+
+    def _explained(
+        self, cells: _Cells, where: Angles, other: Complex[np.ndarray, "cell channel"] | None
+    ) -> Float[np.ndarray, " cell"]:
+        a = self.vectors(where, cells.range_m)
+        if other is not None:
+            shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
+            a = a - shared[:, None] * other
+        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), LEAST_APART * self.array.gain)
+        explained: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
+        return explained
+
+    def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
+        """Return the part of the channels that one source explains."""
+        a = self.vectors(where, cells.range_m)
+        amplitude = np.einsum("nc,nc->n", a.conj(), cells.x) / self.array.gain
+        part: Complex[np.ndarray, "cell channel"] = amplitude[:, None] * a
+        return part
+
+    def lead(self, cells: _Cells, sources: tuple[Angles, ...], cell_m: float) -> Float[np.ndarray, "cell source"]:
+        """Return by how much the power of sources exceeds that of any direction away from them, or on another cone.
+
+        Away is farther than a beam, and than two range cells of `cell_m` of level ground are long.
+        """
+        beam = STEPS_IN_BEAM * self._step
+        near = [beam + self._long_rad(where, cells.range_m, 2 * cell_m) for where in sources]
+        away = np.zeros(len(cells))
+        for own, grid, power in self._scanned(cells):
+            for where, reach in zip(sources, near, strict=True):
+                close = np.abs(grid.phi_rad - where.phi_rad[own, None]) <= reach[own, None]
+                power[close & (grid.cone == where.cone[own, None])] = 0.0
+            away[own] = power.max(axis=1)
+        return np.column_stack(
+            [np.sum(np.abs(self.fitted(cells, where)) ** 2, axis=1) / self.array.gain - away for where in sources]
+        )
+
+    def _long_rad(
+        self, where: Angles, range_m: Float[np.ndarray, " cell"], length_m: float
+    ) -> Float[np.ndarray, " cell"]:
+        """Return the angle about the motion over which the range to level ground grows by a length."""
+        step = 0.01 * self._step
+        height, beside = (self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
+        slope = np.abs(beside - height) / step / np.maximum(height, 1e-3)
+        angle: Float[np.ndarray, " cell"] = np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
+        return angle
+
+    def solved(
+        self, cells: _Cells, sources: tuple[Angles, ...]
+    ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
+        """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
+        a = np.stack([self.vectors(where, cells.range_m) for where in sources], axis=2)
+        step = 0.01 * self._step
+        slopes = []
+        for where in sources:
+            ahead, behind = (
+                self.vectors(Angles(where.phi_rad + side * step, where.cone), cells.range_m) for side in (1, -1)
+            )
+            slopes.append((ahead - behind) / (2 * step))
+        slope = np.stack(slopes, axis=2)
+        gram = np.einsum("ncs,nct->nst", a.conj(), a)
+        singular = np.abs(np.linalg.det(gram)) < 1e-6 * self.array.gain ** len(sources)
+        gram[singular] = np.eye(len(sources))
+        inverse = np.linalg.inv(gram)
+        amplitude = np.einsum("nst,nct,nc->ns", inverse, a.conj(), cells.x, optimize=True)
+        along = np.einsum("ncs,nct->nst", a.conj(), slope)
+        h = np.sum(np.abs(slope) ** 2, axis=1) - np.einsum("nst,nsu,nut->nt", along.conj(), inverse, along).real
+        h[singular] = np.nan
+        return amplitude, np.maximum(h, 1e-9)

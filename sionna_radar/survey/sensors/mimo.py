@@ -1,0 +1,97 @@
+"""A module with an array of transmitters and receivers that maps without turning; a pulse of its survey is a frame.
+
+Paths are traced once a frame, from the pose in its middle: all chirps, transmitters and receivers share the scatterers
+(`signal.array_beats`). Frames are received and processed one after another; those of a block, which are few, are kept
+for whoever records them.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import Complex, Int
+
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Bursts, Pose, Pulses
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import timed
+from sionna_radar.foundation.randomness import Stream, pulse_generators
+from sionna_radar.radar.mimo_array import MimoArray
+from sionna_radar.signal.array_beats import FramePaths, array_beats
+from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.tracing.effects.volume_echo import spread_over_beam
+from sionna_radar.tracing.paths import Paths
+
+
+class Mimo:
+    """Traces, receives and processes frames; see the module docstring."""
+
+    def __init__(self, given: SensorInputs, frames: Bursts, module: MimoArray, estimator: ArrayEstimator) -> None:
+        self._receiver, self._detector, self._frames = given.receiver, given.detector, frames
+        self._module, self._engine, self._expected = module, given.engine, given.expected_ground
+        self.tracer, self.estimator = given.tracer(), estimator
+        # Dr.Jit's state belongs to a thread.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the points of a block of frames."""
+        with timed("trace"):
+            paths = self._thread.submit(self._trace, pulses).result()
+        echoes, frames = [], []
+        for row in range(len(pulses)):
+            frame = pulses.rows(np.array([row]))
+            with timed("synthesise"):
+                beats = self._received(paths, frame)
+            frames.append(beats)
+            with timed("detect"):
+                index, expected = int(frame.index[0]), self._expected
+                echoes.append(self.estimator.find(beats, index, frame.measured, expected))
+        return Observation(paths=paths, echoes=Echoes.concatenate(echoes), frames=np.stack(frames))
+
+    def frame(self, pulses: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
+        """Return the beat signals of one frame, sqrt(W), chirp by chirp."""
+        return self._received(self._thread.submit(self._trace, pulses).result(), pulses)
+
+    def _trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of frames; rain, which is traced on the beam's axis, fills the beam."""
+        engine = self._engine
+        return spread_over_beam(self.tracer.trace(pulses), pulses, engine.antenna, engine.caster, engine.seed)
+
+    def _received(self, paths: Paths, frame: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
+        receiver = self._receiver
+        own = paths.rows(slice(*np.searchsorted(paths.pulse, [frame.index[0], frame.index[0] + 1])))
+        chirps = self._frames.chirps_of(frame)
+        beats = array_beats(FramePaths.of(own, frame.true), chirps.true, self._module, receiver.chirp)
+        beats *= np.sqrt(receiver.transmit_power_w)
+        if receiver.chirp.sampling == "real":
+            beats = np.sqrt(2) * beats.real
+        # One draw covers all receivers of a chirp.
+        sigma = np.sqrt(receiver.noise_power_w * 8 / beats.itemsize)
+        for clean, generator in zip(beats, pulse_generators(receiver.seed, Stream.NOISE, chirps.index), strict=True):
+            parts = generator.standard_normal(clean.size * (beats.itemsize // 8))
+            clean += sigma * parts.view(beats.dtype).reshape(clean.shape)
+        return beats
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return points without the Doppler shift of still ground in their directions."""
+        return self._detector.correct(echoes, pulse, measured)
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
+        """Return None: a chirp alone is not what an array detects in."""
+        return None
+
+    def release_memory(self) -> None:
+        """Release memory; it is allocated again when more frames are observed."""
+        self._thread.submit(self.tracer.release_memory).result()
+
+
+def build_mimo(given: SensorInputs) -> Mimo:
+    """Return the module of a scenario."""
+    if given.array is None or given.module is None or given.bursts is None:
+        message = "missing; sensor = 'mimo' needs its elements"
+        raise ScenarioError([Problem("radar.array", message)])
+    if given.receiver.chain is not None or given.receiver.high_pass is not None:
+        message = "an array's receivers are ideal but for noise and radar.array; remove the others"
+        raise ScenarioError([Problem("radar.receiver", message)])
+    return Mimo(given, given.bursts, given.module, given.array)
