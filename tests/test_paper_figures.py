@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.edges import half_footprint_m, near_buildings
-from sionna_radar.accuracy.illumination import shadowed
+from sionna_radar.accuracy.illumination import half_footprint_m, near_buildings, shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.build import build_antenna, build_chirp

@@ -11,8 +11,8 @@ from .compare import DemError as DemError
 from .compare import difference as difference
 from .compare import nmad as nmad
 from .compare import summarise as summarise
-from .edges import half_footprint_m as half_footprint_m
-from .edges import near_buildings as near_buildings
+from .illumination import half_footprint_m as half_footprint_m
+from .illumination import near_buildings as near_buildings
 from .illumination import shadowed as shadowed
 from .reference import Checkpoints as Checkpoints
 from .reference import ReferenceCheck as ReferenceCheck

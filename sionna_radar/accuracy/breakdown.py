@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.checkpoints import NOTHING_COVERED, CheckpointTest, checkpoint_test, gradient, slope_deg
 from sionna_radar.accuracy.compare import nmad
-from sionna_radar.accuracy.edges import Walls
+from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points

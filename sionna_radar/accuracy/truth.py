@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.accuracy.compare import DemError, difference, summarise
-from sionna_radar.accuracy.edges import Walls, edge_cells, walls_on
-from sionna_radar.accuracy.illumination import light
+from sionna_radar.accuracy.illumination import Walls, edge_cells, light, walls_on
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.raster import Grid, Raster

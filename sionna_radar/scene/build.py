@@ -25,9 +25,8 @@ from sionna_radar.scene.footprints import Box, OutlineFile, build_box, build_foo
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Body, Scene, Surface, Target
 from sionna_radar.scene.motion import Rotor
-from sionna_radar.scene.objects import StandingMesh, build_objects
+from sionna_radar.scene.objects import StandingMesh, body_of, build_objects, read_rcs, way_over
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.targets import body_of, read_rcs, way_over
 from sionna_radar.scene.terrains.build import build_landscape, landscape_of_raster, mesh_source
 from sionna_radar.scene.vegetation import Stand, vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter

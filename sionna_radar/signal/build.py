@@ -19,9 +19,8 @@ from sionna_radar.scenario.registry import Builder, registers, require
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain
 from sionna_radar.signal.converter import Converter, Imbalance
-from sionna_radar.signal.interference import Interference, OtherRadar
 from sionna_radar.signal.lidar import LidarReceiver
-from sionna_radar.signal.mixer import Leakage, Mixer
+from sionna_radar.signal.mixer import Interference, Leakage, Mixer, OtherRadar
 from sionna_radar.signal.oscillator import Oscillator, PhaseNoise, SweepError, read_sweep_error
 from sionna_radar.signal.receiver import Receiver, noisy
 from sionna_radar.signal.stages import Chain, ReceiverStage

@@ -28,10 +28,9 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.calibration import Knowledge, Solution, solve
+from sionna_radar.mapping.calibration import Knowledge, MeasuredPlaces, Solution, solve, solve_over_unknown_ground
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import Readings, Together, WholeEchoes
-from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
 from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings

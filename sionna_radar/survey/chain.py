@@ -16,8 +16,7 @@ from sionna_radar.foundation.progress import HoldsMemory, peak_memory_mb, releas
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.navigation_sigma import navigation_sigma
-from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe, place
+from sionna_radar.survey.observation import Observed, Recorder, SampleType, navigation_sigma, observe, place
 from sionna_radar.survey.observed_survey import map_observed
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Saturation, Survey

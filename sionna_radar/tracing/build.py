@@ -24,11 +24,10 @@ from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.bodies import rcs_m2
 from sionna_radar.tracing.effects.canopy import Canopy
-from sionna_radar.tracing.effects.moving_ground import build_moving_ground
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.engines.persistent.density import DensityMap, filled_beam, footprint_density
 from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
-from sionna_radar.tracing.tracer import SteeredTracer, Tracer
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_moving_ground
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
 from sionna_radar.weather.rain import RainCell, RainField, RainMap, RainTogether

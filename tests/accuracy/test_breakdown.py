@@ -9,7 +9,7 @@ from scipy.stats import norm
 from sionna_radar.accuracy.breakdown import DISTANCES_M, break_down, by_class, incidence_deg, variogram
 from sionna_radar.accuracy.checkpoints import STEEPEST_DEG, checkpoint_test, checkpoints_wanted, slope_deg
 from sionna_radar.accuracy.compare import MEANING, DemError, summarise
-from sionna_radar.accuracy.edges import Walls
+from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scene.footprints import Box

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sionna_radar.accuracy.edges import walls_on
+from sionna_radar.accuracy.illumination import walls_on
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scene.footprints import Box, build_box
 from sionna_radar.scene.model import Surface

@@ -8,10 +8,16 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.calibration import TOLD, Knowledge, solve, stretches
+from sionna_radar.mapping.calibration import (
+    TOLD,
+    Knowledge,
+    MeasuredPlaces,
+    solve,
+    solve_over_unknown_ground,
+    stretches,
+)
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
-from sionna_radar.mapping.self_calibration import MeasuredPlaces, solve_over_unknown_ground
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare

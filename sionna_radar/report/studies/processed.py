@@ -49,8 +49,7 @@ from sionna_radar.report.files.contents import (
     write_text,
 )
 from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.files.point_cloud import write_laz
-from sionna_radar.report.files.points_table import write_csv, write_points_csv
+from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     HEIGHT_STEP_M,

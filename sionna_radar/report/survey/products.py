@@ -26,8 +26,7 @@ from sionna_radar.report.files.contents import (
     write_text,
 )
 from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.files.point_cloud import write_laz
-from sionna_radar.report.files.points_table import write_points_csv, write_points_parquet
+from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page

@@ -15,8 +15,7 @@ from pyproj import CRS
 from beams import make_antenna
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.files.point_cloud import write_laz
-from sionna_radar.report.files.points_table import write_points_csv
+from sionna_radar.report.files.points_table import write_laz, write_points_csv
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario

@@ -11,9 +11,9 @@ from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.motion import TENSION_M3_PER_S2, SurfaceMotion, Waves, Windblown
-from sionna_radar.tracing.effects.moving_ground import build_moving_ground
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+from sionna_radar.tracing.tracer import build_moving_ground
 from worlds import make_scene, make_surface
 
 WIND_MPS = np.array([3.0, 4.0, 0.0])

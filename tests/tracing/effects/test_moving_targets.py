@@ -8,7 +8,7 @@ from beams import make_chirp
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
-from sionna_radar.scene.targets import read_rcs
+from sionna_radar.scene.objects import read_rcs
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.paths import TARGET
