@@ -54,7 +54,7 @@ def build_angle_estimator(
 def build_array_estimator(
     table: ArrayTable | None, processing: ProcessingTable, detector: Detector, array: MimoArray | None
 ) -> ArrayEstimator | None:
-    """Return what finds points in the frames of an array; None without one."""
+    """Return the estimator of points from the frames of an array; None without one."""
     if table is None or array is None:
         return None
     return ArrayEstimator(

@@ -147,7 +147,7 @@ class Knowledge:
         return found
 
     def with_more(self, information: Float[np.ndarray, "error error"]) -> "Knowledge":
-        """Return what is known with the echoes of another flight as well."""
+        """Return the knowledge with the echoes of another flight added."""
         return replace(self, information=self.information + information)
 
 
@@ -441,7 +441,7 @@ def _step(
     places: MeasuredPlaces | None = None,
     free: Bool[np.ndarray, " error"] | None = None,
 ) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " wave"]]:
-    """Return what is known of the errors, their step, and that of the ground's coefficients.
+    """Return the knowledge of the errors, their step, and the step of the ground's coefficients.
 
     free: errors that are estimated; None for those that are told.
     """

@@ -72,7 +72,7 @@ class Step:
 
     @staticmethod
     def joined(steps: Sequence["Step"]) -> "Step":
-        """Return what the pulses of several parts say."""
+        """Return the sum of the scores and information of several parts."""
         names = Step.__dataclass_fields__
         return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
 
@@ -153,7 +153,7 @@ class WholeEchoes:
         return sightings, motion
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
-        """Return what the echoes say of named errors over a surface, at an estimate of them.
+        """Return score and information of named errors over a surface, at an estimate of them.
 
         near: mean ranges say less than whole echoes, but from farther away.
         """
@@ -162,7 +162,7 @@ class WholeEchoes:
         return Step.joined(steps)
 
     def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return by how much the range of each echo exceeds the predicted one, and the standard deviation of that."""
+        """Return the excess of each echo's range over the predicted one, and its standard deviation."""
         step = self.step(errors, surface, (), Nearness.SETTLED)
         return step.residual_m, step.sigma_m
 
@@ -295,7 +295,7 @@ class Readings:
         return replace(self, range_m=self.range_m[kept], sigma_m=self.sigma_m[kept], motion=own)
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
-        """Return what the readings say of named errors over a surface, at an estimate of them."""
+        """Return score and information of the readings on named errors over a surface, at an estimate of them."""
         del near  # their model is linear
         motion = self.motion.without(errors)
         hit, change = self._change(motion, surface, [*names, "range_bias"])
@@ -303,7 +303,7 @@ class Readings:
         return _mean_range_step(change, self.range_m - errors.read_m(hit) - shift, self.sigma_m)
 
     def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return by how much each reading exceeds the predicted one, and the standard deviation of that."""
+        """Return the excess of each reading over the predicted one, and its standard deviation."""
         step = self.step(errors, surface, (), Nearness.SETTLED)
         return step.residual_m, step.sigma_m
 
@@ -363,7 +363,7 @@ class Together:
         return all(isinstance(part, WholeEchoes) for part in self.parts)
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
-        """Return what all echoes say; see `WholeEchoes.step`."""
+        """Return score and information of all echoes; see `WholeEchoes.step`."""
         return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
 
 
@@ -389,7 +389,7 @@ def _split(
 def _mean_range_step(
     slope: Float[np.ndarray, "pulse k"], excess_m: Float[np.ndarray, " pulse"], sigma_m: Float[np.ndarray, " pulse"]
 ) -> Step:
-    """Return what mean ranges say that exceed the predicted ones, whose changes per unit of each error are known."""
+    """Return score and information of mean ranges from their excess over the predicted ones and its derivatives."""
     known = np.isfinite(excess_m)
     precision, excess = np.where(known, 1 / sigma_m**2, 0.0), np.where(known, excess_m, 0.0)
     score = slope * (precision * excess)[:, None]
@@ -446,7 +446,7 @@ ANGLES = ("roll", "pitch", "heading")
 
 
 def _moved(motion: BelievedMotion, names: Sequence[str]) -> Float[np.ndarray, "pulse 9 error"]:
-    """Return how the antenna turns, moves and speeds up (rotation vector, m, m/s) per unit of each believed error."""
+    """Return the antenna's rotation vector, shift (m) and change of velocity (m/s) per unit of each believed error."""
     body, pose = motion.R_world_mount, motion.pose
     change = np.zeros((len(motion), 9, len(names)))
     for column, name in enumerate(names):

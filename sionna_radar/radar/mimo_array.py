@@ -141,7 +141,7 @@ class MimoArray:
         direction: Float[np.ndarray, "n 3"],
         range_m: Float[np.ndarray, " n"],
     ) -> Float[np.ndarray, "n element"]:
-        """Return by how much the ways from scatterers to elements are longer than to the array's middle."""
+        """Return the excess path lengths from scatterers to elements over those to the array's middle."""
         along, bent = direction @ place_m.T, 1 / range_m[:, None]
         square = np.sum(place_m**2, axis=1) - along**2
         return -along + square * (bent / 2) * (1 + along * bent)
@@ -214,7 +214,7 @@ def code_of(multiplexing: str, transmitters: int) -> Complex[np.ndarray, "code t
 def receiver_mixing(
     place_m: Float[np.ndarray, "rx 3"], error: Complex[np.ndarray, " rx"], coupling: float, wavelength_m: float
 ) -> Complex[np.ndarray, "rx rx"]:
-    """Return what makes true receiver signals of ideal ones.
+    """Return the matrix from ideal to true receiver signals.
 
     Parameters
     ----------

@@ -407,7 +407,7 @@ class _Search:
         return sorted(found, key=lambda one: one.objectives[0])
 
     def _expected_standing(self, setting: Setting) -> Checked:
-        """Return how a setting stands by the models."""
+        """Return the standing of a setting as the models predict it."""
         values, scenario = self.draws([setting]), self.plan.scenarios(setting)[0]
         standing = tuple(
             Standing(
@@ -431,7 +431,7 @@ class _Search:
         )
 
     def _checked(self, setting: Setting) -> Checked | None:
-        """Return how a setting stands over all its surveys; None without two of them."""
+        """Return the standing of a setting from all its surveys; None with fewer than two."""
         flown = [o for o in self.observations if o.setting == setting and not o.reason]
         if len(flown) < 2:
             return None

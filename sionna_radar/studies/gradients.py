@@ -260,7 +260,7 @@ def _moved(pulses: Pulses, name: str, amount: float) -> Pulses:
 
 
 def _direction(name: str, here: _State, low: _State, high: _State, step: float) -> "Direction":
-    """Return how poses and tables change per unit of a parameter."""
+    """Return the rates of change of poses and tables per unit of a parameter."""
     from sionna_radar.tracing.engines.beam.frozen import Direction
     from sionna_radar.tracing.sionna.pattern import sionna_angles
 

@@ -357,7 +357,7 @@ class Requirement:
         return tuple(dict.fromkeys((*self.left.names, *self.right.names)))
 
     def margin(self, values: Values, relaxed: float = 0.0) -> Float[np.ndarray, "..."]:
-        """Return how far the condition holds, positive if it does; NaN where it is undefined.
+        """Return the margin of the condition, positive if it holds; NaN where it is undefined.
 
         relaxed: share by which the limit, a side without errors of a survey or else the right one, gives way.
         """

@@ -366,7 +366,7 @@ def worst(name: str, values: Sequence[float]) -> float:
 
 
 def standing_of(requirement: Requirement, margins: Float[np.ndarray, " seed"]) -> Standing:
-    """Return how a requirement stands by its margins over several seeds."""
+    """Return the standing of a requirement from its margins over several seeds."""
     count, mean = margins.size, float(margins.mean())
     spread = float(margins.std(ddof=1)) if count > 1 else 0.0
     # A requirement on costs alone has one margin, without scatter.

@@ -198,7 +198,7 @@ def check_installed() -> None:
 def improvement(
     value: Float[np.ndarray, "n draw objective"], front: Float[np.ndarray, "point objective"]
 ) -> Float[np.ndarray, "n draw"]:
-    """Return by how much values improve on what is reached already; all objectives are minimised.
+    """Return the improvement of values on the front reached so far; all objectives are minimised.
 
     One objective: on the least value reached. Two: the growth of the hypervolume of the front, whose first point is the
     corner from which it counts (Zitzler & Thiele 1999).

@@ -139,7 +139,7 @@ def run_twin(
 
 
 def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[str, Any]) -> Scenario:
-    """Return what is to be simulated: the recorded scenario or the base, with the recording's sweep."""
+    """Return the scenario to simulate: the recorded one or the base, with the recording's sweep."""
     if isinstance(source.settings, Scenario) and base is None:
         scenario = source.settings.replace(changes)
     elif base is not None:
@@ -250,7 +250,7 @@ def _look(source: RecordingSource, prepared: Prepared) -> Look:
 def _observed(
     source: RecordingSource, beats_of: Callable[[Pulses], Beats], look: Look, quiet: Int[np.ndarray, " bin"], what: str
 ) -> _Observed:
-    """Return what one side says, processed by the settings of the recording."""
+    """Return the statistics of one side, processed with the settings of the recording."""
     analyser = source.detector.analyser
     sensor = source.build_sensor()
     assert isinstance(sensor, RecordedSensor)
@@ -300,7 +300,7 @@ def _quiet(source: RecordingSource, sides: Sequence[Callable[[Pulses], Beats]]) 
 
 
 def _leakage_end_m(source: RecordingSource) -> float:
-    """Return where leakage is looked for: nearer than any echo, or at least within the window's response."""
+    """Return the range limit of leakage: nearer than any echo, and at least the window's response."""
     return max(source.detector.min_range_m, RESPONSE_CELLS * source.detector.analyser.chirp.range_resolution_m)
 
 

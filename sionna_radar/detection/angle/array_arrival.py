@@ -389,7 +389,7 @@ class ArrayEstimator:
         )
 
     def _shared(self, count: Int[np.ndarray, " group"]) -> Float[np.ndarray, " group"]:
-        """Return by how much windows, which correlate neighbouring cells, raise the variance of means of cells."""
+        """Return the rise in variance of means of cells by windows, which correlate neighbours."""
         rates, cells = self.average_cells
         full = rates * cells
         if full == 1:
@@ -467,7 +467,7 @@ class _Scan:
         return self.array.steering(self.cones.at(where), self.cones.range_rate_mps[where.cone], range_m)
 
     def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
-        """Return where near a direction a source explains most of each cell, besides another source or alone."""
+        """Return the direction near a given one at which a source, alone or beside another, explains most of each cell."""
         step, phi = self._step, where.phi_rad
         other = None if beside is None else self.vectors(beside, cells.range_m)
         for _ in range(ASCENTS):
@@ -499,7 +499,7 @@ class _Scan:
         return part
 
     def lead(self, cells: _Cells, sources: tuple[Angles, ...], cell_m: float) -> Float[np.ndarray, "cell source"]:
-        """Return by how much the power of sources exceeds that of any direction away from them, or on another cone.
+        """Return the excess of the sources' power over that of any direction away from them, or on another cone.
 
         Away is farther than a beam, and than two range cells of `cell_m` of level ground are long.
         """

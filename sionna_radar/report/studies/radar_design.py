@@ -69,7 +69,7 @@ def sentence(design: RadarDesign) -> str:
 
 
 def statements(design: RadarDesign) -> list[str]:
-    """Return what else is to be known of the optimum: how flat it is, what binds and what relaxing saves."""
+    """Return notes on the optimum: its flatness, the binding requirements, and the savings by relaxing them."""
     found = []
     for cut in design.slices:
         if cut.flat:

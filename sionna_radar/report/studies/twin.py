@@ -99,7 +99,7 @@ def print_twin(twin: Twin) -> None:
 
 
 def meaning_of(twin: Twin) -> str:
-    """Return what the columns mean."""
+    """Return the legend of the columns."""
     text = (
         f"The differences are tested together by exchanging the labels of {twin.blocks[0]} tiles of the ground: two "
         f"that are alike differ in any row in {FALSE_ALARM:.0%} of the cases. The deviation is that of the difference "

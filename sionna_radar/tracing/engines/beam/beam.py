@@ -152,7 +152,7 @@ class BeamEngine:
         return columns, self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
 
     def cast(self, pulses: Pulses) -> RayHits:
-        """Return where the rays of a block meet the scene."""
+        """Return the hits of a block's rays on the scene."""
         row, direction, probability = self._shoot(pulses)
         hit = self._intersect(point_of(pulses.true.position_m), row, direction)
         found = RayHits(
