@@ -245,7 +245,13 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
 
 
 def array_warnings(
-    array: MimoArray, half_view_rad: float, up_beamwidth_rad: float, speed_mps: float, height_m: float, cell_m: float
+    array: MimoArray,
+    half_view_rad: float,
+    up_beamwidth_rad: float,
+    speed_mps: float,
+    height_m: float,
+    cell_m: float,
+    falling: str = "",
 ) -> tuple[str, ...]:
     """Return the warnings about an array and its frames.
 
@@ -257,9 +263,16 @@ def array_warnings(
         Half-power width of an element's pattern along the up axis.
     speed_mps, height_m, cell_m:
         Of the flight, and length of a range cell.
+    falling:
+        Rain or snow in front of the ground; empty in clear air.
 
     """
     warnings = []
+    if falling:
+        warnings.append(
+            f"{falling} fills all cells in front of the ground, and an array does not tell it from ground: the map is "
+            "mostly wrong by metres, as dem_sigma.tif says; fly in clear air, or take a pencil beam (sensor = 'radar')"
+        )
     gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
     if gap > LARGEST_GAP and gap * 2 * np.sin(half_view_rad) > 1:
         apart_deg = float(np.rad2deg(np.arcsin(min(1.0, 1 / gap))))
@@ -328,6 +341,7 @@ def survey_warnings(
             prepared.flown.speed_mps,
             prepared.flown.altitude_m,
             prepared.receiver.chirp.range_resolution_m,
+            prepared.local.weather.falling,
         )
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)

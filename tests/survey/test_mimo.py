@@ -124,12 +124,12 @@ def test_arrays_that_cannot_fly_are_refused(changes, said):
         load_scenario("hills", LOW | changes)
 
 
-def warned(speed_mps=5.0, **array):
+def warned(speed_mps=5.0, falling="", **array):
     from sionna_radar.radar.build import build_array
 
     radar = RadarTable(preset="ti_awr1843_array", array=array)
     module = build_array(radar, 1)
-    return " ".join(array_warnings(module, np.deg2rad(50), np.deg2rad(28), speed_mps, 20.0, 0.375))
+    return " ".join(array_warnings(module, np.deg2rad(50), np.deg2rad(28), speed_mps, 20.0, 0.375, falling))
 
 
 def test_a_good_module_is_told_nothing():
@@ -151,6 +151,7 @@ def test_a_good_module_is_told_nothing():
             "3 places of",
         ),
         ({"speed_mps": 25.0}, "range rates of 6.05 m/s within the beam fold at 5.19 m/s"),
+        ({"falling": "rain"}, "rain fills all cells in front of the ground"),
         ({"chirps": 8, "speed_mps": 1.0}, "too few to sharpen"),
         ({"chirps": 1024, "speed_mps": 60.0}, "a frame of 192 ms is longer than the 166 ms"),
         ({"chirps": 512, "speed_mps": 20.0}, "ground moves by 0.464 m in range during a frame"),

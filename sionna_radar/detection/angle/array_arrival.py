@@ -467,7 +467,7 @@ class _Scan:
         return self.array.steering(self.cones.at(where), self.cones.range_rate_mps[where.cone], range_m)
 
     def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
-        """Return the direction near a given one at which a source, alone or beside another, explains most of each cell."""
+        """Return the direction near one at which a source, alone or beside another, explains most of each cell."""
         step, phi = self._step, where.phi_rad
         other = None if beside is None else self.vectors(beside, cells.range_m)
         for _ in range(ASCENTS):
