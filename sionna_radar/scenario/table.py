@@ -147,6 +147,7 @@ UNITS = {
     "_mps2": "m/s²",
     "_mps": "m/s",
     "_mrad": "mrad",
+    "_ppm": "1e-6",
     "_dbsm": "dB m²",
     "_dbm": "dBm",
     "_rpm": "1/min",

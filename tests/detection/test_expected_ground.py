@@ -164,13 +164,13 @@ def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
     ready, through, pulses, power = in_rain()
     free = through.find(power, pulses, ready.receiver.chirp).echoes
     assert len(free) == len(pulses)
-    # A bird 30 dB over the rain and 25 m in front of the ground, in one pulse after another.
+    # A bird 50 dB over the rain and 25 m in front of the ground, in one pulse after another.
     stride = ready.detector.analyser.zero_padding
     bird_m = free.range_m - 25.0
     cell = np.rint(bird_m / ready.receiver.chirp.range_resolution_m).astype(int)
     struck = power.copy()
     for step in (-1, 0, 1):
-        struck[np.arange(len(pulses)), stride * cell + step] = 1e3 * through.volume.background[cell]
+        struck[np.arange(len(pulses)), stride * cell + step] = 1e5 * through.volume.background[cell]
     found = through.find(struck, pulses, ready.receiver.chirp).echoes
     assert np.median(found.range_m - bird_m[found.pulse]) < 5.0
     window = np.column_stack([free.range_m - 15.0, free.range_m + 15.0])
