@@ -37,8 +37,8 @@ from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.materials import ConstantGamma
-from sionna_radar.studies.material_fit import Levels, fit_materials
-from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.studies.material_fit import fit_materials
+from sionna_radar.surfaces.backscatter import Backscatter, Levels
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.survey.observation import key_of, observe_blocks, on_this_worker, segments_of
 from sionna_radar.survey.preparation import Prepared, prepare

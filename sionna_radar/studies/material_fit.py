@@ -6,11 +6,6 @@ section 7-2), so that its logarithm has the mean digamma(L) - log(L) about that 
 trigamma(L). These logarithms are fitted by weighted least squares, together with what was known of the parameters
 beforehand and, of a radar that is not calibrated, a level that all rows share.
 
-The linear polarization makes an angle p with the plane of incidence: 0 is VV, 90 deg HH. With the scattering matrix of
-`surfaces.radar_material` the co-polar power at p is
-
-    sigma0 = (a_v cos^2 p + a_h sin^2 p)^2 + d^2 cos^2 2p + x^2 sin^2 2p.
-
 Heights, lengths, losses and permittivities (less that of air) are fitted as logarithms, levels as decibels. With the
 covariance of the estimate it is known which parameters the levels tell (`mapping.calibration.Knowledge`), which
 directions they leave open, and, with the information of rows that were not measured, what would tell more.
@@ -19,31 +14,30 @@ A constant gamma against the curve of another model is the special case of one p
 known beforehand.
 """
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
+from scipy.constants import speed_of_light
 from scipy.optimize import least_squares
 from scipy.special import digamma, gammaincc, polygamma
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.mapping.calibration import Knowledge
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import ConstantGamma, EmpiricalTable, Lambertian, RoughTable
 from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
-from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
-from sionna_radar.surfaces.rough_surface import MAX_RELATIVE_HEIGHT, RoughSurface
+from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.surfaces.rough_surface import MAX_RELATIVE_HEIGHT
 from sionna_radar.survey.preparation import Prepared, prepare
 
-COLUMNS = ("cover", "incidence_deg", "polarization", "sigma0_db")
 NEPERS_PER_DB = math.log(10) / 10
 # Known beforehand of a parameter unless stated: to a factor e, and levels to 10 dB.
 PRIOR_NEPERS, PRIOR_DB = 1.0, 10.0
@@ -54,99 +48,15 @@ CALIBRATION = "calibration_db"
 SURPRISE = 1e-3
 # Step of difference quotients, in nepers or dB: rounding and curvature are both below 1e-8 of a derivative.
 STEP = 1e-5
+# Standard deviation that stands for one of a parameter of which nothing is known.
+UNKNOWN = 1e6
+# Starts of the fit at most, if the first one ends far from the levels.
+MAX_STARTS = 16
 # Of measurements that were not made: an amplitude known to this, dB, and incidence angles.
 CALIBRATED_DB = 0.5
 WIDE_DEG = np.arange(5.0, 76.0, 10.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Levels:
-    """Measured levels, one row each.
-
-    cover: material of the ground. polarization_rad: of the linear wave, from the plane of incidence: 0 VV, pi/2 HH.
-    sigma0: a ratio. looks: independent ones averaged; infinite for a level without speckle.
-    """
-
-    cover: tuple[str, ...]
-    incidence_rad: Float[np.ndarray, " row"]
-    polarization_rad: Float[np.ndarray, " row"]
-    sigma0: Float[np.ndarray, " row"]
-    looks: Float[np.ndarray, " row"]
-
-    def __len__(self) -> int:
-        return len(self.cover)
-
-    def of(self, cover: str) -> Bool[np.ndarray, " row"]:
-        """Return a mask of the rows of a cover."""
-        return np.array([name == cover for name in self.cover], dtype=bool)
-
-    @classmethod
-    def from_csv(cls, path: Path) -> "Levels":
-        """Read a table of cover, incidence_deg, polarization, sigma0_db and perhaps looks.
-
-        The polarization is VV, HH, or an angle from the plane of incidence in degrees; lines starting with # are
-        comments. Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
-        """
-        header_text = f"{','.join(COLUMNS)}[,looks]"
-        text = read_text(path, "--levels", f"give a CSV file with the columns {header_text}")
-        lines = [
-            (number, line.strip())
-            for number, line in enumerate(text.splitlines(), start=1)
-            if line.strip() and not line.lstrip().startswith("#")
-        ]
-        header = tuple(name.strip() for name in lines[0][1].split(",")) if lines else ()
-        if header not in (COLUMNS, (*COLUMNS, "looks")):
-            message = f"{shown(path)}: begins with {shown(','.join(header))}; the header is {header_text}"
-            raise InputFileError(message)
-        rows = [_parse_row(path, number, line, len(header)) for number, line in lines[1:]]
-        if not rows:
-            message = f"{shown(path)}: has no rows; give one for each cover, incidence and polarization"
-            raise InputFileError(message)
-        cover, *columns = zip(*rows, strict=True)
-        incidence_rad, polarization_rad, sigma0, looks = (np.array(column, dtype=np.float64) for column in columns)
-        return cls(
-            cover=tuple(map(str, cover)),
-            incidence_rad=incidence_rad,
-            polarization_rad=polarization_rad,
-            sigma0=sigma0,
-            looks=looks,
-        )
-
-    def to_csv(self) -> str:
-        """Return the table as `from_csv` reads it."""
-        lines = [",".join((*COLUMNS, "looks"))]
-        for row in range(len(self)):
-            angles = np.rad2deg([self.incidence_rad[row], self.polarization_rad[row]])
-            level_db = 10 * math.log10(self.sigma0[row])
-            lines.append(f"{self.cover[row]},{angles[0]:.6g},{angles[1]:.6g},{level_db:.9g},{self.looks[row]:g}")
-        return "\n".join(lines) + "\n"
-
-
-def _parse_row(path: Path, number: int, line: str, columns: int) -> tuple[str, float, float, float, float]:
-    """Return cover, incidence (rad), polarization (rad), sigma0 and looks of a line."""
-    try:
-        cover, *cells = (cell.strip() for cell in next(csv.reader([line], strict=True)))
-        polarization = {"VV": "0", "HH": "90"}.get(cells[1].upper(), cells[1])
-        values = [float(cell) for cell in (cells[0], polarization, *cells[2:])]
-        if len(values) + 1 != columns:
-            raise ValueError
-    except (ValueError, IndexError, csv.Error) as error:
-        message = (
-            f"{shown(path)}: line {number} reads {shown(line)}; give a cover, an incidence in degrees, VV, HH or an "
-            "angle in degrees, sigma0 in dB, and looks if the header has them"
-        )
-        raise InputFileError(message) from error
-    incidence_deg, polarization_deg, level_db, looks = (*values, math.inf)[:4]
-    for name, value, valid, wanted in (
-        ("incidence_deg", incidence_deg, 0 <= incidence_deg < 90, "give 0 or more, below 90"),
-        ("polarization", polarization_deg, 0 <= polarization_deg <= 180, "give VV, HH, or 0 to 180 deg"),
-        ("sigma0_db", level_db, abs(level_db) < 200, "give a level in dB, or leave the row out"),
-        ("looks", looks, looks > 0, "give a positive number"),
-    ):
-        if not valid:
-            message = f"{shown(path)}: line {number}: {name} = {value:g} is not possible; {wanted}"
-            raise InputFileError(message)
-    return cover, math.radians(incidence_deg), math.radians(polarization_deg), 10 ** (level_db / 10), looks
+# Levels nearer to VV than this, and as near to HH, are of both polarizations.
+NEAR_V_RAD = math.pi / 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,8 +65,7 @@ class Unknown:
 
     cover, key: of the material's table; `loss` is the imaginary part of its permittivity; no cover for the radar's.
     start, prior: its value beforehand and its standard deviation, both in nepers above `floor`, or as they are.
-    floor: lower limit of a parameter fitted as logarithm; None for others.
-    most: largest value.
+    floor: lower limit of a parameter fitted as logarithm; None for others. most: the largest fitted number.
     """
 
     cover: str
@@ -170,6 +79,11 @@ class Unknown:
     def name(self) -> str:
         """The dotted name."""
         return f"{self.cover}.{self.key}" if self.cover else self.key
+
+    @property
+    def weight(self) -> float:
+        """The inverse of the standard deviation beforehand."""
+        return 1 / self.prior
 
     def value(self, scaled: float) -> float:
         """Return the parameter for its fitted number."""
@@ -201,12 +115,7 @@ class MaterialFit:
     misfit: float
     freedom: int
     tables: Mapping[str, MaterialParameters]
-    measures: tuple[Measure, ...] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Dotted names of the parameters."""
-        return tuple(unknown.name for unknown in self.unknowns)
+    measures: tuple[Measure, ...]
 
     @cached_property
     def estimates(self) -> dict[str, float]:
@@ -289,27 +198,25 @@ def fit_materials(
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
     problem = _Problem(model=model, measured=np.log(levels.sigma0) - bias, sigma=sigma)
     scaled, misfit = problem.solve()
-    if not all(np.isinf(u.prior) for u in unknowns):
-        freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
-        if _surprise(misfit, freedom) < SURPRISE:
-            # Another valley may describe them: rougher or smoother, of longer or shorter waves.
-            candidates = [problem.solve(start) for start in problem.corners()]
-            scaled, misfit = min([(scaled, misfit), *candidates], key=lambda found: found[1])
-    rates = model.rates(scaled) / problem.sigma[:, None]
-    knowledge = Knowledge(
-        names=tuple(u.name for u in unknowns), prior=np.array([u.prior for u in unknowns]), information=rates.T @ rates
-    )
-    fit = MaterialFit(
+    freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
+    if gammaincc(freedom / 2, misfit / 2) < SURPRISE:
+        # Another valley may describe them: rougher or smoother, of longer or shorter waves.
+        candidates = [(scaled, misfit), *(problem.solve(start) for start in problem.corners())]
+        scaled, misfit = min(candidates, key=lambda found: found[1])
+    rates = model.rates(scaled) / sigma[:, None]
+    prior_known = np.minimum([u.prior for u in unknowns], UNKNOWN)
+    knowledge = Knowledge(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
+    return MaterialFit(
         levels=levels,
         unknowns=unknowns,
         scaled=scaled,
         knowledge=knowledge,
         fitted=np.exp(model.predict(scaled)),
         misfit=misfit,
-        freedom=len(levels) - sum(math.isinf(u.prior) for u in unknowns),
+        freedom=freedom,
         tables={name: model.table(name, scaled) for name in dict.fromkeys(levels.cover)},
+        measures=_measures(model, scaled, knowledge, level_sigma_db, calibration_sigma_db),
     )
-    return replace(fit, measures=_measures(model, scaled, knowledge, level_sigma_db, calibration_sigma_db))
 
 
 def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.ndarray, " row"]:
@@ -318,11 +225,25 @@ def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.
     return np.sqrt(speckle + (NEPERS_PER_DB * level_sigma_db) ** 2)
 
 
-def _surprise(misfit: float, freedom: int) -> float:
-    return float(gammaincc(freedom / 2, misfit / 2)) if freedom > 0 else 1.0
-
-
 # -------------------------------------------------------------------------------------------------------- parameters
+def parse_priors(given: Sequence[str]) -> dict[str, float]:
+    """Return what is known beforehand of parameters, by NAME=VALUE.
+
+    Raises ScenarioError for a text that is none, or a value that is no positive number.
+    """
+    found = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            found[name] = math.nan
+        if not 0 < found[name] < math.inf:
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. road.rms_height_m=2, a factor"
+            raise ScenarioError([Problem("--prior", message)], "command line")
+    return found
+
+
 def _unknowns(
     levels: Levels,
     tables: Mapping[str, MaterialParameters],
@@ -396,14 +317,14 @@ def _unknown(cover: str, key: str, value: float, prior: float | None, carrier_hz
         if prior is not None and not prior > 1:
             message = f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2"
             raise ScenarioError([Problem("--prior", message)], "command line")
-        smooth = RoughSurface(permittivity=1.0, rms_height_m=1.0, correlation_length_m=1.0, frequency_hz=carrier_hz)
+        wavenumber = 2 * math.pi * carrier_hz / speed_of_light
         return Unknown(
             cover=cover,
             key=key,
             start=math.log(value - floor),
             prior=PRIOR_NEPERS if prior is None else math.log(prior),
             floor=floor,
-            most=MAX_RELATIVE_HEIGHT / smooth.wavenumber if key == "rms_height_m" else math.inf,
+            most=math.log(MAX_RELATIVE_HEIGHT / wavenumber) if key == "rms_height_m" else math.inf,
         )
     if prior is None and not key.endswith("_db"):
         message = f"{name} has no usual standard deviation; state one, {name}=VALUE in its unit"
@@ -444,7 +365,7 @@ class _Model:
         for cover in dict.fromkeys(self.levels.cover):
             table, own = self.table(cover, scaled), self.levels.of(cover)
             material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
-            found[own] = linear_sigma0(material, self.levels.incidence_rad[own], self.levels.polarization_rad[own])
+            found[own] = material.linear_sigma0(self.levels.incidence_rad[own], self.levels.polarization_rad[own])
         level_db = sum(float(t) for u, t in zip(self.unknowns, scaled, strict=True) if not u.cover)
         return np.log(np.maximum(found, np.finfo(float).tiny)) + NEPERS_PER_DB * level_db
 
@@ -455,16 +376,6 @@ class _Model:
         return np.stack(columns, axis=1)
 
 
-def linear_sigma0(
-    material: RadarMaterial, incidence_rad: Float[np.ndarray, " n"], polarization_rad: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """Return the co-polar sigma0 of a linear wave at angles from the plane of incidence; see the module docstring."""
-    parts = material.parts(incidence_rad)
-    cosine_squared, twice = np.cos(polarization_rad) ** 2, 2 * polarization_rad
-    along = parts.vertical * cosine_squared + parts.horizontal * (1 - cosine_squared)
-    return along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Problem:
     """The least squares: residuals of rows over their standard deviations, and of what was known beforehand."""
@@ -473,18 +384,12 @@ class _Problem:
     measured: Float[np.ndarray, " row"]
     sigma: Float[np.ndarray, " row"]
 
-    @property
-    def _start(self) -> Float[np.ndarray, " unknown"]:
-        return np.array([u.start for u in self.model.unknowns])
-
-    @property
-    def _weight(self) -> Float[np.ndarray, " unknown"]:
-        return np.array([1 / u.prior for u in self.model.unknowns])
-
     def solve(self, start: Float[np.ndarray, " unknown"] | None = None) -> tuple[Float[np.ndarray, " unknown"], float]:
         """Return the estimate, and the sum of squared residuals."""
-        beforehand, weight = self._start, self._weight
-        most = np.array([math.log(u.most) if math.isfinite(u.most) else math.inf for u in self.model.unknowns])
+        unknowns = self.model.unknowns
+        beforehand, weight, most = (
+            np.array([getattr(u, name) for u in unknowns]) for name in ("start", "weight", "most")
+        )
 
         def residuals(scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
             rows = (self.model.predict(scaled) - self.measured) / self.sigma
@@ -493,28 +398,21 @@ class _Problem:
         def jacobian(scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "residual unknown"]:
             return np.concatenate([self.model.rates(scaled) / self.sigma[:, None], np.diag(weight)])
 
-        found = least_squares(
-            residuals,
-            beforehand if start is None else start,
-            jacobian,
-            # A quotient's step stays within the models' range.
-            bounds=(-np.inf, most - 2 * STEP),
-            x_scale=np.where(weight > 0, 1 / np.maximum(weight, 1e-9), 1.0),
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-        )
+        # A quotient's step stays within the models' range.
+        limits, tight = (-np.inf, most - 2 * STEP), 1e-12
+        first = np.minimum(beforehand if start is None else start, most - 1)
+        found = least_squares(residuals, first, jacobian, limits, x_scale="jac", xtol=tight, ftol=tight, gtol=tight)
         return found.x, float(2 * found.cost)
 
     def corners(self) -> list[Float[np.ndarray, " unknown"]]:
         """Return other starts: heights and lengths larger and smaller by what is known of them."""
-        starts = [self._start]
-        for k, unknown in enumerate(self.model.unknowns):
-            if unknown.key in ("rms_height_m", "correlation_length_m") and len(starts) < 16:
-                shift = unknown.prior * np.eye(len(self._start))[k]
+        unknowns = self.model.unknowns
+        starts = [np.array([u.start for u in unknowns])]
+        for k, unknown in enumerate(unknowns):
+            if unknown.key in ("rms_height_m", "correlation_length_m") and len(starts) < MAX_STARTS:
+                shift = min(unknown.prior, PRIOR_NEPERS) * np.eye(len(unknowns))[k]
                 starts = [start + sign * shift for start in starts for sign in (-1, 1)]
-        most = np.array([math.log(u.most) if math.isfinite(u.most) else math.inf for u in self.model.unknowns])
-        return [np.minimum(start, most - 1) for start in starts] if len(starts) > 1 else []
+        return starts if len(starts) > 1 else []
 
 
 def _measures(
@@ -533,8 +431,9 @@ def _measures(
         found.append(Measure(name=name, knowledge=knowledge.with_more(known)))
     series = list(dict.fromkeys(zip(levels.cover, np.round(levels.polarization_rad, 6), strict=True)))
     rows = [(cover, polarization, incidence) for cover, polarization in series for incidence in np.deg2rad(WIDE_DEG)]
-    further = {
-        "the other linear polarization": replace(levels, polarization_rad=math.pi / 2 - levels.polarization_rad),
+    both = levels.polarization_rad.min() < NEAR_V_RAD and levels.polarization_rad.max() > math.pi / 2 - NEAR_V_RAD
+    turned = replace(levels, polarization_rad=math.pi / 2 - levels.polarization_rad)
+    further = ({} if both else {"the other linear polarization": turned}) | {
         f"incidence from {WIDE_DEG[0]:g} to {WIDE_DEG[-1]:g} deg": Levels(
             cover=tuple(cover for cover, _, _ in rows),
             incidence_rad=np.array([incidence for _, _, incidence in rows]),
@@ -589,58 +488,53 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
     chosen = np.unique(np.linspace(0, len(prepared) - 1, min(pulses, len(prepared))).astype(np.int64))
     blocks = [_looks(*surveys, chosen[low : low + BLOCK]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
-    covers = np.array([surface.material for surface in prepared.scene.scene.surfaces])
-    single = (looks["surface"] >= 0) & np.isfinite(looks["ratio"])
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]
-    single[single] = ~np.isin(covers[looks["surface"][single]], mirrors)
     groups: dict[tuple[str, int, int], list[int]] = {}
-    for k in np.flatnonzero(single):
+    for k in np.flatnonzero(~np.isin(looks["cover"], ["", *mirrors])):
         angle = int(np.rad2deg(looks["incidence_rad"][k]) // INCIDENCE_STEP_DEG)
         turn = round(np.rad2deg(looks["polarization_rad"][k]) / POLARIZATION_STEP_DEG)
-        groups.setdefault((str(covers[looks["surface"][k]]), angle, turn), []).append(int(k))
+        groups.setdefault((str(looks["cover"][k]), angle, turn), []).append(int(k))
     if not groups:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError([Problem("terrain", message)])
     found = sorted(groups)
     means = {
         name: np.array([looks[name][groups[key]].mean() for key in found])
-        for name in ("incidence_rad", "polarization_rad", "ratio")
+        for name in ("incidence_rad", "polarization_rad", "sigma0")
     }
     return Levels(
         cover=tuple(cover for cover, _, _ in found),
         incidence_rad=means["incidence_rad"],
         polarization_rad=means["polarization_rad"],
-        sigma0=means["ratio"],
+        sigma0=means["sigma0"],
         looks=np.array([float(len(groups[key])) for key in found]),
     )
 
 
 def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]) -> dict[str, np.ndarray]:
-    """Return of each pulse sigma0 by its echo, incidence and polarization, and the surface; -1 for several."""
-    paths = survey.paths(index)
-    paths = paths.rows(paths.surface >= 0)
+    """Return sigma0 of each pulse's echo, incidence, polarization, and cover, which is empty for several or none."""
+    paths, flat = (each.rows(each.surface >= 0) for each in (survey.paths(index), uniform.paths(index)))
     field = np.zeros(len(index), dtype=np.complex128)
     np.add.at(field, np.searchsorted(index, paths.pulse), paths.gain)
-    flat = uniform.paths(index)
-    flat = flat.rows(flat.surface >= 0)
-    row, cosine = np.searchsorted(index, flat.pulse), np.cos(flat.incidence_rad)
-    weight = np.abs(flat.gain.astype(np.complex128)) ** 2 / np.maximum(cosine, 1e-9)
-    kinds = list(dict.fromkeys(surface.material for surface in survey.scene.scene.surfaces))
-    kind = np.array([kinds.index(surface.material) for surface in survey.scene.scene.surfaces])[flat.surface]
-    share = np.zeros((len(index), len(kinds)))
-    np.add.at(share, (row, kind), weight)
+    row = np.searchsorted(index, flat.pulse)
+    # Of a constant gamma of 1, sigma0 is the cosine.
+    weight = np.abs(flat.gain.astype(np.complex128)) ** 2 / np.maximum(np.cos(flat.incidence_rad), 1e-9)
+    covers, kind = np.unique([surface.material for surface in survey.scene.scene.surfaces], return_inverse=True)
+    share = np.zeros((len(index), len(covers)))
+    np.add.at(share, (row, kind[flat.surface]), weight)
     total = share.sum(axis=1)
-    first = np.array([[s.material for s in survey.scene.scene.surfaces].index(name) for name in kinds])
+    single = (total > 0) & (share.max(axis=1) >= PURE * total)
     pose = survey.flight.pulses(index).true
-    toward, axis = pose.boresight, 2 if survey.scenario.radar.antenna.polarization == "V" else 1
-    across = np.cross(toward, [0.0, 0.0, 1.0])
-    along, electric = np.cross(across, toward), pose.R_world_antenna[:, :, axis]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return {
-            "ratio": np.abs(field) ** 2 / total,
-            "incidence_rad": np.bincount(row, weight * flat.incidence_rad, minlength=len(index)) / total,
-            "surface": np.where(share.max(axis=1) >= PURE * total, first[share.argmax(axis=1)], -1),
-            "polarization_rad": np.arctan2(
-                np.abs(np.sum(electric * across, axis=1)), np.abs(np.sum(electric * along, axis=1))
-            ),
-        }
+    # Sionna's vertical polarization lies along the antenna's third axis, the horizontal one along its second.
+    electric = pose.R_world_antenna[:, :, 2 if survey.scenario.radar.antenna.polarization == "V" else 1]
+    across = np.cross(pose.boresight, [0.0, 0.0, 1.0])
+    along = np.cross(across, pose.boresight)
+    outside, inside = (np.abs(np.sum(electric * axis, axis=1)) for axis in (across, along))
+    incidence = np.bincount(row, weight * flat.incidence_rad, minlength=len(index))
+    whole = np.where(single, total, 1.0)
+    return {
+        "sigma0": np.abs(field) ** 2 / whole,
+        "incidence_rad": incidence / whole,
+        "polarization_rad": np.arctan2(outside, inside),
+        "cover": np.where(single, covers[share.argmax(axis=1)], ""),
+    }
