@@ -359,21 +359,31 @@ class _Model:
             values["terrain_class"] = None  # type: ignore[assignment]
         return table.model_copy(update=values)
 
+    def of_cover(self, cover: str, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " own"]:
+        """Return the logarithm of sigma0 of the rows of a cover."""
+        table, own = self.table(cover, scaled), self.levels.of(cover)
+        material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
+        sigma0 = material.linear_sigma0(self.levels.incidence_rad[own], self.levels.polarization_rad[own])
+        return np.log(np.maximum(sigma0, np.finfo(float).tiny))
+
     def predict(self, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " row"]:
         """Return the logarithm of sigma0 of every row, with the calibration's level."""
-        found = np.empty(len(self.levels))
-        for cover in dict.fromkeys(self.levels.cover):
-            table, own = self.table(cover, scaled), self.levels.of(cover)
-            material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
-            found[own] = material.linear_sigma0(self.levels.incidence_rad[own], self.levels.polarization_rad[own])
         level_db = sum(float(t) for u, t in zip(self.unknowns, scaled, strict=True) if not u.cover)
-        return np.log(np.maximum(found, np.finfo(float).tiny)) + NEPERS_PER_DB * level_db
+        found = np.full(len(self.levels), NEPERS_PER_DB * level_db)
+        for cover in dict.fromkeys(self.levels.cover):
+            found[self.levels.of(cover)] += self.of_cover(cover, scaled)
+        return found
 
     def rates(self, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "row unknown"]:
-        """Return the derivatives of `predict`, central difference quotients."""
-        shifts = STEP * np.eye(len(scaled))
-        columns = [(self.predict(scaled + shift) - self.predict(scaled - shift)) / (2 * STEP) for shift in shifts]
-        return np.stack(columns, axis=1)
+        """Return the derivatives of `predict`: central difference quotients over the rows of each cover."""
+        found = np.zeros((len(self.levels), len(scaled)))
+        for k, (unknown, shift) in enumerate(zip(self.unknowns, STEP * np.eye(len(scaled)), strict=True)):
+            if not unknown.cover:
+                found[:, k] = NEPERS_PER_DB
+                continue
+            above, below = (self.of_cover(unknown.cover, scaled + sign * shift) for sign in (1, -1))
+            found[self.levels.of(unknown.cover), k] = (above - below) / (2 * STEP)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)

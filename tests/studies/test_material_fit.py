@@ -184,7 +184,7 @@ def covered(name, sets, seed, factor, looks, angles_deg):
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """Two covers and the radar's level, all drawn from what is known beforehand, in few looks."""
-    rng, sets, inside = np.random.default_rng(3), 400, {0.9945: [], 1.96: []}
+    rng, sets, inside = np.random.default_rng(3), 300, {0.9945: [], 1.96: []}
     table = {"field": ConstantGamma(gamma_db=-20.0), "snow": Lambertian(nadir_sigma0_db=-10.0)}
     prior = {"field.gamma_db": 3.0, "snow.nadir_sigma0_db": 3.0}
     for _ in range(sets):
