@@ -30,7 +30,14 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.mapping.calibration import Knowledge
 from sionna_radar.scenario.bases import MaterialParameters
-from sionna_radar.scenario.materials import ConstantGamma, EmpiricalTable, Lambertian, RoughTable
+from sionna_radar.scenario.materials import (
+    ConstantGamma,
+    EmpiricalTable,
+    IntegralEquation,
+    Lambertian,
+    PhysicalOptics,
+    RoughTable,
+)
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
@@ -271,7 +278,7 @@ def _unknowns(
             known = [f"{cover}.{key}" for cover in covers for key in _values(tables[cover], carrier_hz)]
             message = f"{shown(name)} is no parameter of a cover of the levels; give some of {', '.join(known)}"
             raise ScenarioError([Problem("--free", message)], "command line")
-        found.append(_unknown(cover, key, value, prior.get(name), carrier_hz))
+        found.append(_unknown(tables[cover], name, value, prior.get(name), carrier_hz))
     if calibration_sigma_db > 0:
         radar = Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None)
         found.append(radar)
@@ -308,8 +315,9 @@ def _values(table: MaterialParameters, carrier_hz: float) -> dict[str, float]:
     return found
 
 
-def _unknown(cover: str, key: str, value: float, prior: float | None, carrier_hz: float) -> Unknown:
-    name, floor = f"{cover}.{key}", LOGARITHMIC.get(key)
+def _unknown(table: MaterialParameters, name: str, value: float, prior: float | None, carrier_hz: float) -> Unknown:
+    cover, _, key = name.partition(".")
+    floor = LOGARITHMIC.get(key)
     if floor is not None:
         if value <= floor:
             message = f"is {value:g} in the scenario; give a value above {floor:g} to begin from"
@@ -317,14 +325,16 @@ def _unknown(cover: str, key: str, value: float, prior: float | None, carrier_hz
         if prior is not None and not prior > 1:
             message = f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2"
             raise ScenarioError([Problem("--prior", message)], "command line")
-        wavenumber = 2 * math.pi * carrier_hz / speed_of_light
+        # Beyond it the series of these models ends.
+        highest_m = MAX_RELATIVE_HEIGHT * speed_of_light / (2 * math.pi * carrier_hz)
+        bounded = key == "rms_height_m" and isinstance(table, PhysicalOptics | IntegralEquation)
         return Unknown(
             cover=cover,
             key=key,
             start=math.log(value - floor),
             prior=PRIOR_NEPERS if prior is None else math.log(prior),
             floor=floor,
-            most=math.log(MAX_RELATIVE_HEIGHT / wavenumber) if key == "rms_height_m" else math.inf,
+            most=math.log(highest_m) if bounded else math.inf,
         )
     if prior is None and not key.endswith("_db"):
         message = f"{name} has no usual standard deviation; state one, {name}=VALUE in its unit"
@@ -410,7 +420,7 @@ class _Problem:
 
         # A quotient's step stays within the models' range.
         limits, tight = (-np.inf, most - 2 * STEP), 1e-12
-        first = np.minimum(beforehand if start is None else start, most - 1)
+        first = np.minimum(beforehand if start is None else start, most - 3 * STEP)
         found = least_squares(residuals, first, jacobian, limits, x_scale="jac", xtol=tight, ftol=tight, gtol=tight)
         return found.x, float(2 * found.cost)
 

@@ -122,6 +122,13 @@ def test_a_very_rough_surface_tells_its_slope_but_neither_height_nor_length():
     assert any("rms_height_m times 2.72 with soil.correlation_length_m times 2.72" in w for w in trade_off_words(fit))
 
 
+def test_a_surface_rougher_than_a_series_reaches_is_fitted_by_its_slope():
+    truth = (0.02, 0.1, 5.0, 0.8)  # k s of 32
+    levels = rough_levels(GeometricalOptics, truth)
+    fit = fit_materials(levels, {"soil": table_of(Kirchhoff, truth)}, CARRIER_HZ, level_sigma_db=0.1)
+    assert fit.estimates["soil.rms_height_m"] == pytest.approx(0.02, rel=1e-3)
+
+
 def test_single_looks_are_averaged_without_bias_and_with_their_known_scatter():
     """The mean logarithm of an exponential power is 2.5 dB below that of its mean, its scatter 5.6 dB."""
     levels = speckled(law_levels(ConstantGammaBackscatter(0.01), 20_000, 1.0), np.random.default_rng(1))
