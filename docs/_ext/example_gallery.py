@@ -17,7 +17,7 @@ SECTIONS = {
     "radar": (
         "What the radar and its maps do",
         "floors averaging maps uncertainty navigation triangular second_receiver range_doppler targets double_bounce "
-        "calm_water moving_ground sar altimeter",
+        "calm_water moving_ground sar altimeter sigma0_per_cell",
     ),
     "weather": ("Weather", "rain weather vegetation radar_and_lidar circular"),
     "paper": (

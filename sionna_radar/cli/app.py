@@ -45,6 +45,7 @@ TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
         ("process", recordings.process_command),
         ("twin", recordings.twin_command),
         ("calibrate", recordings.calibrate_command),
+        ("fit-materials", tools.fit_materials_command),
         ("log", tools.log_command),
     ),
     "Reference": (

@@ -229,6 +229,73 @@ def fit(
         typer.echo(f"  {failure}")
 
 
+def fit_materials_command(
+    scenario: ScenarioArgument,
+    levels: Annotated[
+        Path | None,
+        typer.Option(
+            "--levels",
+            metavar="FILE",
+            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH or an angle in deg. "
+            "Default: measured from traced echoes of the scenario.",
+        ),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="COVER.KEY",
+            help="A parameter to estimate (repeat). Default: gamma, or height, length, permittivity and loss.",
+        ),
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prior",
+            metavar="NAME=VALUE",
+            help="Known beforehand to (repeat): a factor for heights, lengths and permittivities, else in its unit.",
+        ),
+    ] = None,
+    calibration_sigma_db: Annotated[
+        float,
+        typer.Option("--calibration-sigma-db", metavar="DB", min=0.0, help="Unknown level of the radar, dB."),
+    ] = 0.0,
+    level_sigma_db: Annotated[
+        float,
+        typer.Option("--level-sigma-db", metavar="DB", min=0.0, help="Error of each level beside speckle, dB."),
+    ] = 0.0,
+    pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses traced, without --levels.")] = 2000,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
+    from sionna_radar.report.studies.material_fit import MARKER, print_materials, write_materials
+    from sionna_radar.studies.material_fit import fit_materials, measure_levels, parse_priors
+    from sionna_radar.surfaces.backscatter import Levels
+    from sionna_radar.survey.preparation import prepare
+
+    priors, given = parse_priors(prior or []), None if levels is None else Levels.from_csv(levels)
+    session = Session.of(scenario, output, set_, set_file, None, quiet)
+    loaded = session.load()
+    session.produce(
+        lambda _: fit_materials(
+            measure_levels(prepare(loaded), pulses) if given is None else given,
+            loaded.all_materials,
+            loaded.radar.carrier_hz,
+            free=free or (),
+            prior=priors,
+            calibration_sigma_db=calibration_sigma_db,
+            level_sigma_db=level_sigma_db,
+        ),
+        suffix="_materials",
+        marker=MARKER,
+        write=write_materials,
+        show=print_materials,
+    )
+
+
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
     sources: Annotated[

@@ -20,6 +20,9 @@ from .link import LinkBudget as LinkBudget
 from .link import run_link_budget as run_link_budget
 from .log_inspection import LogInspection as LogInspection
 from .log_inspection import inspect_log as inspect_log
+from .material_fit import MaterialFit as MaterialFit
+from .material_fit import fit_materials as fit_materials
+from .material_fit import measure_levels as measure_levels
 from .planning import FlightPlan as FlightPlan
 from .planning import Wanted as Wanted
 from .planning import check_plan as check_plan

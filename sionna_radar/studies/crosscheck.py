@@ -36,7 +36,9 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
-from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.scenario.materials import ConstantGamma
+from sionna_radar.studies.material_fit import fit_materials
+from sionna_radar.surfaces.backscatter import Backscatter, Levels
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.survey.observation import key_of, observe_blocks, on_this_worker, segments_of
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -508,7 +510,18 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     if not fitted.any():
         message = f"the material scatters nothing back from {from_deg:g} to {to_deg:g} deg in this channel"
         raise ScenarioError([Problem("--material", message)], "command line")
-    gamma_db = float(over_cosine_db[fitted].mean())
+    levels = Levels(
+        cover=("material",) * int(fitted.sum()),
+        incidence_rad=np.deg2rad(angle_deg[fitted]),
+        polarization_rad=np.zeros(int(fitted.sum())),
+        sigma0=10 ** (sigma0_db[fitted] / 10),
+        looks=np.full(int(fitted.sum()), np.inf),
+    )
+    # Equal weights and nothing known beforehand; a constant gamma is the same at any carrier.
+    unknown = {"material.gamma_db": math.inf}
+    table = ConstantGamma(gamma_db=0.0)
+    fit = fit_materials(levels, {"material": table}, 77e9, prior=unknown, level_sigma_db=1.0)
+    gamma_db = fit.estimates["material.gamma_db"]
     return GammaFit(
         gamma_db=gamma_db,
         incidence_deg=angle_deg,

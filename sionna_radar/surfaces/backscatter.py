@@ -1,4 +1,4 @@
-"""Backscatter of surfaces: sigma0 against the local incidence angle, by simple laws, a fitted form and tables.
+"""Backscatter of surfaces: sigma0 against the local incidence angle, by simple laws, a fitted form, tables and levels.
 
 Measured backscatter comes as the handbook's fitted form, or as tables of sigma0 against incidence. The fitted form is
 that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech House, 1989). Its W-band
@@ -226,3 +226,96 @@ def _check_rows(path: Path, rows: list[tuple[float, float]], numbers: Iterable[i
             message = f"{path}: line {number}: sigma0_db = {level_db:g} must be finite; leave the row out"
             raise InputFileError(message)
         previous = angle_deg
+
+
+LEVEL_COLUMNS = ("cover", "incidence_deg", "polarization", "sigma0_db")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Levels:
+    """Measured levels, one row each.
+
+    cover: material of the ground. polarization_rad: of the linear wave, from the plane of incidence: 0 VV, pi/2 HH.
+    sigma0: a ratio. looks: independent ones averaged; infinite for a level without speckle.
+    """
+
+    cover: tuple[str, ...]
+    incidence_rad: Float[np.ndarray, " row"]
+    polarization_rad: Float[np.ndarray, " row"]
+    sigma0: Float[np.ndarray, " row"]
+    looks: Float[np.ndarray, " row"]
+
+    def __len__(self) -> int:
+        return len(self.cover)
+
+    def of(self, cover: str) -> Bool[np.ndarray, " row"]:
+        """Return a mask of the rows of a cover."""
+        return np.array([name == cover for name in self.cover], dtype=bool)
+
+    @classmethod
+    def from_csv(cls, path: Path) -> "Levels":
+        """Read a table of cover, incidence_deg, polarization, sigma0_db and perhaps looks.
+
+        The polarization is VV, HH, or an angle from the plane of incidence in degrees; lines starting with # are
+        comments. Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
+        """
+        header_text = f"{','.join(LEVEL_COLUMNS)}[,looks]"
+        text = read_text(path, "--levels", f"give a CSV file with the columns {header_text}")
+        lines = [
+            (number, line.strip())
+            for number, line in enumerate(text.splitlines(), start=1)
+            if line.strip() and not line.lstrip().startswith("#")
+        ]
+        header = tuple(name.strip() for name in lines[0][1].split(",")) if lines else ()
+        if header not in (LEVEL_COLUMNS, (*LEVEL_COLUMNS, "looks")):
+            message = f"{shown(path)}: begins with {shown(','.join(header))}; the header is {header_text}"
+            raise InputFileError(message)
+        rows = [_parse_level(path, number, line, len(header)) for number, line in lines[1:]]
+        if not rows:
+            message = f"{shown(path)}: has no rows; give one for each cover, incidence and polarization"
+            raise InputFileError(message)
+        cover, *columns = zip(*rows, strict=True)
+        incidence_rad, polarization_rad, sigma0, looks = (np.array(column, dtype=np.float64) for column in columns)
+        return cls(
+            cover=tuple(map(str, cover)),
+            incidence_rad=incidence_rad,
+            polarization_rad=polarization_rad,
+            sigma0=sigma0,
+            looks=looks,
+        )
+
+    def to_csv(self) -> str:
+        """Return the table as `from_csv` reads it."""
+        lines = [",".join((*LEVEL_COLUMNS, "looks"))]
+        for row in range(len(self)):
+            angles = np.rad2deg([self.incidence_rad[row], self.polarization_rad[row]])
+            level_db = 10 * math.log10(self.sigma0[row])
+            lines.append(f"{self.cover[row]},{angles[0]:.6g},{angles[1]:.6g},{level_db:.9g},{self.looks[row]:g}")
+        return "\n".join(lines) + "\n"
+
+
+def _parse_level(path: Path, number: int, line: str, columns: int) -> tuple[str, float, float, float, float]:
+    """Return cover, incidence (rad), polarization (rad), sigma0 and looks of a line."""
+    try:
+        cover, *cells = (cell.strip() for cell in next(csv.reader([line], strict=True)))
+        polarization = {"VV": "0", "HH": "90"}.get(cells[1].upper(), cells[1])
+        values = [float(cell) for cell in (cells[0], polarization, *cells[2:])]
+        if len(values) + 1 != columns:
+            raise ValueError
+    except (ValueError, IndexError, csv.Error) as error:
+        message = (
+            f"{shown(path)}: line {number} reads {shown(line)}; give a cover, an incidence in degrees, VV, HH or an "
+            "angle in degrees, sigma0 in dB, and looks if the header has them"
+        )
+        raise InputFileError(message) from error
+    incidence_deg, polarization_deg, level_db, looks = (*values, math.inf)[:4]
+    for name, value, valid, wanted in (
+        ("incidence_deg", incidence_deg, 0 <= incidence_deg < 90, "give 0 or more, below 90"),
+        ("polarization", polarization_deg, 0 <= polarization_deg <= 180, "give VV, HH, or 0 to 180 deg"),
+        ("sigma0_db", level_db, abs(level_db) < 200, "give a level in dB, or leave the row out"),
+        ("looks", looks, looks > 0, "give a positive number"),
+    ):
+        if not valid:
+            message = f"{shown(path)}: line {number}: {name} = {value:g} is not possible; {wanted}"
+            raise InputFileError(message)
+    return cover, math.radians(incidence_deg), math.radians(polarization_deg), 10 ** (level_db / 10), looks
