@@ -66,7 +66,7 @@ def test_machine_code_of_a_type_that_was_renamed_is_compiled_anew(tmp_path):
     for name, value in (("Older", 1.0), ("Newer", 2.0), ("Newer", 2.0)):
         (tmp_path / "kernel.py").write_text(KERNEL.format(name=name, value=value))
         done = subprocess.run(
-            [sys.executable, "-c", "import kernel"],
+            [sys.executable, "-B", "-c", "import kernel"],  # byte code knows a source by its second and its size
             cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
             capture_output=True,
