@@ -142,14 +142,15 @@ def sensitivities(
     left_out: dict[tuple[str, str], float] = {}
     for rates, (name, (low, high, step)) in zip(found, sides.items(), strict=True):
         ends = _evaluated(frozen, low, of), _evaluated(frozen, high, of)
-        anew, far_step = ends, step
+        compared = [(deviations, ends, step)]
         if retraced:
             *far, far_step = to_sides(name, RETRACED_STEPS)
             traced = [FrozenEchoes(s.engine, s.pulses, cells, fixed_speckle=fixed) for s in far]
             anew = _evaluated(traced[0], far[0], of), _evaluated(traced[1], far[1], of)
+            compared.append((left_out, anew, far_step))
         for quantity in of:
             derivatives[quantity, name] = rates[quantity]
-            for deviation, (before, after), width in ((deviations, ends, step), (left_out, anew, far_step)):
+            for deviation, (before, after), width in compared:
                 quotient = (after[quantity] - before[quantity]) / width
                 rounding = ROUNDING * _rms(values[quantity]) / width
                 deviation[quantity, name] = _deviation(rates[quantity], quotient, rounding)
@@ -160,7 +161,7 @@ def sensitivities(
         values=values,
         derivatives=derivatives,
         deviations=deviations,
-        left_out=left_out if retraced else {},
+        left_out=left_out,
         range_m=np.arange(cells.count) * cells.chirp.range_resolution_m,
     )
 

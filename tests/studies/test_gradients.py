@@ -86,6 +86,7 @@ def test_what_walls_hide_is_told():
     [
         ("hills", {}, "terrain.height_m", "moves the ground"),
         ("hills", {}, "materials.ground.gamma_db", "not a number"),
+        ("hills", {}, "radar.chirp_rate_hz", "changes when pulses are sent"),
         ("hills", {"radar__antenna": ARRAY}, "radar.antenna.taper_db", "automatic differentiation gives zero"),
     ],
 )
