@@ -66,7 +66,7 @@ print(f"{survey.pulses} pulses, {len(survey.points)} echoes")
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.add_subplot()
 position = survey.points.position_m
-dots = axes.scatter(position[:, 0], position[:, 2], c=survey.points.snr_db, s=4)
+dots = axes.scatter(position[:, 0], position[:, 2], c=survey.points.echo_snr_db, s=4)
 figure.colorbar(dots, label="SNR (dB)")
 axes.set(xlabel="East (m)", ylabel="Height (m)", title="A profile under the track")
 figure.savefig("custom_scan.png")

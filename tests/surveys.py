@@ -65,7 +65,7 @@ def ground_points(schedule: PulseSchedule, grid: Grid, rng: np.random.Generator)
         range_m=range_m[inside],
         range_sigma_m=np.full(count, 0.25),
         power=1e-12 * rng.exponential(size=count) * (50 / range_m[inside]) ** 4,
-        snr_db=rng.uniform(12, 40, count),
+        echo_snr_db=rng.uniform(12, 40, count),
     )
 
 
@@ -148,7 +148,7 @@ def make_empty(survey: Survey) -> Survey:
     """Return a survey that detected nothing: no points, no DEM, no echo in its chirp."""
     points, chirp = survey.points, survey.chirp
     nothing = np.zeros(0, dtype=int)
-    columns = ("pulse", "number", "position_m", "origin_m", "range_m", "range_sigma_m", "power", "snr_db")
+    columns = ("pulse", "number", "position_m", "origin_m", "range_m", "range_sigma_m", "power", "echo_snr_db")
     dem = replace(survey.dem, height_m=np.full(survey.dem.grid.shape, np.nan))
     error = difference(dem, survey.truth)
     return replace(

@@ -30,6 +30,10 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+# Characters of a line of code that a page shows without scrolling.
+COLUMN = 100
+
+
 def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
@@ -109,6 +113,13 @@ def test_scenarios_on_a_page_are_valid(page):
             continue
         tables = merged(block)
         assert parse_scenario(tables).terrain.kind == tables["terrain"]["kind"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_code_fits_into_the_column(page):
+    for language, block in re.findall(r"```(\w*)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        wide = [line for line in block.splitlines() if len(line) > COLUMN and language != "text"]
+        assert not wide, "what a program prints may be wider, and is scrolled"
 
 
 @pytest.mark.usefixtures("forgotten")

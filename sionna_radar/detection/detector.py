@@ -181,7 +181,7 @@ class Detector:
             range_m=ranges.range_m,
             range_sigma_m=ranges.sigma_m,
             power=peak_power,
-            snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
+            echo_snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
         )
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
@@ -330,13 +330,13 @@ def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
     up_m, down_m = up.range_m[up_row], down.range_m[down_row]
     # The halves are one sweep duration apart, and the range changes in between.
     slope = 2 * float(chirp.doppler_range_m(np.ones(1))[0]) - chirp.duration_s
-    snr = [10 ** (echoes.snr_db[rows] / 10) for echoes, rows in ((up, up_row), (down, down_row))]
+    snr = [10 ** (echoes.echo_snr_db[rows] / 10) for echoes, rows in ((up, up_row), (down, down_row))]
     echoes = Echoes(
         pulse=pulse,
         number=np.zeros(len(pulse), dtype=np.int64),
         range_m=(up_m + down_m) / 2,
         range_sigma_m=np.hypot(up.range_sigma_m[up_row], down.range_sigma_m[down_row]) / 2,
         power=(up.power[up_row] + down.power[down_row]) / 2,
-        snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
+        echo_snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
     )
     return PairedEchoes(echoes=echoes, range_rate_mps=(up_m - down_m) / slope)

@@ -28,7 +28,7 @@ class Echoes(Columns):
     across_sigma_rad: standard deviation of that direction in the vertical plane; None with `direction`.
     reach: correlation length of range errors in pulses, for ranges estimated jointly with neighbours; None where each
         pulse is ranged by itself.
-    snr_db: that power over the mean noise power estimated from the training cells, unbiased for every kind of CFAR.
+    echo_snr_db: that power over the mean noise power estimated from training cells, unbiased for every kind of CFAR.
     """
 
     pulse: Int[np.ndarray, " echo"]
@@ -36,7 +36,7 @@ class Echoes(Columns):
     range_m: Float[np.ndarray, " echo"]
     range_sigma_m: Float[np.ndarray, " echo"]
     power: Float[np.ndarray, " echo"]
-    snr_db: Float[np.ndarray, " echo"]
+    echo_snr_db: Float[np.ndarray, " echo"]
     direction: Float[np.ndarray, "echo 3"] | None = None
     across_sigma_rad: Float[np.ndarray, " echo"] | None = None
     reach: Float[np.ndarray, " echo"] | None = None

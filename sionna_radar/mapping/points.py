@@ -23,7 +23,7 @@ class Points(Columns):
     position_m: world frame (local ENU), shape (point, 3).
     origin_m: where the radar was, as measured, shape (point, 3).
     range_m, range_sigma_m: slant range and its standard deviation.
-    power, snr_db: of the echo's strongest cell; see `Echoes`.
+    power, echo_snr_db: of the echo's strongest cell; see `Echoes`.
     across_sigma_m: standard deviation of the position across the ray, in its vertical plane; None for echoes placed on
         the beam's axis.
     reach: over how many pulses errors of the range repeat; see `Echoes`.
@@ -43,7 +43,7 @@ class Points(Columns):
     range_m: Float[np.ndarray, " point"]
     range_sigma_m: Float[np.ndarray, " point"]
     power: Float[np.ndarray, " point"]
-    snr_db: Float[np.ndarray, " point"]
+    echo_snr_db: Float[np.ndarray, " point"]
     across_sigma_m: Float[np.ndarray, " point"] | None = None
     reach: Float[np.ndarray, " point"] | None = None
 
@@ -63,7 +63,7 @@ class Points(Columns):
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""
         digest = sha256()
-        for column in (self.position_m, self.range_m, self.power, self.snr_db):
+        for column in (self.position_m, self.range_m, self.power, self.echo_snr_db):
             digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
         return digest.hexdigest()
 
@@ -94,7 +94,7 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         range_m=echoes.range_m,
         range_sigma_m=echoes.range_sigma_m,
         power=echoes.power,
-        snr_db=echoes.snr_db,
+        echo_snr_db=echoes.echo_snr_db,
         across_sigma_m=None if echoes.across_sigma_rad is None else echoes.range_m * echoes.across_sigma_rad,
         reach=echoes.reach,
     )

@@ -49,7 +49,7 @@ class GroundLink:
     def numbers(self) -> dict[str, float]:
         """Return the values for tables and files, by name; not finite where undefined."""
         return {
-            "snr_db": to_db(self.snr),
+            "ground_snr_db": to_db(self.snr),
             "signal_to_clutter_db": to_db(self.snr / self.clutter) if self.clutter > 0 else float("nan"),
             "detection_probability": self.detection,
             "false_alarm_probability": self.false_alarm,

@@ -40,7 +40,7 @@ def points_at(place_m: np.ndarray, radar_m: tuple[float, float, float]) -> Point
         range_m=np.linalg.norm(place_m - origin, axis=1),
         range_sigma_m=np.full(count, 0.1),
         power=np.ones(count),
-        snr_db=np.full(count, 30.0),
+        echo_snr_db=np.full(count, 30.0),
     )
 
 

@@ -32,7 +32,7 @@ def echoes_of(rows):
         range_m=range_m.astype(float),
         range_sigma_m=nothing,
         power=nothing,
-        snr_db=nothing,
+        echo_snr_db=nothing,
     )
 
 

@@ -21,7 +21,7 @@ def point_at(x, y):
         range_m=50 * one,
         range_sigma_m=0.1 * one,
         power=one,
-        snr_db=30 * one,
+        echo_snr_db=30 * one,
     )
 
 

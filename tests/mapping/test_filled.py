@@ -45,7 +45,7 @@ def seen_from_roof(sightings: Sightings, slope: float, least_share: float) -> Po
         range_m=mean_m,
         range_sigma_m=np.full(len(pulse), NOISE_M),
         power=np.ones(len(pulse)),
-        snr_db=np.full(len(pulse), 30.0),
+        echo_snr_db=np.full(len(pulse), 30.0),
     )
 
 

@@ -27,7 +27,7 @@ def points_at(position_m: np.ndarray, origin_m=(0.0, 0.0, 100.0)) -> Points:
         range_m=np.ones(count),
         range_sigma_m=np.full(count, 0.1),
         power=np.ones(count),
-        snr_db=np.ones(count),
+        echo_snr_db=np.ones(count),
     )
 
 

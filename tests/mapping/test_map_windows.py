@@ -47,7 +47,7 @@ def rough_survey(seed: int) -> Points:
         range_m=np.ones(count),
         range_sigma_m=np.full(count, 0.1),
         power=np.ones(count),
-        snr_db=np.ones(count),
+        echo_snr_db=np.ones(count),
     )
 
 

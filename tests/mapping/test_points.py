@@ -18,7 +18,7 @@ def echoes_of(pulse, range_m) -> Echoes:
         range_m=np.array(range_m, dtype=float),
         range_sigma_m=np.full(len(range_m), 0.1),
         power=np.linspace(1, 2, count),
-        snr_db=np.linspace(10, 20, count),
+        echo_snr_db=np.linspace(10, 20, count),
     )
 
 
@@ -46,7 +46,7 @@ def test_the_digest_tells_every_change():
     pulses = make_pulses(2)
     points = locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured)
     assert points.sha256() == locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured).sha256()
-    for name in ("position_m", "range_m", "power", "snr_db"):
+    for name in ("position_m", "range_m", "power", "echo_snr_db"):
         nudged = getattr(points, name).copy()
         nudged.flat[-1] = np.nextafter(nudged.flat[-1], np.inf)
         assert replace(points, **{name: nudged}).sha256() != points.sha256()

@@ -55,7 +55,7 @@ def located(sightings) -> Points:
     return Points(
         pulse=np.arange(count), number=np.zeros(count, dtype=int),
         position_m=pose.position_m + range_m[:, None] * pose.boresight, origin_m=pose.position_m,
-        range_m=range_m, range_sigma_m=np.full(count, 0.2), power=np.ones(count), snr_db=np.full(count, 30.0),
+        range_m=range_m, range_sigma_m=np.full(count, 0.2), power=np.ones(count), echo_snr_db=np.full(count, 30.0),
     )  # fmt: skip
 
 

@@ -193,7 +193,7 @@ class EveryOther:
             range_m=paths.delay_s[even] * 299_792_458.0 / 2,
             range_sigma_m=np.zeros(len(even)),
             power=np.ones(len(even)),
-            snr_db=np.zeros(len(even)),
+            echo_snr_db=np.zeros(len(even)),
         )
         return Observation(paths=paths, echoes=echoes)
 

@@ -383,7 +383,7 @@ class ArrayEstimator:
             range_m=length[order],
             range_sigma_m=np.sqrt(range_2)[order],
             power=strongest[order],
-            snr_db=10 * np.log10(np.maximum(strongest / found.noise * self.array.gain, 1e-30))[order],
+            echo_snr_db=10 * np.log10(np.maximum(strongest / found.noise * self.array.gain, 1e-30))[order],
             direction=(mean / length[:, None])[order],
             across_sigma_rad=(np.sqrt(across_2) / length)[order],
         )

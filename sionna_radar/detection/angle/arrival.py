@@ -150,7 +150,7 @@ class AngleEstimator:
             range_m=stretches.range_m[usable],
             range_sigma_m=stretches.range_sigma_m[usable],
             power=stretches.peak_power[usable],
-            snr_db=10 * np.log10(stretches.peak_power[usable] / stretches.noise[usable]),
+            echo_snr_db=10 * np.log10(stretches.peak_power[usable] / stretches.noise[usable]),
             direction=self._mean_direction(stretches, directions.cosines)[usable],
             across_sigma_rad=directions.sigma_rad[usable],
         )

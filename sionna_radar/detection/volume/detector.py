@@ -135,7 +135,7 @@ class ThroughVolume:
             range_m=ranges.range_m,
             range_sigma_m=ranges.sigma_m,
             power=peak,
-            snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
+            echo_snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
             reach=reach,
         )
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))

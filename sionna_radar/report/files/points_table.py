@@ -31,7 +31,7 @@ ROWS_OF_A_GROUP = 100_000
 ON_MAP = ("easting_m", "northing_m", "height_m")
 LOCAL = ("east_m", "north_m", "up_m")
 # Tenths of a millimetre, microseconds, thousandths of a decibel: finer than the accuracy of the values.
-FORMATS = {"pulse": "%d", "echo": "%d", "time_s": "%.6f", "snr_db": "%.3f", "power_w": "%.6e", "power": "%.6e"}
+FORMATS = {"pulse": "%d", "echo": "%d", "time_s": "%.6f", "echo_snr_db": "%.3f", "power_w": "%.6e", "power": "%.6e"}
 LENGTH_FORMAT = "%.4f"
 MEANING = {
     "pulse": "index of the pulse in the survey",
@@ -40,7 +40,7 @@ MEANING = {
     "range_m": "slant range, corrected for Doppler",
     "range_sigma_m": "standard deviation of the range",
     "across_sigma_m": "standard deviation of the position across the ray, in its vertical plane",
-    "snr_db": "of the echo's strongest cell over the noise",
+    "echo_snr_db": "of the echo's strongest cell over the noise",
     "power_w": "received, in the echo's strongest cell",
 }
 
@@ -74,7 +74,7 @@ def columns_of(
         "range_m": points.range_m[rows],
         "range_sigma_m": points.range_sigma_m[rows],
         **({} if points.across_sigma_m is None else {"across_sigma_m": points.across_sigma_m[rows]}),
-        "snr_db": points.snr_db[rows],
+        "echo_snr_db": points.echo_snr_db[rows],
         "power_w": points.power[rows],
         **dict(zip([f"radar_{axis}" for axis in axes], radar.T, strict=True)),
     }
@@ -156,7 +156,7 @@ def write_laz(
     Beside the coordinates a point has `gps_time` (s since the start of the flight; declared as GPS week time, so the
     undated flight of a scenario starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
     the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
-    the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo`, of points at
+    the weakest echo) and the extra dimensions `echo_snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo`, of points at
     measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
     `radar_x`, `radar_y`, `radar_z`.
 
@@ -187,7 +187,7 @@ def write_laz(
     # LAS numbers the returns of a pulse in four bits, from one.
     las.return_number = np.minimum(points.number + 1, 15).astype(np.uint8)
     las.number_of_returns = np.minimum(echoes[inverse], 15).astype(np.uint8)
-    las["snr_db"] = points.snr_db.astype(np.float32)
+    las["echo_snr_db"] = points.echo_snr_db.astype(np.float32)
     las["range_m"] = points.range_m
     las["range_sigma_m"] = points.range_sigma_m.astype(np.float32)
     if points.across_sigma_m is not None:
@@ -227,7 +227,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
     header.global_encoding.gps_time_type = GpsTimeType.WEEK_TIME
     header.add_extra_dims(
         [
-            laspy.ExtraBytesParams(name="snr_db", type="float32", description="signal to noise (dB)"),
+            laspy.ExtraBytesParams(name="echo_snr_db", type="float32", description="signal to noise (dB)"),
             laspy.ExtraBytesParams(name="range_m", type="float64", description="slant range (m)"),
             laspy.ExtraBytesParams(name="range_sigma_m", type="float32", description="standard dev. of range (m)"),
             *(laspy.ExtraBytesParams(name=name, type="float64", description=d) for name, d in RADAR_PLACE.items()),

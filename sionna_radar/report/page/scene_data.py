@@ -531,4 +531,8 @@ def _beam(prepared: Prepared) -> str:
 
 def _noise(prepared: Prepared) -> str:
     radar = prepared.scenario.radar
-    return f"{radar.system_noise_figure_db:.4g} dB figure" if radar.snr_db is None else f"SNR {radar.snr_db:g} dB"
+    return (
+        f"{radar.system_noise_figure_db:.4g} dB figure"
+        if radar.snr_db is None
+        else f"{radar.snr_db:g} dB SNR of a sample"
+    )

@@ -264,7 +264,7 @@ def maps_of(
         {"name": name, **look, **packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, frame.origin_m)}
         for name, values, look in layers
     ]
-    if np.isfinite(points.snr_db).any():
+    if np.isfinite(points.echo_snr_db).any():
         grid, level = _echo_power(dem.grid, points)
         maps.append(level_map(pack, frame, grid, level, "Echo power", f"Mean echo power ({power_unit})"))
     return maps, [f"Maps: {thin.note}."] if thin.note else []

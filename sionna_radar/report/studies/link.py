@@ -114,8 +114,8 @@ def _draw(upper: Axes, lower: Axes, link: Link, colour: str, line: str) -> None:
 
 MARKER = "link.json"
 MEANING = (
-    "snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db over "
-    "what is in the air there. detection_probability is that of detecting the ground in this cell in one pulse "
+    "ground_snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db "
+    "over what is in the air there. detection_probability is that of detecting the ground in this cell in one pulse "
     "against noise and clutter, false_alarm_probability that the cell passes the CFAR without the ground, "
     "passing_probability that it passes with all that is in it. Under `simulated` passed is the share of simulated "
     "pulses in which it does, and difference_db ground and clutter there over the closed form. reach_m is the farthest "
@@ -275,7 +275,7 @@ def link_table(budget: LinkBudget) -> Table:
             table.add_row(
                 *(case if place == 0 else ("", "", "", "")),
                 f"{simulated.range_m:.1f}",
-                number(numbers["snr_db"], ".1f"),
+                number(numbers["ground_snr_db"], ".1f"),
                 number(numbers["signal_to_clutter_db"], ".1f"),
                 number(numbers["detection_probability"], ".3f"),
                 number(alarms, ".3f"),

@@ -350,7 +350,7 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
         "time_s": processed.time_s[echoes.pulse[rows]],
         "range_m": echoes.range_m[rows],
         "range_sigma_m": echoes.range_sigma_m[rows],
-        "snr_db": echoes.snr_db[rows],
+        "echo_snr_db": echoes.echo_snr_db[rows],
         "power": echoes.power[rows],
     }
 

@@ -167,7 +167,7 @@ class DescribedRanges(Described):
             range_m=range_m[known],
             range_sigma_m=self.sigma_m[pulses.index][known],
             power=np.ones(count),
-            snr_db=np.full(count, np.nan),
+            echo_snr_db=np.full(count, np.nan),
         )
 
 

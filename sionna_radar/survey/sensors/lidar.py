@@ -48,7 +48,7 @@ class Lidar:
             range_m=range_m,
             range_sigma_m=np.full(len(read), self._range_noise_m),
             power=np.ones(len(read)),
-            snr_db=np.full(len(read), np.nan),
+            echo_snr_db=np.full(len(read), np.nan),
         )
         return Observation(paths=paths, echoes=echoes)
 

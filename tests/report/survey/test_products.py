@@ -207,7 +207,7 @@ def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
     np.testing.assert_array_equal(las["pulse"], points.pulse)
     np.testing.assert_array_equal(las["echo"], points.number)
     np.testing.assert_array_equal(las["range_m"], points.range_m)
-    np.testing.assert_array_equal(las["snr_db"], points.snr_db.astype(np.float32))
+    np.testing.assert_array_equal(las["echo_snr_db"], points.echo_snr_db.astype(np.float32))
     np.testing.assert_array_equal(las.gps_time, georeferenced.schedule.time_s[points.pulse])
     np.testing.assert_array_equal(las["range_sigma_m"], points.range_sigma_m.astype(np.float32))
     radar = np.column_stack([las["radar_x"], las["radar_y"], las["radar_z"]])
@@ -221,7 +221,7 @@ def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
 def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> None:
     points = survey.points
     row = np.zeros(20, dtype=int)
-    columns = ("position_m", "origin_m", "range_m", "range_sigma_m", "power", "snr_db")
+    columns = ("position_m", "origin_m", "range_m", "range_sigma_m", "power", "echo_snr_db")
     twenty = replace(
         points,
         pulse=points.pulse[row],
@@ -264,4 +264,4 @@ def test_laz_of_no_points(empty: Survey, tmp_path: Path) -> None:
     write_laz(tmp_path / "points.laz", empty.points, empty.schedule.time_s, empty.prepared.measured, None)
     las = laspy.read(tmp_path / "points.laz")
     assert len(las.points) == 0
-    assert {"snr_db", "range_m", "pulse", "echo"} <= set(las.point_format.extra_dimension_names)
+    assert {"echo_snr_db", "range_m", "pulse", "echo"} <= set(las.point_format.extra_dimension_names)

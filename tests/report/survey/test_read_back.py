@@ -153,7 +153,7 @@ def test_the_cloud_s_header_is_right(flown, folder, summary):
     assert header.global_encoding.gps_time_type == laspy.header.GpsTimeType.WEEK_TIME
     described = {dimension.name: dimension.description for dimension in las.point_format.extra_dimensions}
     assert described["range_sigma_m"] == "standard dev. of range (m)"
-    assert {"snr_db", "range_m", "range_sigma_m", "pulse", "echo"} <= set(described)
+    assert {"echo_snr_db", "range_m", "range_sigma_m", "pulse", "echo"} <= set(described)
     assert header.parse_crs().to_2d() == CRS.from_wkt(flown.georeference.crs_wkt).to_2d()
 
 
@@ -184,7 +184,7 @@ def test_parquet_has_every_bit(flown, tmp_path, summary):
     local = np.column_stack([table[name].to_numpy() for name in ON_MAP]) - flown.georeference.origin_m
     np.testing.assert_allclose(local, flown.points.position_m, atol=1e-8)
     digest = hashlib.sha256(np.ascontiguousarray(flown.points.position_m, dtype="<f8").tobytes())
-    for name in ("range_m", "power_w", "snr_db"):
+    for name in ("range_m", "power_w", "echo_snr_db"):
         digest.update(table[name].to_numpy().tobytes())
     assert digest.hexdigest() == summary["points_sha256"]
     assert CRS.from_wkt(table.schema.metadata[b"crs"].decode()).is_compound
@@ -205,7 +205,9 @@ def test_a_table_of_local_points_and_one_of_none(survey, empty, tmp_path):
     write_points_csv(tmp_path / "local.csv", survey.points, survey.schedule.time_s, None)
     write_points_csv(tmp_path / "none.csv", empty.points, empty.schedule.time_s, None)
     head, *rows = (tmp_path / "local.csv").read_text().splitlines()
-    assert head.startswith("pulse,echo,time_s,east_m,north_m,up_m,range_m,range_sigma_m,snr_db,power_w,radar_east_m")
+    assert head.startswith(
+        "pulse,echo,time_s,east_m,north_m,up_m,range_m,range_sigma_m,echo_snr_db,power_w,radar_east_m"
+    )
     assert len(rows) == len(survey.points)
     assert (tmp_path / "none.csv").read_text() == head + "\n"
 
