@@ -1,7 +1,7 @@
 """What each number of mapping and detection decides: `pytest -m study -n 0 -s tests/studies/test_constants.py`.
 
 Every constant is halved and doubled, and short surveys are mapped anew over terrain on which none was chosen: a quarry,
-terraces, dunes, and a real elevation file, which `SIONNA_RADAR_DEM=file` names and without which there are three.
+terraces, dunes, and what a lidar measured above Lake Tahoe, if `python tests/real_files.py` fetched it.
 `SIONNA_RADAR_STUDY=folder` keeps what was found, so that a study that was cut goes on. An hour on one core.
 """
 
@@ -28,12 +28,13 @@ from constant_study import (
     tolerances,
 )
 from elevation_files import NORTH, WEST, from_origin, write_heights
+from real_files import TAHOE, place_of
 from sionna_radar import load_scenario, run
 from sionna_radar.mapping.options import LinearParameters, SmoothParameters, SteppedParameters
 from sionna_radar.scenario.processing import VolumeTable
 from sionna_radar.scenario.table import unit_of
 
-REAL = os.environ.get("SIONNA_RADAR_DEM", "")
+REAL = place_of(TAHOE)
 FLIGHT = {
     "platform.length_m": 20.0,
     "platform.altitude_m": 40.0,
@@ -97,11 +98,11 @@ def recordings(folder) -> dict[str, Path]:
     found = {}
     for name, flight in flights.items():
         ground = name.removesuffix(" in rain")
-        recording, path = folder / f"{name.replace(' ', '_')}.nc", Path(REAL)
+        recording, path = folder / f"{name.replace(' ', '_')}.nc", REAL
         if ground != "real":
             path = folder / f"{ground.replace(' ', '_')}.tif"
             write_heights(path, grounds[ground].astype(np.float32), from_origin(WEST, NORTH, 0.5, 0.5))
-        elif not REAL:
+        elif not REAL.exists():
             continue
         if not recording.exists():
             overrides = {key: value for key, value in flight.items() if value is not None}
