@@ -48,7 +48,7 @@ def test_neighbouring_cells_are_one_echo():
     echoes = found(detector, spectra_of(make_chirp(), {50: 20, 51: 40, 52: 20, 60: 30}, {}, {70: 15}))
     assert cells_of(echoes) == [(20, 0, pytest.approx(51)), (20, 1, pytest.approx(60)), (22, 0, pytest.approx(70))]
     np.testing.assert_allclose(echoes.power, [40, 30, 15])
-    np.testing.assert_allclose(echoes.snr_db, 10 * np.log10([40, 30, 15]))
+    np.testing.assert_allclose(echoes.echo_snr_db, 10 * np.log10([40, 30, 15]))
 
 
 @pytest.mark.parametrize(("gap_cells", "count"), [(0, 3), (1, 2), (2, 2), (3, 1)])
@@ -160,7 +160,7 @@ def test_snr_is_counted_against_the_noise():
     cfar = {"kind": "CA", "guard": 3, "training": 32}
     echoes = detector_of(chirp, cfar=cfar).detect(beat, pulses.index, pulses.measured)
     # Noise 0.1 over 512 cells, times Hann's 1.5: 35.3 dB below the target.
-    assert np.mean(echoes.snr_db) == pytest.approx(10 * np.log10(512 / 1.5 / 0.1), abs=0.3)
+    assert np.mean(echoes.echo_snr_db) == pytest.approx(10 * np.log10(512 / 1.5 / 0.1), abs=0.3)
 
 
 @pytest.mark.parametrize("gap_m", [2.5, 7.6])

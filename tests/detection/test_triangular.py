@@ -100,12 +100,12 @@ def test_a_pulse_without_both_echoes_is_dropped():
         n = len(pulses)
         return Echoes(
             pulse=np.array(pulses, dtype=int), number=np.zeros(n, dtype=int), range_m=np.full(n, 50.0),
-            range_sigma_m=np.full(n, 0.1), power=np.ones(n), snr_db=np.full(n, 20.0),
+            range_sigma_m=np.full(n, 0.1), power=np.ones(n), echo_snr_db=np.full(n, 20.0),
         )  # fmt: skip
 
     pairs = pair_sweeps(echoes(1, 2, 5), echoes(2, 3, 5), make_chirp())
     np.testing.assert_array_equal(pairs.echoes.pulse, [2, 5])
-    np.testing.assert_allclose(pairs.echoes.snr_db, 20.0)
+    np.testing.assert_allclose(pairs.echoes.echo_snr_db, 20.0)
     assert len(pair_sweeps(echoes(), echoes(1), make_chirp()).echoes) == 0
 
 

@@ -147,7 +147,7 @@ def test_whole_scan_lines_make_the_result_whatever_the_block_size():
     # What is learned of the rain is learned once, before any block.
     ready, _, _ = through(25.0)
     one, all_at_once = (observe(ready, Execution(block_size=size))[1].echoes for size in (1, 1000))
-    for name in ("pulse", "range_m", "range_sigma_m", "power", "snr_db"):
+    for name in ("pulse", "range_m", "range_sigma_m", "power", "echo_snr_db"):
         np.testing.assert_array_equal(getattr(one, name), getattr(all_at_once, name))
     assert len(one) > 0.9 * len(ready.flight)
 
