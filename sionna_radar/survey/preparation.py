@@ -37,7 +37,7 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_array, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.radar.mimo_array import MimoArray
@@ -381,11 +381,18 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
         antenna=antenna,
         beams=beams_of(antenna, scan),
         high_pass=build_high_pass(local.radar.receiver),
-        module=build_array(local.radar, local.seed) if local.sensor == "mimo" else None,
+        module=_module(local, antenna),
     )
     check_vegetation(local, antenna)
     check_rotors(local, radar.chirp)
     return radar
+
+
+def _module(local: Scenario, antenna: Antenna) -> MimoArray | None:
+    """Return the array of the radar, with its true errors; None for a radar whose first receiver alone is used."""
+    if local.sensor == "mimo":
+        return build_array(local.radar, local.seed)
+    return None if local.processing.angle == "off" else build_receivers(local.radar, antenna)
 
 
 def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
@@ -418,7 +425,7 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     )
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
-    angle = build_angle_estimator(local.radar, local.processing, detector, radar.antenna)
+    angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module)
     array = build_array_estimator(local.radar.array, local.processing, detector, radar.module)
     return _Processing(detector=detector, angle=angle, array=array)
 
@@ -451,7 +458,7 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
         schedule: PulseSchedule = custom.flight.schedule(flown, radar.scan, place.origin_m[2] if place else 0.0)
     else:
         schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
-    if radar.module is None:
+    if radar.module is None or local.sensor != "mimo":
         bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
     else:
         bursts = Bursts(schedule=schedule, chirps=radar.module.chirps, period_s=radar.module.period_s)

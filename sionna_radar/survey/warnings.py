@@ -161,8 +161,8 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
         return ()
     warnings: tuple[str, ...] = ()
     row = isinstance(angle, RowEstimator)
-    if row or len({receiver.axis for receiver in angle.receivers}) == 1:
-        own = angle.receivers[-1].axis - 1
+    if row or len(set(angle.axes)) == 1:
+        own = angle.axes[-1]
         off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, own]), 0.0, 1.0))
         share = float(np.mean(off > STRIP_OFF_RAD))
         if share > STRIP_SHARE_WARNED:

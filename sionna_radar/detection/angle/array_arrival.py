@@ -39,6 +39,7 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int
 from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
+from sionna_radar.detection.angle.row import outside, separators
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
@@ -529,21 +530,14 @@ class _Scan:
         self, cells: _Cells, sources: tuple[Angles, ...]
     ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
         """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
-        a = np.stack([self.vectors(where, cells.range_m) for where in sources], axis=2)
         step = 0.01 * self._step
-        slopes = []
-        for where in sources:
-            ahead, behind = (
-                self.vectors(Angles(where.phi_rad + side * step, where.cone), cells.range_m) for side in (1, -1)
-            )
-            slopes.append((ahead - behind) / (2 * step))
-        slope = np.stack(slopes, axis=2)
-        gram = np.einsum("ncs,nct->nst", a.conj(), a)
-        singular = np.abs(np.linalg.det(gram)) < 1e-6 * self.array.gain ** len(sources)
-        gram[singular] = np.eye(len(sources))
-        inverse = np.linalg.inv(gram)
-        amplitude = np.einsum("nst,nct,nc->ns", inverse, a.conj(), cells.x, optimize=True)
-        along = np.einsum("ncs,nct->nst", a.conj(), slope)
-        h = np.sum(np.abs(slope) ** 2, axis=1) - np.einsum("nst,nsu,nut->nt", along.conj(), inverse, along).real
-        h[singular] = np.nan
-        return amplitude, np.maximum(h, 1e-9)
+        a, ahead, behind = (
+            np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells.range_m) for w in sources], axis=1)
+            for side in (0, 1, -1)
+        )
+        gram = a.conj() @ np.swapaxes(a, 1, 2)
+        apart = np.flatnonzero(np.abs(np.linalg.det(gram)) >= 1e-6 * self.array.gain ** len(sources))
+        amplitude, h = np.zeros(a.shape[:2], dtype=np.complex128), np.full(a.shape[:2], np.nan)
+        amplitude[apart] = np.einsum("nsc,nc->ns", separators(a[apart]), cells.x[apart])
+        h[apart] = np.maximum(outside(a[apart], (ahead - behind)[apart] / (2 * step)), 1e-9)
+        return amplitude, h

@@ -205,8 +205,7 @@ class Stretches:
         """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
 
         ramp_rad_m: expected gradient of the phase with range, removed.
-        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range; see
-            `wavefront_bend`.
+        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range.
         """
         side, reference = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
         cell_m = self.cell_bin * self.bin_m
@@ -221,16 +220,6 @@ class Stretches:
         )
         power = sums(side.real**2 + side.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
-
-
-def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
-    """Return the phase of a spherical wavefront at a receiver beside the first, less a plane one's, times the range.
-
-    The return path is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation);
-    `per_cosine_rad` is the phase of -b u for each u. With the bend removed a direction is referred to the first
-    receiver, the origin of its range; otherwise to the midpoint of both.
-    """
-    return -per_cosine_rad * baseline_m / 2
 
 
 def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:

@@ -496,7 +496,7 @@ def recorders(
     files = checked_files(wanted)
     refuse_average(prepared.scenario.processing, "a recording")
     for kind, of_array in (("cube", True), ("signals", False), ("profiles", False)):
-        if kind in files and (prepared.module is not None) != of_array:
+        if kind in files and (prepared.scenario.sensor == "mimo") != of_array:
             own = "sensor = 'mimo'" if of_array else "single chirps"
             raise ScenarioError([Problem("record", f"{kind!r} is of {own}; give another kind, or change the sensor")])
     if "signals" in files and prepared.angle is not None:
