@@ -46,11 +46,9 @@ def build_angle_estimator(
 
 
 def build_array_estimator(
-    table: ArrayTable | None, processing: ProcessingTable, detector: Detector, array: MimoArray | None
-) -> ArrayEstimator | None:
-    """Return the estimator of points from the frames of an array; None without one."""
-    if table is None or array is None:
-        return None
+    table: ArrayTable, processing: ProcessingTable, detector: Detector, array: MimoArray
+) -> ArrayEstimator:
+    """Return the estimator of points from the frames of an array."""
     return ArrayEstimator(
         analyser=replace(detector.analyser, zero_padding=1),
         array=array.calibrated,

@@ -18,6 +18,7 @@ from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
+from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers, require
 
 
@@ -112,15 +113,11 @@ def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
     )
 
 
-def build_array(radar: RadarTable, seed: int) -> MimoArray | None:
-    """Return the array of a scenario's radar, with the errors that its calibration leaves; None if it has none.
+def build_array(table: ArrayTable, chirp: Chirp, period_s: float, seed: int) -> MimoArray:
+    """Return an array with the errors that its calibration leaves.
 
-    seed: of these errors, which are those of one module.
+    period_s: from chirp to chirp. seed: of these errors, which are those of one module.
     """
-    table = radar.array
-    if table is None:
-        return None
-    chirp = build_chirp(radar)
     wavelength_m = chirp.wavelength_m
     places = (table.transmitters_wavelengths, table.receivers_wavelengths)
     transmitter_m, receiver_m = (
@@ -141,7 +138,7 @@ def build_array(radar: RadarTable, seed: int) -> MimoArray | None:
         receiver_m=receiver_m,
         code=code,
         blocks=table.chirps_per_frame // len(code),
-        period_s=1 / radar.chirp_rate_hz,
+        period_s=period_s,
         wavelength_m=wavelength_m,
         direction=chirp.direction,
         true_code=None if exact else code * sent,

@@ -37,7 +37,7 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_chirp, build_receivers, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.radar.mimo_array import MimoArray
@@ -91,7 +91,7 @@ class Prepared:
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
-    ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
+    ground_extent_m: west, south, east and north of the ground that the beam's axis meets, or an array sees.
     warnings: what was said while it was prepared, such as of repaired meshes.
 
     Examples
@@ -348,7 +348,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
         array=processing.array,
         module=radar.module,
         bursts=flight.bursts,
-        ground_extent_m=flight.hits.extent_m,
+        ground_extent_m=_mapped_extent_m(local, flight),
     )
 
 
@@ -391,7 +391,8 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
 def _module(local: Scenario, antenna: Antenna) -> MimoArray | None:
     """Return the array of the radar, with its true errors; None for a radar whose first receiver alone is used."""
     if local.sensor == "mimo":
-        return build_array(local.radar, local.seed)
+        assert local.radar.array is not None  # the scenario's own check
+        return build_array(local.radar.array, build_chirp(local.radar), 1 / local.radar.chirp_rate_hz, local.seed)
     return None if local.processing.angle == "off" else build_receivers(local.radar, antenna)
 
 
@@ -426,7 +427,9 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
     angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module)
-    array = build_array_estimator(local.radar.array, local.processing, detector, radar.module)
+    array, table = None, local.radar.array
+    if local.sensor == "mimo" and table is not None and radar.module is not None:
+        array = build_array_estimator(table, local.processing, detector, radar.module)
     return _Processing(detector=detector, angle=angle, array=array)
 
 
@@ -538,7 +541,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
 
 def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    rate_hz = _pulse_rate_hz(scenario) / (1 + scenario.radar.stagger / 2) / scenario.processing.average.chirps
+    rate_hz = pulse_rate_hz(scenario) / (1 + scenario.radar.stagger / 2) / scenario.processing.average.chirps
     spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
@@ -560,14 +563,14 @@ def _reference_echo(
     )
 
 
-def _pulse_rate_hz(scenario: Scenario) -> float:
+def pulse_rate_hz(scenario: Scenario) -> float:
     """Return the pulses a second without pauses: chirps, or the frames of an array."""
     array = scenario.radar.array
     return scenario.radar.chirp_rate_hz if array is None or scenario.sensor != "mimo" else array.frame_rate_hz
 
 
 def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None) -> PulseSchedule:
-    rate_hz, errors = _pulse_rate_hz(scenario), scenario.platform.navigation
+    rate_hz, errors = pulse_rate_hz(scenario), scenario.platform.navigation
     return schedule_pulses(
         trajectory,
         scan,

@@ -18,7 +18,8 @@ from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.truth import Comparison, compare_dem
-from sionna_radar.detection.build import build_detector, build_expected_ground
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.build import build_array_estimator, build_detector, build_expected_ground
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -35,7 +36,7 @@ from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_m
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
@@ -162,6 +163,7 @@ class RecordingSource:
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
+    array: ArrayEstimator | None = None
     bursts: None = None
     activity: str = "detecting"
 
@@ -218,7 +220,11 @@ class RecordingSource:
         return self.flight.pulses(index).measured
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
+        """Return the beat signals of each sweep of pulses, of an array those of one chirp and receiver."""
+        return [beat.reshape(len(beat), -1, beat.shape[-1])[:, 0] for beat in self.signals(pulses)]
+
+    def signals(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
+        """Return all beat signals of pulses, echoes at positive frequencies."""
         assert not isinstance(self.file, DescribedRanges), "readings have no signals"
         beats = self.file.beats(pulses)
         return [beat.conj() for beat in beats] if self.conjugate else beats
@@ -246,7 +252,7 @@ class RecordingSource:
             dem,
             dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
-            None if isinstance(self.file, DescribedRanges) else self.antenna,
+            None if isinstance(self.file, DescribedRanges) or self.array else self.antenna,
             self.detector.analyser,
             self.settings.processing.doppler_correction,
             self.parts.dem_method,
@@ -266,7 +272,8 @@ class RecordedSensor:
     """Detects the echoes in recorded beat signals."""
 
     def __init__(self, source: RecordingSource, expected_ground: ExpectedGround | None) -> None:
-        self._beats, self._errors = source.beats, source.errors
+        self._signals, self._errors = source.signals, source.errors
+        self._array, self._expected = source.array, expected_ground
         self.sweeps = SweepDetector(
             detector=source.detector,
             sweeps=source.sweeps,
@@ -278,7 +285,11 @@ class RecordedSensor:
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
         with timed("read"):
-            beats = self._beats(pulses)
+            beats = self._signals(pulses)
+        if self._array is not None:
+            with timed("detect"):
+                echoes = self._array.find_all(beats[0], pulses, self._expected)
+            return Observation(paths=Paths.none(), echoes=echoes)
         with timed("detect"):
             seen = self.sweeps.detect(beats, pulses)
         return Observation(
@@ -382,6 +393,14 @@ def _source(
         message = "needs range profiles, which readings do not have; set dem.method = 'smooth'"
         raise ScenarioError([Problem("dem.method", message)], source)
     high_pass = build_high_pass(settings.radar.receiver)
+    detector = build_detector(
+        processing,
+        sweeps[0],
+        antenna,
+        high_pass,
+        parts.range_estimator,
+        transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
+    )
     return RecordingSource(
         path=path,
         overrides=overrides,
@@ -390,15 +409,34 @@ def _source(
         settings=settings,
         sweeps=sweeps,
         antenna=antenna,
-        detector=build_detector(
-            processing,
-            sweeps[0],
-            antenna,
-            high_pass,
-            parts.range_estimator,
-            transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
-        ),
+        detector=detector,
+        array=_array_estimator(file, settings, detector, source),
     )
+
+
+def _array_estimator(
+    file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, source: str
+) -> ArrayEstimator | None:
+    """Return the estimator of points in the frames of an array; None for a recording of single chirps.
+
+    Raises ScenarioError for an array that is not that of the recorded frames.
+    """
+    if isinstance(file, DescribedRanges) or not (file.channels or settings.radar.array):
+        return None
+    table, chirp = settings.radar.array, detector.analyser.chirp
+    if table is None:
+        message = "missing; frames of several receivers need the places of their elements"
+        raise ScenarioError([Problem("radar.array", message)], source)
+    period_s = file.radar.chirp_period_s
+    if period_s is None:
+        raise ScenarioError([Problem("radar:chirp_period_s", "missing; frames of an array need it")], source)
+    array = build_array(table, chirp, period_s, 0)
+    if file.channels != (array.chirps, len(array.receiver_m)):
+        recorded = "frames of {} chirps of {} receivers".format(*file.channels) if file.channels else "single chirps"
+        recorded += "; change it, or give it in the description of the samples"
+        message = f"has {array.chirps} chirps in a frame and {len(array.receiver_m)} receivers; recorded are {recorded}"
+        raise ScenarioError([Problem("radar.array", message)], source)
+    return build_array_estimator(table, settings.processing, detector, array)
 
 
 def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
