@@ -19,7 +19,13 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.truth import Comparison, compare_dem
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
-from sionna_radar.detection.build import build_array_estimator, build_detector, build_expected_ground
+from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.build import (
+    build_angle_estimator,
+    build_array_estimator,
+    build_detector,
+    build_expected_ground,
+)
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -36,7 +42,7 @@ from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_m
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.build import build_antenna, build_array, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
@@ -163,7 +169,7 @@ class RecordingSource:
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
-    array: ArrayEstimator | None = None
+    array: ArrayEstimator | AngleEstimator | None = None
     bursts: None = None
     activity: str = "detecting"
 
@@ -252,7 +258,7 @@ class RecordingSource:
             dem,
             dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
-            None if isinstance(self.file, DescribedRanges) or self.array else self.antenna,
+            None if isinstance(self.file, DescribedRanges) or isinstance(self.array, ArrayEstimator) else self.antenna,
             self.detector.analyser,
             self.settings.processing.doppler_correction,
             self.parts.dem_method,
@@ -272,8 +278,7 @@ class RecordedSensor:
     """Detects the echoes in recorded beat signals."""
 
     def __init__(self, source: RecordingSource, expected_ground: ExpectedGround | None) -> None:
-        self._signals, self._errors = source.signals, source.errors
-        self._array, self._expected = source.array, expected_ground
+        self._source, self._errors, self._expected = source, source.errors, expected_ground
         self.sweeps = SweepDetector(
             detector=source.detector,
             sweeps=source.sweeps,
@@ -285,10 +290,15 @@ class RecordedSensor:
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
         with timed("read"):
-            beats = self._signals(pulses)
-        if self._array is not None:
+            array = self._source.array
+            beats = self._source.beats(pulses) if array is None else self._source.signals(pulses)
+        if array is not None:
             with timed("detect"):
-                echoes = self._array.find_all(beats[0], pulses, self._expected)
+                echoes = (
+                    array.find_all(beats[0], pulses, self._expected)
+                    if isinstance(array, ArrayEstimator)
+                    else self.sweeps.directions(array, list(np.moveaxis(beats[0][:, 0], 1, 0)), pulses)
+                )
             return Observation(paths=Paths.none(), echoes=echoes)
         with timed("detect"):
             seen = self.sweeps.detect(beats, pulses)
@@ -376,9 +386,6 @@ def _source(
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
     refuse_average(processing, "a recording")
-    if processing.angle != "off":
-        message = f"{processing.angle!r} needs all receivers, and a recording has the first one's signals; set 'off'"
-        raise ScenarioError([Problem("processing.angle", message)], source)
     if not file.pulses.located:
         # Rain and ground are distinguished by the geometry of the beam.
         processing = processing.model_copy(update={"volume_clutter": "off"})
@@ -410,20 +417,27 @@ def _source(
         sweeps=sweeps,
         antenna=antenna,
         detector=detector,
-        array=_array_estimator(file, settings, detector, source),
+        array=_array_estimator(file, settings, detector, antenna, source),
     )
 
 
 def _array_estimator(
-    file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, source: str
-) -> ArrayEstimator | None:
-    """Return the estimator of points in the frames of an array; None for a recording of single chirps.
+    file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, antenna: Antenna, source: str
+) -> ArrayEstimator | AngleEstimator | None:
+    """Return the estimator of points from several receivers; None for a recording of one, or where one is used.
 
     Raises ScenarioError for an array that is not that of the recorded frames.
     """
-    if isinstance(file, DescribedRanges) or not (file.channels or settings.radar.array):
-        return None
+    channels = () if isinstance(file, DescribedRanges) else file.channels
+    if settings.processing.angle != "off":
+        array = build_receivers(settings.radar, antenna) if isinstance(settings, Scenario) else None
+        if array is None or channels != (1, len(array.receiver_m)):
+            message = f"{settings.processing.angle!r} needs all receivers, which the recording does not have; set 'off'"
+            raise ScenarioError([Problem("processing.angle", message)], source)
+        return build_angle_estimator(settings.processing, detector, antenna, array)
     table, chirp = settings.radar.array, detector.analyser.chirp
+    if isinstance(file, DescribedRanges) or (table is None and channels[:1] in ((), (1,))):
+        return None
     if table is None:
         message = "missing; frames of several receivers need the places of their elements"
         raise ScenarioError([Problem("radar.array", message)], source)
@@ -431,8 +445,8 @@ def _array_estimator(
     if period_s is None:
         raise ScenarioError([Problem("radar:chirp_period_s", "missing; frames of an array need it")], source)
     array = build_array(table, chirp, period_s, 0)
-    if file.channels != (array.chirps, len(array.receiver_m)):
-        recorded = "frames of {} chirps of {} receivers".format(*file.channels) if file.channels else "single chirps"
+    if channels != (array.chirps, len(array.receiver_m)):
+        recorded = "frames of {} chirps of {} receivers".format(*channels) if channels else "single chirps"
         recorded += "; change it, or give it in the description of the samples"
         message = f"has {array.chirps} chirps in a frame and {len(array.receiver_m)} receivers; recorded are {recorded}"
         raise ScenarioError([Problem("radar.array", message)], source)

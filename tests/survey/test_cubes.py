@@ -118,9 +118,7 @@ def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path
             process((tmp_path if place == "card.toml" else folder) / place, {"radar.array": elements})
     keys = "\n".join(f"{key} = {value}" for key, value in elements.items())
     (tmp_path / "few.toml").write_text(f"{card}[radar.array]\n{keys}\nchirps = 16\n")
-    with pytest.raises(
-        ScenarioError, match="frames of 48 chirps of 4 receivers; change it"
-    ):
+    with pytest.raises(ScenarioError, match="frames of 48 chirps of 4 receivers; change it"):
         process(tmp_path / "few.toml")
 
 

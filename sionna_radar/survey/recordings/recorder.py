@@ -152,7 +152,7 @@ class SignalRecorder:
     """
 
     def __init__(self, path: Path, prepared: Prepared, sample_type: SampleType = "float64") -> None:
-        array = prepared.module if prepared.scenario.sensor == "mimo" else None
+        array = prepared.module
         chirp, self._sweeps = prepared.receiver.chirp, len(prepared.receiver.sweeps)
         self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
         self._capture = None
@@ -160,8 +160,8 @@ class SignalRecorder:
             module = partial(config_text, array, chirp, pulse_rate_hz(prepared.local), len(prepared))
             self._capture = Capture(path, prepared.receiver.noise_power_w / len(self._parts), module)
             path = path.with_suffix(".nc")
-        kind, title = "cube" if array else "signals", "beat signals of a simulated FMCW radar"
-        self._file = new_recording(path, prepared, kind, title)
+        kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
+        self._file = new_recording(path, prepared, kind, "beat signals of a simulated FMCW radar")
         self._prepared, self._sample_type = prepared, sample_type
         packed = sample_type == "int16" and self._capture is None
         self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if packed else {}
@@ -288,8 +288,8 @@ class SignalRecorder:
             units="s",
         )
         flight, radar = prepared.flown, prepared.local.radar
-        rate_hz = pulse_rate_hz(prepared.local) if "chirp" in self._axes else radar.mean_rate_hz
-        capture, array = self._capture, prepared.module if "chirp" in self._axes else None
+        rate_hz = pulse_rate_hz(prepared.local) if prepared.scenario.sensor == "mimo" else radar.mean_rate_hz
+        capture, array = self._capture, prepared.module
         file.variable(
             "radar",
             (),
@@ -347,7 +347,27 @@ class SignalRecorder:
             loose.unlink()
 
 
-class ProfileRecorder:
+def _add_column(
+    file: NetcdfFile, dimension: str, name: str, kind: type, long_name: str, units: str, **attributes: Any
+) -> None:
+    file.variable(name, (dimension,), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
+
+
+class _Rows:
+    """Writes rows of a netCDF file, of which none is known only at the end of the flight."""
+
+    _file: NetcdfFile
+
+    def finish(self, comparison: Comparison) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class ProfileRecorder(_Rows):
     """Writes the profiles of each block: a contiguous ragged array of CF, `row_size` values of `power` a profile."""
 
     def __init__(self, path: Path, prepared: Prepared) -> None:
@@ -357,9 +377,7 @@ class ProfileRecorder:
         file.dimension("value")
         power_unit = "1" if prepared.local.radar.snr_db is not None else "W"
 
-        def column(name: str, kind: type, long_name: str, units: str, **attributes: Any) -> None:
-            file.variable(name, ("profile",), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
-
+        column = partial(_add_column, file, "profile")
         column("profile_pulse", np.int64, "pulse of the profile", "1", instance_dimension="pulse")
         column("first_cell", np.int64, "range cell of the profile's first value", "1")
         column("row_size", np.int64, "values of the profile", "1", sample_dimension="value")
@@ -391,16 +409,8 @@ class ProfileRecorder:
         )
         self._file.append("value", {"power": profiles.power})
 
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        self.close()
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-class PathRecorder:
+class PathRecorder(_Rows):
     """Writes the paths of each block: delay, complex gain, range rate, incidence, hit point and surface.
 
     An indexed ragged array of CF: `path_pulse` is the pulse of each path.
@@ -411,9 +421,7 @@ class PathRecorder:
         file.dimension("path")
         names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.scene.scene.surfaces)]
 
-        def column(name: str, kind: type, long_name: str, units: str, **attributes: Any) -> None:
-            file.variable(name, ("path",), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
-
+        column = partial(_add_column, file, "path")
         column("path_pulse", np.int64, "pulse of the path", "1", instance_dimension="pulse")
         column("delay", np.float64, "two-way delay at the middle of the chirp", "s")
         column("gain_i", np.float32, "received over transmitted wave, real part; the phase excludes the delay", "1")
@@ -446,14 +454,6 @@ class PathRecorder:
                 "hit": paths.hit_m,
             },
         )
-
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 Kind = Literal["signals", "paths", "profiles", "cube"]
@@ -489,11 +489,6 @@ def recorders(
         if kind in files and (prepared.scenario.sensor == "mimo") != of_array:
             own = "sensor = 'mimo'" if of_array else "single chirps"
             raise ScenarioError([Problem("record", f"{kind!r} is of {own}; give another kind, or change the sensor")])
-    if "signals" in files and prepared.angle is not None:
-        message = (
-            f"{prepared.scenario.processing.angle!r} needs all receivers, and only the first one's signals are kept; "
-        )
-        raise ScenarioError([Problem("processing.angle", message + "set 'off' to record")])
     makers: dict[str, Callable[[Path], Recorder]] = {
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),

@@ -90,14 +90,13 @@ class Radar:
                 for channel in range(1, len(array.receiver_m))
             ]
         with timed("detect"):
-            window_m = self.sweeps.window_m(pulses)
-            # Leakage is the same in all receivers.
-            beats = [self.sweeps.cleaned([beat], pulses)[0] for beat in (reception.beats[0], *sides)]
-            echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
+            beats = (reception.beats[0], *sides)
+            echoes = self.sweeps.directions(angle, beats, pulses)
         return Observation(
             paths=self._of_pulses(paths),
             echoes=echoes,
             beats=tuple(reception.beats),
+            frames=np.stack(beats, axis=1)[:, None],
             saturated=self._counted(reception),
         )
 

@@ -38,7 +38,7 @@ class Observation:
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     beats: beat signals of each sweep, for whoever records them; None for a sensor without.
-    frames: those of an array, chirp by chirp and receiver by receiver; None for another sensor.
+    frames: those of an array, chirp by chirp and receiver by receiver; None for a single receiver.
     saturated: samples of each pulse that the converter clipped; None for a sensor without a full scale.
     """
 
