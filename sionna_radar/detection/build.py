@@ -29,11 +29,31 @@ from sionna_radar.signal.analog_filters import HighPass
 
 
 def build_angle_estimator(
-    processing: ProcessingTable, detector: Detector, antenna: Antenna, array: MimoArray | None
-) -> AngleEstimator | None:
-    """Return the estimator of directions inside the beam by an array's receivers; None where none is requested."""
-    if processing.angle == "off" or array is None:
+    processing: ProcessingTable,
+    detector: Detector,
+    antenna: Antenna,
+    array: MimoArray | None,
+    frames: ArrayTable | None = None,
+) -> AngleEstimator | ArrayEstimator | None:
+    """Return the estimator of directions by an array's receivers; None without them.
+
+    frames: `[radar.array]` where a pulse is a frame of an array, which has points in cells of range and range rate.
+    """
+    if array is None:
         return None
+    if frames is not None:
+        return ArrayEstimator(
+            analyser=replace(detector.analyser, zero_padding=1),
+            array=array.calibrated,
+            rate_window=frames.rate_window,
+            min_range_m=processing.min_range_m,
+            false_alarm_probability=processing.cfar.false_alarm_probability,
+            dynamic_range_db=processing.dynamic_range_db,
+            half_view_rad=float(np.deg2rad(frames.half_view_deg)),
+            average_cells=frames.average_cells,
+            max_sigma_m=frames.max_sigma_m,
+            strongest=processing.echoes != "all",
+        )
     width_az, width_el = antenna.beamwidths_rad
     estimator = RowEstimator if processing.angle == "row" else AngleEstimator
     return estimator(
@@ -42,24 +62,6 @@ def build_angle_estimator(
         spread=two_way_spread(antenna),
         half_power=(float(np.sin(width_az / 2)), float(np.sin(width_el / 2))),
         length_m=processing.angle_length_m,
-    )
-
-
-def build_array_estimator(
-    table: ArrayTable, processing: ProcessingTable, detector: Detector, array: MimoArray
-) -> ArrayEstimator:
-    """Return the estimator of points from the frames of an array."""
-    return ArrayEstimator(
-        analyser=replace(detector.analyser, zero_padding=1),
-        array=array.calibrated,
-        rate_window=table.rate_window,
-        min_range_m=processing.min_range_m,
-        false_alarm_probability=processing.cfar.false_alarm_probability,
-        dynamic_range_db=processing.dynamic_range_db,
-        half_view_rad=float(np.deg2rad(table.half_view_deg)),
-        average_cells=table.average_cells,
-        max_sigma_m=table.max_sigma_m,
-        strongest=processing.echoes != "all",
     )
 
 

@@ -16,7 +16,6 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.build import (
     build_angle_estimator,
-    build_array_estimator,
     build_detector,
     build_expected_ground,
 )
@@ -115,8 +114,7 @@ class Prepared:
     ground_extent_m: Extent
     custom: CustomParts = field(default_factory=CustomParts)
     beams: tuple[Antenna, ...] = ()
-    angle: AngleEstimator | None = None
-    array: ArrayEstimator | None = None
+    angle: AngleEstimator | ArrayEstimator | None = None
     module: MimoArray | None = None
     bursts: Bursts | None = None
     warnings: tuple[str, ...] = ()
@@ -183,7 +181,6 @@ class Prepared:
             weather=self.local.weather,
             lidar=self.local.lidar,
             angle=self.angle,
-            array=self.array,
             module=self.module,
             bursts=self.bursts,
             custom_engine=self.custom.engine,
@@ -345,7 +342,6 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
         mapper=mapper,
         custom=custom,
         angle=processing.angle,
-        array=processing.array,
         module=radar.module,
         bursts=flight.bursts,
         ground_extent_m=_mapped_extent_m(local, flight),
@@ -406,8 +402,7 @@ def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
 @dataclass(frozen=True, kw_only=True)
 class _Processing:
     detector: Detector
-    angle: AngleEstimator | None
-    array: ArrayEstimator | None
+    angle: AngleEstimator | ArrayEstimator | None
 
 
 def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
@@ -426,11 +421,9 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     )
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
-    angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module)
-    array, table = None, local.radar.array
-    if local.sensor == "mimo" and table is not None and radar.module is not None:
-        array = build_array_estimator(table, local.processing, detector, radar.module)
-    return _Processing(detector=detector, angle=angle, array=array)
+    frames = local.radar.array if local.sensor == "mimo" else None
+    angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module, frames)
+    return _Processing(detector=detector, angle=angle)
 
 
 def _world(local: Scenario, window_m: Extent, custom: CustomParts, shared: World) -> BuiltScene:

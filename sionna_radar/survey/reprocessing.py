@@ -20,12 +20,7 @@ from scipy.spatial import KDTree
 from sionna_radar.accuracy.truth import Comparison, compare_dem
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.build import (
-    build_angle_estimator,
-    build_array_estimator,
-    build_detector,
-    build_expected_ground,
-)
+from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -169,7 +164,7 @@ class RecordingSource:
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
-    array: ArrayEstimator | AngleEstimator | None = None
+    angle: AngleEstimator | ArrayEstimator | None = None
     bursts: None = None
     activity: str = "detecting"
 
@@ -258,7 +253,7 @@ class RecordingSource:
             dem,
             dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
-            None if isinstance(self.file, DescribedRanges) or isinstance(self.array, ArrayEstimator) else self.antenna,
+            None if isinstance(self.file, DescribedRanges) or isinstance(self.angle, ArrayEstimator) else self.antenna,
             self.detector.analyser,
             self.settings.processing.doppler_correction,
             self.parts.dem_method,
@@ -290,14 +285,14 @@ class RecordedSensor:
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
         with timed("read"):
-            array = self._source.array
-            beats = self._source.beats(pulses) if array is None else self._source.signals(pulses)
-        if array is not None:
+            angle = self._source.angle
+            beats = self._source.beats(pulses) if angle is None else self._source.signals(pulses)
+        if angle is not None:
             with timed("detect"):
                 echoes = (
-                    array.find_all(beats[0], pulses, self._expected)
-                    if isinstance(array, ArrayEstimator)
-                    else self.sweeps.directions(array, list(np.moveaxis(beats[0][:, 0], 1, 0)), pulses)
+                    angle.find_all(beats[0], pulses, self._expected)
+                    if isinstance(angle, ArrayEstimator)
+                    else self.sweeps.directions(angle, list(np.moveaxis(beats[0][:, 0], 1, 0)), pulses)
                 )
             return Observation(paths=Paths.none(), echoes=echoes)
         with timed("detect"):
@@ -417,13 +412,13 @@ def _source(
         sweeps=sweeps,
         antenna=antenna,
         detector=detector,
-        array=_array_estimator(file, settings, detector, antenna, source),
+        angle=_angle_estimator(file, settings, detector, antenna, source),
     )
 
 
-def _array_estimator(
+def _angle_estimator(
     file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, antenna: Antenna, source: str
-) -> ArrayEstimator | AngleEstimator | None:
+) -> AngleEstimator | ArrayEstimator | None:
     """Return the estimator of points from several receivers; None for a recording of one, or where one is used.
 
     Raises ScenarioError for an array that is not that of the recorded frames.
@@ -450,7 +445,7 @@ def _array_estimator(
         recorded += "; change it, or give it in the description of the samples"
         message = f"has {array.chirps} chirps in a frame and {len(array.receiver_m)} receivers; recorded are {recorded}"
         raise ScenarioError([Problem("radar.array", message)], source)
-    return build_array_estimator(table, settings.processing, detector, array)
+    return build_angle_estimator(settings.processing, detector, antenna, array, table)
 
 
 def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:

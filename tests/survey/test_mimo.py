@@ -98,8 +98,8 @@ def test_the_same_errors_are_those_of_one_module():
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(codes[0], codes[2])
     # What processing knows is what calibration left.
-    assert prepared[0].array.array.true_code is None
-    assert prepared[0].array.array.mixing is None
+    assert prepared[0].angle.array.true_code is None
+    assert prepared[0].angle.array.mixing is None
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ the two-way beam's power on it, taken for a Gaussian with the variances S of the
 variance 1 / (t' S^-1 t). Tilted ground turns the strip by at most its tilt.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int
@@ -153,21 +153,17 @@ class Stretches:
     def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
         nothing = np.zeros(0, dtype=np.int64)
+        kept = ("row", "length", "noise", "range_m", "range_variance_m2")
         noise_power = self.noise_power[chosen]
-        return Stretches(
-            row=self.row[chosen],
+        return replace(
+            self,
+            **{name: getattr(self, name)[chosen] for name in kept},
             strips=self.strips.rows(chosen),
             cell_row=nothing,
             cell_bin=nothing,
             begin=np.zeros(len(chosen), dtype=np.int64),
-            length=self.length[chosen],
             power=noise_power + power_share * (self.power[chosen] - noise_power),
             peak_power=power_share * self.peak_power[chosen],
-            noise=self.noise[chosen],
-            range_m=self.range_m[chosen],
-            range_variance_m2=self.range_variance_m2[chosen],
-            bin_m=self.bin_m,
-            looks_per_bin=self.looks_per_bin,
         )
 
     @property

@@ -82,10 +82,10 @@ class Mimo:
 
 def build_mimo(given: SensorInputs) -> Mimo:
     """Return the module of a scenario."""
-    if given.array is None or given.module is None or given.bursts is None:
+    if not isinstance(given.angle, ArrayEstimator) or given.module is None or given.bursts is None:
         message = "missing; sensor = 'mimo' needs its elements"
         raise ScenarioError([Problem("radar.array", message)])
     if given.receiver.chain is not None or given.receiver.high_pass is not None:
         message = "an array's receivers are ideal but for noise and radar.array; remove the others"
         raise ScenarioError([Problem("radar.receiver", message)])
-    return Mimo(given, given.bursts, given.module, given.array)
+    return Mimo(given, given.bursts, given.module, given.angle)

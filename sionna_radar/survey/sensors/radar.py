@@ -67,7 +67,7 @@ class Radar:
                 paths = self._trace(pulses)
             with timed("synthesise"):
                 reception = self._receiver.reception(paths, self._sent(pulses))
-        if self._angle is not None:
+        if isinstance(self._angle, AngleEstimator):
             return self._in_directions(self._angle, paths, reception, pulses)
         with timed("detect"):
             found = self.sweeps.detect(reception.beats, pulses)
