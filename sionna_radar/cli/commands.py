@@ -34,7 +34,7 @@ from sionna_radar.cli.session import (
     progress_shown,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
+from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, Keep, PointsFile, Report, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
@@ -261,6 +261,10 @@ def sweep(
         list[str] | None,
         typer.Option("--pareto", metavar="EXPR", help="Mark the Pareto front of expressions, each minimised (repeat)."),
     ] = None,
+    keep: Annotated[
+        Keep,
+        typer.Option("--keep", help="Write maps; compare errors over the cells that all surveys filled, too."),
+    ] = Keep.NONE,
 ) -> None:
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
     from sionna_radar.execution.execution import Execution
@@ -275,21 +279,21 @@ def sweep(
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
-    def fly(keep: "OpenCheckpoints") -> "Sweep":
+    def fly(checkpoints: "OpenCheckpoints") -> "Sweep":
         with session.team() as team:
             plan = plan_sweep(session.scenario, design, repeat, session.overrides)
-            execution = Execution(workers=team, checkpoints=keep({**plan.identity(), "shard": str(part or "")}))
-            return run_sweep(plan, shard=part, execution=execution)
+            execution = Execution(workers=team, checkpoints=checkpoints({**plan.identity(), "shard": str(part or "")}))
+            return run_sweep(plan, shard=part, keep_maps=keep is not Keep.NONE, execution=execution)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     session.produce(
         fly,
         suffix=suffix,
         marker=MARKER,
-        write=partial(write_sweep, runs=files, ranking=ranking),
+        write=partial(write_sweep, runs=files, ranking=ranking, keep=keep),
         show=partial(print_sweep, ranking=ranking),
         exit_code=_tell_failures,
-        products=[*files, *([sort] if sort else []), *(require or []), *(pareto or [])],
+        products=[*files, *([sort] if sort else []), *(require or []), *(pareto or []), f"maps: {keep}"],
     )
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import qmc, sobol_indices, uniform
 
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, document_of
+from sionna_radar.execution.workers import Failure
 from sionna_radar.foundation.errors import BackendError, InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage
@@ -52,7 +52,7 @@ from sionna_radar.studies.surrogate import (
     improvement,
     pareto,
 )
-from sionna_radar.studies.sweep import STATISTICS, Trial, failure, label, trial_task
+from sionna_radar.studies.sweep import STATISTICS, Trial, failure, label, trial_of, trial_task
 from sionna_radar.survey.chain import run
 
 # Proposed at once, whatever the number of workers.
@@ -134,12 +134,13 @@ class _Search:
                 continue
             documents = {scenario.model_dump_json(): scenario for scenario in scenarios}
             keys[number], flown = list(documents), flown | documents
-        tasks = {key: {"scenario": key, "block_size": self.execution.block_size} for key in flown}
+        fixed = {"block_size": self.execution.block_size, "keep_maps": False}
+        tasks = {key: {"scenario": key, **fixed} for key in flown}
         done: dict[str, Trial | Failure] = {}
         for key, result in self.execution.over(tasks, trial_task):
             if isinstance(result, Failure) and result.kind == BackendError.__name__:
                 raise result.error()
-            done[key] = result if isinstance(result, Failure) else Trial.of_document(document_of(result))
+            done[key] = result if isinstance(result, Failure) else trial_of(result)
         for number, setting in enumerate(settings):
             seed, reason, results = self.plan.base.seed + first + number, refused.get(number, ""), {}
             outcomes = [(flown[key], done[key]) for key in keys.get(number, ())]

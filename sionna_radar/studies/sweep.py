@@ -22,9 +22,11 @@ from jaxtyping import Float
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, Task, document_bytes, document_of
+from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import advance, stage
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.studies.design import Axis, Design, Setting, refuse
@@ -38,6 +40,10 @@ LONGEST_SHOWN = 48
 # A key that is raised until the rest of the scenario fits, and the largest number of doublings.
 SAMPLES = "radar.samples_per_chirp"
 DOUBLINGS = 5
+# Maps of a trial, by the names of their files.
+MAPS = ("dem", "dem_sigma", "error")
+# Largest distance between corners of cells that coincide, in cells: map coordinates are rounded to a micrometre.
+ALIGNED = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,6 +254,7 @@ STATISTICS = {
     "off_wall_rms_m": ("off_wall_error", "rms_m"),
     "all_cells_rms_m": ("dem_error", "rms_m"),
     "stated_sigma_m": ("", "stated_sigma_m"),
+    "common_rms_m": ("", "common_rms_m"),
 }
 
 
@@ -256,6 +263,9 @@ class Trial:
     """One survey of a sweep; its errors are those of `Survey`.
 
     stated_sigma_m: root mean square of the DEM's stated standard deviation over lit cells; None if none is stated.
+    common_rms_m: RMS error of the cells that every survey of the study lit and filled; None unless maps are kept, and
+        their cells coincide.
+    maps: by name, if kept: `dem`, `dem_sigma` where stated, and `error`, DEM minus truth over lit cells.
     wall_s, peak_memory_mb: cost of the flight, which varies from run to run and is ignored in comparisons.
     """
 
@@ -267,6 +277,8 @@ class Trial:
     off_wall_error: DemError | None
     warnings: tuple[str, ...]
     stated_sigma_m: float | None = None
+    common_rms_m: float | None = None
+    maps: Mapping[str, Raster] = field(default_factory=dict, compare=False, repr=False)
     wall_s: float = field(compare=False)
     peak_memory_mb: float = field(compare=False)
 
@@ -355,6 +367,7 @@ def run_sweep(
     plan: SweepPlan,
     *,
     shard: Shard | None = None,
+    keep_maps: bool = False,
     execution: Execution | None = None,
 ) -> Sweep:
     """Fly all trials of a study, or of one shard: sequentially, or on workers.
@@ -368,6 +381,8 @@ def run_sweep(
         The study, from `plan_sweep`.
     shard:
         Subset of the trials to fly; see `Shard`. None for all.
+    keep_maps:
+        Hold the maps of all trials in memory, and compare them over their common cells.
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
@@ -388,7 +403,7 @@ def run_sweep(
     """
     flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
     execution = execution or Execution()
-    places, tasks = _tasks(flights, execution.block_size)
+    places, tasks = _tasks(flights, execution.block_size, keep_maps)
     flown: dict[Place, Trial | Failure] = {}
     interrupted = False
     steps = {key: len(surveys) for key, surveys in places.items()}
@@ -397,7 +412,7 @@ def run_sweep(
             for key, outcome in execution.over(tasks, trial_task, steps=steps):
                 if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
                     raise outcome.error()
-                result = outcome if isinstance(outcome, Failure) else Trial.of_document(document_of(outcome))
+                result = outcome if isinstance(outcome, Failure) else trial_of(outcome)
                 flown |= dict.fromkeys(places[key], result)
     except (KeyboardInterrupt, Interrupted):
         if execution.checkpoints is not None:
@@ -406,6 +421,7 @@ def run_sweep(
     repeats: dict[int, list[int]] = {}
     for number, _, repeat in flights:
         repeats.setdefault(number, []).append(repeat)
+    flown = _over_common_cells(flown)
     return Sweep(
         source=plan.source,
         axes=plan.axes,
@@ -417,14 +433,17 @@ def run_sweep(
 
 
 def _tasks(
-    flights: Sequence[tuple[int, Scenario, int]], block_size: int
+    flights: Sequence[tuple[int, Scenario, int]], block_size: int, keep_maps: bool
 ) -> tuple[dict[str, list[Place]], dict[str, Task]]:
     """Return the cells and seeds of each distinct survey, and the surveys as tasks, both by key."""
     places: dict[str, list[Place]] = {}
+    tasks: dict[str, Task] = {}
     for number, scenario, repeat in flights:
-        key = scenario.model_copy(update={"seed": scenario.seed + repeat}).model_dump_json()
+        document = scenario.model_copy(update={"seed": scenario.seed + repeat}).model_dump_json()
+        key = f"{document} with maps" if keep_maps else document
         places.setdefault(key, []).append((number, repeat))
-    return places, {key: {"scenario": key, "block_size": block_size} for key in places}
+        tasks[key] = {"scenario": document, "block_size": block_size, "keep_maps": keep_maps}
+    return places, tasks
 
 
 def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
@@ -440,12 +459,29 @@ def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place,
 
 
 def trial_task(task: Task) -> bytes:
-    """Fly the survey of a task, and return its trial as a JSON document."""
+    """Fly the survey of a task, and return its trial and what maps it keeps, packed."""
     scenario = Scenario.model_validate_json(task["scenario"])
-    return document_bytes(asdict(_trial(scenario, Execution(block_size=task["block_size"]))))
+    trial = _trial(scenario, Execution(block_size=task["block_size"]), task["keep_maps"])
+    return packed(trial=document_bytes(asdict(replace(trial, maps={}))), **trial.maps)
 
 
-def _trial(scenario: Scenario, execution: Execution) -> Trial:
+def trial_of(content: bytes) -> Trial:
+    """Return the trial that `trial_task` packed, with its maps."""
+    columns = columns_of(content)
+    maps = {name: _raster_of(name, columns) for name in MAPS if f"{name}.height_m" in columns}
+    return replace(Trial.of_document(document_of(columns["trial"].item())), maps=maps)
+
+
+def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
+    grid, place, georeference = f"{name}.grid", f"{name}.grid.georeference", None
+    if f"{place}.crs_wkt" in columns:
+        origin_m = tuple(columns[f"{place}.origin_m"].tolist())
+        georeference = table_of(Georeference, place, columns, origin_m=origin_m, cells=None)
+    raster: Raster = table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
+    return raster
+
+
+def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
     survey = run(scenario, execution=execution)
     return Trial(
         seed=scenario.seed,
@@ -456,6 +492,7 @@ def _trial(scenario: Scenario, execution: Execution) -> Trial:
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
         stated_sigma_m=_stated_sigma_m(survey),
+        maps=_maps(survey) if keep_maps else {},
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
     )
@@ -466,6 +503,43 @@ def _stated_sigma_m(survey: Survey) -> float | None:
         return None
     stated = survey.dem_sigma.height_m[survey.lit & survey.dem_sigma.filled]
     return float(np.sqrt(np.mean(stated**2))) if len(stated) else None
+
+
+def _maps(survey: Survey) -> dict[str, Raster]:
+    lit_error = replace(survey.error, height_m=np.where(survey.lit, survey.error.height_m, np.nan))
+    maps = dict(zip(MAPS, (survey.dem, survey.dem_sigma, lit_error), strict=True))
+    return {name: raster for name, raster in maps.items() if raster is not None}
+
+
+def _over_common_cells(flown: Mapping[Place, Trial | Failure]) -> dict[Place, Trial | Failure]:
+    """Return the trials with their errors over the cells that all of them lit and filled, if their cells coincide."""
+    kept = {place: trial for place, trial in flown.items() if isinstance(trial, Trial) and trial.maps}
+    windows = _common_windows([trial.maps["error"] for trial in kept.values()])
+    common = np.isfinite(windows).all(axis=0)
+    if not common.any():
+        return dict(flown)
+    rms_m = np.sqrt(np.mean(windows[:, common].astype(float) ** 2, axis=1))
+    compared = zip(kept.items(), rms_m, strict=True)
+    return {**flown, **{place: replace(trial, common_rms_m=float(rms)) for (place, trial), rms in compared}}
+
+
+def _common_windows(maps: Sequence[Raster]) -> Float[np.ndarray, "map row column"]:
+    """Return the part that maps have in common, none if their cells do not coincide; NaN in empty cells."""
+    nothing = np.empty((len(maps), 0, 0))
+    if len({raster.grid.spacing_m for raster in maps}) != 1:  # or no maps
+        return nothing
+    transforms = np.array([raster.grid.transform for raster in maps])
+    # Of the north-west corners: rows to the south, columns to the east.
+    corner = np.column_stack([-transforms[:, 5], transforms[:, 2]]) / maps[0].grid.spacing_m
+    start = corner.max(axis=0) - corner
+    size = np.min([raster.grid.shape - first for raster, first in zip(maps, start, strict=True)], axis=0)
+    if np.abs(start - np.round(start)).max() > ALIGNED or size.min() < 0.5:
+        return nothing
+    rows, columns = np.round(size).astype(int)
+    starts = zip(maps, np.round(start).astype(int), strict=True)
+    return np.stack(
+        [raster.height_m[::-1][row : row + rows, column : column + columns] for raster, (row, column) in starts]
+    )
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:

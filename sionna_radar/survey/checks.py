@@ -173,8 +173,8 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
     missed = np.isinf(hits.range_m) & ~_over_hole(hits, low, high)
     if missed.any():
         message = (
-            f"{missed.mean():.0%} of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m east "
-            f"and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten platform.length_m, or lower "
+            f"{100 * missed.mean():.2g} % of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m "
+            f"east and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten platform.length_m, or lower "
             "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
         )
         problems.append(Problem("radar.scan", message))

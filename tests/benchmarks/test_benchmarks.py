@@ -1,14 +1,20 @@
-"""The speed that the program promises, as ratios measured side by side in one run: `pytest -m benchmark -n 0`."""
+"""The speed that the program promises, as ratios measured side by side in one run: `pytest -m benchmark -n 0`.
 
+The table of `docs/checks/speed.md` gets a column for the version that was measured, or a new one in its place.
+"""
+
+import csv
 import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sionna_radar
 from benchmark_cases import (
     HERE,
     Ratio,
@@ -32,6 +38,7 @@ from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 STOCK_SAMPLES = 1_000_000
+SPEED = Path(__file__).parents[2] / "docs" / "checks" / "speed.csv"
 # Terrain, settings, and how many times faster than the flight the whole chain must at least be.
 METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("hills", {"dem.method": "smooth"}, 10.0),
@@ -59,27 +66,58 @@ def measure() -> Iterator[Ratio]:
     yield _memory_growth(5000)
 
 
-def told(ratios: Iterable[Ratio], capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Print ratios as they come, and return those that miss their bounds."""
-    missed = []
+def told(ratios: Iterable[Ratio], capsys: pytest.CaptureFixture[str]) -> list[Ratio]:
+    """Print ratios as they come, and return them."""
+    found = []
     with capsys.disabled():
         print()
         for ratio in ratios:
             print(ratio, flush=True)
-            if not ratio.kept:
-                missed.append(str(ratio))
-    return missed
+            found.append(ratio)
+    return found
+
+
+def missed(ratios: Iterable[Ratio]) -> list[str]:
+    """Return what is told of ratios that miss their bounds."""
+    return [str(ratio) for ratio in ratios if not ratio.kept]
+
+
+def record(ratios: Iterable[Ratio], table: Path, version: str) -> None:
+    """Write ratios into a table with a column for each version; those of other versions stay."""
+    rows: list[dict[str, str]] = []
+    if table.exists():
+        with table.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    by_name = {row["ratio"]: row for row in rows}
+    for ratio in ratios:
+        by_name.setdefault(ratio.name, {"ratio": ratio.name})[version] = f"{ratio.value:,.3g}"
+    versions = dict.fromkeys(name for row in by_name.values() for name in row if name != "ratio")
+    with table.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, ["ratio", *versions], restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(by_name.values())
 
 
 @pytest.mark.benchmark
 def test_every_ratio_keeps_its_bound(capsys):
-    assert told(measure(), capsys) == []
+    ratios = told(measure(), capsys)
+    record(ratios, SPEED, sionna_radar.__version__)
+    assert missed(ratios) == []
+
+
+def test_a_table_of_speed_gains_a_column_for_each_version(tmp_path):
+    table = tmp_path / "speed.csv"
+    old, new = (Ratio(name="trace / rays", value=value, bound=2, at_most=True) for value in (1.5, 1.4))
+    record([old], table, "0.1.0")
+    record([old], table, "0.2.0")
+    record([new, Ratio(name="study / maps", value=1.1, bound=None, at_most=True)], table, "0.2.0")
+    assert table.read_text() == "ratio,0.1.0,0.2.0\ntrace / rays,1.5,1.4\nstudy / maps,,1.1\n"
 
 
 @pytest.mark.study
 def test_surveys_grow_in_proportion_to_facets_and_pulses(capsys):
     """Up to 10,000,000 facets and 200,000 pulses; minutes."""
-    assert told(measure_growth(), capsys) == []
+    assert missed(told(measure_growth(), capsys)) == []
 
 
 def effective_paths(paths: Paths) -> float:

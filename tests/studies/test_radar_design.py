@@ -9,6 +9,7 @@ import pytest
 from sionna_radar.execution.checkpoints import Checkpoints
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, document_bytes
+from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.studies.radar_design import design_page, design_summary, print_design, sentence, write_design
 from sionna_radar.scenario import Scenario, load_scenario
@@ -42,7 +43,7 @@ def pretended(task):
     error = ERROR | {"rms_m": rain * rms_m(beam, height) * (1 + 0.03 * noise[0]), "coverage": 0.95 + 0.005 * noise[1]}
     trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
     rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
-    return document_bytes(trial | rest)
+    return packed(trial=document_bytes(trial | rest))
 
 
 def pretend(patch):

@@ -13,6 +13,7 @@ from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpo
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.notebook import html_of
@@ -381,3 +382,42 @@ def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
     refused = cli("compare", tmp_path / "a", tmp_path / "b")
     assert refused.returncode == 2
     assert cli("sweep", small, *vary, "--sort", "rsm_m", "-o", tmp_path / "c").returncode == 2
+
+
+def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
+    """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
+    out = tmp_path / "out"
+    vary = ["--vary", "platform.altitude_m=30,40", "--vary", f"{BEAM}=2,4", "--set", "platform.length_m=25"]
+    done = cli("sweep", small, *vary, "--keep", "all", "-q", "-o", out)
+    assert done.returncode == 0, done.stderr
+    with (out / "runs.csv").open(newline="") as file:
+        told = [float(row["common_rms_m"]) for row in csv.DictReader(file)]
+    errors_at = [error_by_place(out / "maps" / f"{case}_seed_5_error.tif") for case in (1, 2, 3, 4)]
+    assert len({len(cells) for cells in errors_at}) > 1
+    shared = set.intersection(*(set(cells) for cells in errors_at))
+    assert len(shared) > 100
+    rms_m = [np.sqrt(np.mean([cells[place] ** 2 for place in shared])) for cells in errors_at]
+    np.testing.assert_allclose(told, rms_m, rtol=1e-6)
+    best = cli("sweep", small, *vary, "--keep", "best", "-q", "-o", tmp_path / "best")
+    assert best.returncode == 0, best.stderr
+    rms = [case["statistics"]["rms_m"]["mean"] for case in json.loads((out / "sweep.json").read_text())["cases"]]
+    number = 1 + int(np.argmin(rms))
+    kept = {path.name: path.read_bytes() for path in (tmp_path / "best" / "maps").iterdir()}
+    assert kept == {path.name: path.read_bytes() for path in (out / "maps").glob(f"{number}_*")}
+
+
+def error_by_place(path):
+    """Return the errors of a map's filled cells by where they are, to a centimetre."""
+    raster = Raster.read(path)
+    return {
+        tuple(np.round(place, 2)): height
+        for place, height in zip(raster.grid.centres_m, raster.height_m.ravel(), strict=True)
+        if np.isfinite(height)
+    }
+
+
+def test_maps_whose_cells_do_not_coincide_share_none(small):
+    plan = plan_sweep(small, {"dem.spacing_m": [1.0, 1.5]})
+    trials = [trial for case in run_sweep(plan, keep_maps=True).cases for trial in case.trials]
+    assert [trial.common_rms_m for trial in trials] == [None, None]
+    assert all(set(trial.maps) >= {"dem", "error"} for trial in trials)

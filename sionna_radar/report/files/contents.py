@@ -57,6 +57,14 @@ class RunsFile(StrEnum):
 RUNS_FILES = (RunsFile.CSV,)
 
 
+class Keep(StrEnum):
+    """Which maps of a sweep are kept as files."""
+
+    NONE = "none"
+    BEST = "best"
+    ALL = "all"
+
+
 def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
     """Return the text of `COSTS`: run times, s, and peak memory, MB."""
     return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})

@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
@@ -31,7 +31,7 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable, save_figures
-from sionna_radar.report.files.contents import RUNS_FILES, RunsFile, strict_json, write_text
+from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
 from sionna_radar.report.terminal import NONE, console, number, print_whole
@@ -248,6 +248,7 @@ KINDS = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_erro
 RUNS_MEANING = {
     "run_seed": "seed of the survey",
     "stated_sigma_m": "root mean square of the DEM's stated standard deviation over lit cells",
+    "common_rms_m": "RMS error of the cells that every survey lit and filled",
     "reason": "why the setting was not flown, or not with all seeds",
     "wall_s": "time the survey took, s",
     "peak_memory_mb": "most memory of its process until then, MB",
@@ -279,7 +280,7 @@ def _numbers(trial: Trial | None) -> Row:
     for prefix, kind in KINDS.items():
         error = getattr(trial, kind, None)
         row |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
-    row |= {"stated_sigma_m": _number(getattr(trial, "stated_sigma_m", None)), "reason": None}
+    row |= {name: _number(getattr(trial, name, None)) for name in ("stated_sigma_m", "common_rms_m")} | {"reason": None}
     return row | {name: _number(getattr(trial, name, None)) for name in COSTS}
 
 
@@ -344,11 +345,16 @@ MEANING = {
     "coverage": "share of the lit cells that the DEM fills",
     "spread": "standard deviation from trial to trial (n - 1)",
     "le90_m": LE90_MEANING,
+    "common_rms_m": "RMS error of the cells that every survey of the study lit and filled, with --keep",
 }
 
 
 def write_sweep(
-    sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_FILES, ranking: Ranking = UNRANKED
+    sweep: Sweep,
+    directory: Path,
+    runs: Sequence[RunsFile] = RUNS_FILES,
+    ranking: Ranking = UNRANKED,
+    keep: Keep = Keep.NONE,
 ) -> list[Path]:
     """Write `sweep.json`, `table.csv`, a table of all surveys and the figures, all or nothing, and return the files.
 
@@ -362,6 +368,9 @@ def write_sweep(
         Formats of the table with one row per survey.
     ranking:
         Order and judgement of the settings in `table.csv`.
+    keep:
+        Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
+        (without one, of the least RMS error), or all.
 
     Raises
     ------
@@ -378,8 +387,22 @@ def write_sweep(
         if RunsFile.PARQUET in runs:
             write_runs_parquet(folder / RUNS_PARQUET, sweep)
         draw_all(sweep, folder / "figures")
+        for case in _kept(sweep, ranking, keep):
+            for trial in case.trials:
+                for name, raster in trial.maps.items():
+                    path = folder / "maps" / f"{sweep.cases.index(case) + 1}_seed_{trial.seed}_{name}.tif"
+                    path.parent.mkdir(exist_ok=True)
+                    raster.to_geotiff(path)
 
     return write_folder(directory, MARKER, fill)
+
+
+def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
+    """Return the cases whose maps are written."""
+    flown = [case for case, _ in ranked(sweep, ranking) if case.trials]
+    if keep is not Keep.BEST:
+        return flown if keep is Keep.ALL else []
+    return flown[:1] if ranking.sort else sorted(flown, key=lambda case: case.mean("rms_m"))[:1]
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
@@ -424,7 +447,7 @@ def _row(case: Case, judged: Mapping[str, Any], sweep: Sweep) -> Row:
 
 def _document(trial: Trial) -> dict[str, Any]:
     """Return a trial without its costs, which differ from run to run."""
-    return {name: value for name, value in asdict(trial).items() if name not in COSTS}
+    return {name: value for name, value in asdict(replace(trial, maps={})).items() if name not in (*COSTS, "maps")}
 
 
 HEADINGS = {
@@ -439,11 +462,12 @@ HEADINGS = {
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
     "stated_sigma_m": "stated sigma",
+    "common_rms_m": "RMS common cells",
 }
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
 # Shown only where a case has them.
-OPTIONAL = ("off_wall_rms_m", "stated_sigma_m")
+OPTIONAL = ("off_wall_rms_m", "stated_sigma_m", "common_rms_m")
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
