@@ -195,7 +195,9 @@ def _spread(tx, code, rx, sweep, ray, columns, pieces, order, grid):
         x, y, z, inverse = ray[0, p], ray[1, p], ray[2, p], ray[3, p]
         turns = sign * (carrier - slope * ray[4, p]) / c
         moments[:] = 0.0
-        for i in range(len(tx)):
+        if len(tx) == 1:  # where the ways begin
+            moments[0, 0], moments[1, 0] = (weight[p] * code[0]).real, (weight[p] * code[0]).imag
+        for i in range(len(tx) if len(tx) > 1 else 0):
             ex, ey, ez = tx[i, 0], tx[i, 1], tx[i, 2]
             step = (ex * ex + ey * ey + ez * ez) * inverse - 2.0 * (x * ex + y * ey + z * ez)
             later = step / (1.0 + np.sqrt(1.0 + inverse * step))
