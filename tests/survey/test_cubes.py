@@ -11,8 +11,10 @@ import pytest
 from modules import CHIRP, line_of
 from sionna_radar import load_scenario, prepare, process, run
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import OutputError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, OutputError, ScenarioError
 from sionna_radar.signal.array_beats import FramePaths, array_beats
+from sionna_radar.studies.calibration import run_calibration
+from sionna_radar.studies.twin import run_twin
 from sionna_radar.survey.recordings.capture_file import capture_config, raw_counts, read_frames, receiver_samples
 from sionna_radar.survey.recordings.recorder import SignalRecorder
 
@@ -120,6 +122,29 @@ def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path
     (tmp_path / "few.toml").write_text(f"{card}[radar.array]\n{keys}\nchirps = 16\n")
     with pytest.raises(ScenarioError, match="frames of 48 chirps of 4 receivers; change it"):
         process(tmp_path / "few.toml")
+
+
+def test_frames_are_neither_compared_nor_calibrated_as_single_echoes(flown):
+    folder, _ = flown
+    with pytest.raises(ScenarioError, match="'mimo' has no beat signals to compare"):
+        run_twin(folder / "b.nc")
+    with pytest.raises(ScenarioError, match="or of an array has no whole echoes"):
+        run_calibration([folder / "b.nc"])
+
+
+def test_a_capture_that_is_not_whole_is_refused(flown, tmp_path):
+    folder, _ = flown
+    for name in ("a.nc", "a.cfg"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    with pytest.raises(InputFileError, match=r"a\.bin"):
+        process(tmp_path / "a.bin")
+    (tmp_path / "a.bin").write_bytes((folder / "a.bin").read_bytes()[:-4])
+    with pytest.raises(InputFileError, match="get the whole file"):
+        process(tmp_path / "a.bin")
+    # A frame less is whole, and not all that was flown.
+    (tmp_path / "a.bin").write_bytes((folder / "a.bin").read_bytes()[: 48 * 4 * 256 * 4])
+    with pytest.raises(InputFileError, match=r"has the shape \(2,\), not \(1,\)"):
+        process(tmp_path / "a.bin")
 
 
 @pytest.mark.parametrize("lanes", [2, 4])

@@ -5,7 +5,8 @@ import pytest
 
 from sionna_radar import load_scenario, process, run
 from sionna_radar.execution.execution import Execution
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.studies.twin import run_twin
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.preparation import prepare
 
@@ -85,6 +86,8 @@ def test_recorded_signals_of_all_receivers_make_the_same_points_and_map(angle, r
     again = process(tmp_path / "all.nc")
     assert again.points.sha256() == survey.points.sha256()
     np.testing.assert_array_equal(again.dem.height_m, survey.dem.height_m)
+    with pytest.raises(InputFileError, match="holds signals of an array"):
+        run_twin(tmp_path / "all.nc")
     # Without the others the first receiver is one of its own.
     alone = process(tmp_path / "all.nc", {"processing.angle": "off"})
     flown = run(load_scenario("hills", keys | {"processing.angle": "off"}))
