@@ -54,6 +54,8 @@ CONNECT_S = 10.0
 WARN_AFTER_S, FIRST_WORKER_S = 3.0, 30.0
 # Environment variable: modules that workers import at start.
 AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
+# Longest time after which workers that have come or gone are known.
+REFRESH_S = 1.0
 # Polling interval for interrupts.
 TICK_S = 0.2
 CLOSING_S = 2.0
@@ -251,11 +253,11 @@ class DaskWorkers:
     @property
     def count(self) -> int:
         """Number of tasks run concurrently."""
-        return self.local or max(self._worker_count(), 1)
+        return self.local or max(len(self._addresses()), 1)
 
-    def _worker_count(self) -> int:
+    def _addresses(self) -> list[str]:
         try:
-            return len(self.client.nthreads())
+            return list(self.client.nthreads())
         except OSError as error:
             raise WorkersLostError("the dask scheduler is gone") from error  # noqa: EM101
 
@@ -275,30 +277,41 @@ class DaskWorkers:
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result or failure of each task as it finishes.
 
-        Each worker holds one task at a time, so that a task that kills its worker affects no other.
+        Each worker holds one task at a time, so that a task that kills its worker affects no other. Each task is meant
+        for an idle worker: left to itself, dask prefers those that hold `shared` already.
         """
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
-        waiting = iter(enumerate(tasks))
+        busy: dict[Future, str] = {}
+        waiting = enumerate(tasks)
+        addresses, asked = self._addresses(), monotonic()
         given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
         at_hand = None if shared is None or not tasks else self._sent(shared)
         try:
             while True:
-                for number, task in _first(waiting, self.count - len(running)):
-                    future = self._submit(json.dumps(task), json.dumps(given), at_hand)
-                    running[future] = number
+                if monotonic() - asked > REFRESH_S:
+                    addresses, asked = self._addresses(), monotonic()
+                taken = set(busy.values())
+                idle = [address for address in addresses if address not in taken]
+                if not running and not idle:
+                    idle = [""]  # any worker that comes
+                for address, (number, task) in zip(idle, waiting, strict=False):
+                    future = self._submit(json.dumps(task), json.dumps(given), at_hand, address)
+                    running[future], busy[future] = number, address
                     future.add_done_callback(finished.put)
                 if not running:
                     return
                 future = self._next(finished)
+                del busy[future]
                 yield running.pop(future), _result(future)
         finally:
             for future in running:
                 future.cancel(reason="the study has ended")
 
-    def _submit(self, task: str, given: str, shared: "Future | None") -> "Future":
+    def _submit(self, task: str, given: str, shared: "Future | None", address: str) -> "Future":
         key = f"sionna-radar-{uuid4().hex}"
-        return self.client.submit(perform, task, given, shared, key=key, pure=False)
+        place = {"workers": [address], "allow_other_workers": True} if address else {}
+        return self.client.submit(perform, task, given, shared, key=key, pure=False, **place)
 
     def _sent(self, shared: bytes) -> "Future":
         """Return the shared payload as a dask task, so that dask recreates it if the worker that holds it is lost."""
@@ -319,13 +332,8 @@ class DaskWorkers:
                     raise WorkersLostError("the dask scheduler is gone") from None  # noqa: EM101
                 if not told and monotonic() - since > WARN_AFTER_S:
                     told = True
-                    if not self._worker_count():
+                    if not self._addresses():
                         logger.warning("the cluster has no worker any more; waiting for one")
-
-
-def _first(waiting: Iterator[tuple[int, Task]], count: int) -> Iterator[tuple[int, Task]]:
-    for _, item in zip(range(count), waiting, strict=False):
-        yield item
 
 
 def _result(future: "Future") -> bytes | Failure:

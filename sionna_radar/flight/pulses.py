@@ -15,6 +15,7 @@ from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, worl
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.numerics import spread_indices
 
 CHIRPS_AT_ONCE = 100_000
 # A continuous scan is divided into lines of this many pulses, counted from the first of the survey.
@@ -179,8 +180,8 @@ class PulseSequence(ABC):
             start = end
 
     def sample(self, count: int) -> Pulses:
-        """Return `count` pulses (or all) spread evenly over the survey, for checks and figures."""
-        return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
+        """Return `count` pulses (or all) spread over the survey and over the angles of its scan."""
+        return self.pulses(spread_indices(count, len(self)))
 
 
 @dataclass(frozen=True, kw_only=True)

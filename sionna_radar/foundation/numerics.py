@@ -17,8 +17,10 @@ from functools import lru_cache, wraps
 from typing import ParamSpec, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from threadpoolctl import ThreadpoolController
+
+GOLDEN_RATIO = (1 + 5**0.5) / 2
 
 
 def from_db(value_db: float) -> float:
@@ -96,6 +98,20 @@ COSINES = {
     "blackman": (0.42, 0.50, 0.08),
     "blackmanharris": (0.35875, 0.48829, 0.14128, 0.01168),
 }
+
+
+def spread_indices(count: int, total: int) -> Int[np.ndarray, " chosen"]:
+    """Return about `count` indices below `total` in rising order, the first and the last among them; or all.
+
+    One is in each of `count` equal parts, at places that follow the golden ratio: equal steps through the pulses of a
+    survey may be whole turns of its scan, and meet a few of its angles only.
+    """
+    if count >= total:
+        return np.arange(total)
+    part = np.arange(count)
+    index = np.floor((part + part * GOLDEN_RATIO % 1.0) * total / count).astype(np.int64)
+    index[-1:] = total - 1
+    return np.unique(index)
 
 
 def window(name: str, samples: int) -> Float[np.ndarray, " sample"]:

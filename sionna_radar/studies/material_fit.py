@@ -27,7 +27,7 @@ from scipy.special import digamma, gammaincc, polygamma
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.numerics import on_one_thread, spread_indices
 from sionna_radar.mapping.calibration import Knowledge
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
@@ -505,7 +505,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
     uniform = {f"materials.{name}": {"model": "constant_gamma", "gamma_db": 0.0} for name in tables}
     surveys = (prepare(scenario, prepared.custom), prepare(scenario.replace(uniform), prepared.custom))
-    chosen = np.unique(np.linspace(0, len(prepared) - 1, min(pulses, len(prepared))).astype(np.int64))
+    chosen = spread_indices(pulses, len(prepared))
     blocks = [_looks(*surveys, chosen[low : low + BLOCK]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]

@@ -8,6 +8,7 @@ from sionna_radar.flight.frames import conical_from_antenna
 from sionna_radar.flight.pulses import schedule_pulses
 from sionna_radar.flight.scan import Pointing, Scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
+from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 
 
@@ -123,9 +124,26 @@ def test_blocks_of_lines_never_cut_a_line(size):
 def test_a_sample_is_spread_from_the_first_pulse_to_the_last():
     survey = schedule()
     index = survey.sample(9).index
-    np.testing.assert_allclose(np.diff(index), (len(survey) - 1) / 8, atol=1)
+    np.testing.assert_array_equal(index * 9 // len(survey), np.arange(9))
     assert (index[0], index[-1]) == (0, len(survey) - 1)
     assert len(survey.sample(10**6)) == len(survey)
+
+
+@pytest.mark.parametrize("total", [1, 39, 40, 41, 43, 77, 1000])
+def test_spread_indices_are_distinct_and_reach_both_ends(total):
+    index = spread_indices(40, total)
+    assert np.all(np.diff(index) > 0)
+    assert min(total, 30) <= len(index) <= 40
+    assert (index[0], index[-1]) == (0, total - 1)
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3, 7.5])
+def test_a_sample_meets_all_angles_of_a_scan_whatever_its_step(turns):
+    """Every 50th pulse of lines of 50 has one angle; of 40 bins of angle none stays empty."""
+    line, count = 50, 400
+    found = np.bincount((spread_indices(count, int(count * turns * line)) % line) * 40 // line, minlength=40)
+    assert found.min() > 0
+    assert found.max() < 3 * count / 40
 
 
 def test_a_scan_of_ones_own_is_flown():

@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.optimize import minimize
 
+from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
@@ -216,7 +217,7 @@ def information_of(
     radial = 2 * np.pi / length
     wave = (radial[:, None, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)).reshape(-1, 2)
     wavenumber = np.repeat(radial, DIRECTIONS)
-    pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
+    pulses = spread_indices(SAMPLED_PULSES, len(heights))
     variance = heights.variance_m2(1.0)
     means, (power, noise) = np.zeros(len(wave)), np.zeros((2, len(pulses), len(wave)))
     linear = None if linearised is None else linearised(pulses)

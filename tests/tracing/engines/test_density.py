@@ -5,6 +5,7 @@ import pytest
 
 from beams import make_antenna, make_chirp, plane_power
 from flights import make_pulses
+from sionna_radar import load_scenario, prepare
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.density import filled_beam, footprint_density
 from sionna_radar.tracing.engines.persistent.persistent import OuterRays, PersistentEngine
@@ -126,3 +127,24 @@ def test_scatterers_do_not_depend_on_what_was_seen_before():
         kept = (whole.pulse >= first) & (whole.pulse < first + 10)
         np.testing.assert_array_equal(part.gain, whole.gain[kept])
         np.testing.assert_array_equal(part.delay_s, whole.delay_s[kept])
+
+
+def test_a_long_survey_has_scatterers_at_all_angles_of_its_scan():
+    """One look in 500 pulses is one in a line of the scan: the looks must not meet one angle only."""
+    prepared = prepare(
+        load_scenario(
+            "hills",
+            {
+                "terrain": {"kind": "flat", "size_m": [1300.0, 300.0]},
+                "platform.start_m": [-500.0, 0.0],
+                "platform.length_m": 1000.0,
+                "radar.chirp_rate_hz": 36000.0,
+                "radar.scan.rotation_rpm": 1200.0,
+            },
+        )
+    )
+    assert len(prepared) == pytest.approx(1_000_000, rel=1e-3)
+    first = len(prepared) // 2
+    pulses = prepared.flight.pulses(np.arange(first, first + 500))
+    paths = prepared.sensor_inputs().tracer().trace(pulses)
+    assert np.bincount(paths.pulse - first, minlength=500).min() > 200
