@@ -2,10 +2,12 @@
 A module that does not turn beside pencil beams and a lidar
 ===========================================================
 
-Modules with arrays of transmitters and receivers look straight down and map a swath by arithmetic. The same hills, from
-the same flight, by pencil beams that turn, by two modules and by a lidar, in clear air and in rain::
+Modules with arrays of transmitters and receivers look straight down and map a swath by arithmetic. The same ground,
+from the same flight, by pencil beams that turn, by two modules and by a lidar, in clear air and in rain, over hills,
+buildings or San Francisco::
 
     python examples/mimo_modules.py
+    python examples/mimo_modules.py buildings "2 deg" module
 """
 
 import sys
@@ -14,8 +16,17 @@ import numpy as np
 
 from sionna_radar import load_scenario, run
 
-FLIGHT = {"platform.altitude_m": 25.0, "platform.length_m": 30.0, "dem.max_gap_m": 2.0}
-EXPECTED = {"processing.expected_ground.tolerance_m": 10.0}
+# Middle, heading and length of a track, height over ground, how far from it ground is expected, and all else of it.
+LINE = {"count": 1, "spacing_m": 50.0, "length_m": 60.0, "centre_m": [300.0, 30.0], "crossing": False}
+TRACKS = {
+    "hills": ((-85.0, 0.0), 90.0, 30.0, 25.0, 10.0, {"platform.length_m": 30.0}),
+    "buildings": ((5.0, 0.0), 90.0, 70.0, 25.0, 15.0, {"platform.length_m": 70.0, "platform.start_m": [-30.0, 0.0]}),
+    "san_francisco": ((300.0, 30.0), 85.0, 60.0, 40.0, 15.0, {"platform.lines": LINE}),
+}
+scene = sys.argv[1] if len(sys.argv) > 1 and sys.argv[1] in TRACKS else "hills"
+middle_m, heading_deg, length_m, height_m, tolerance_m, flight = TRACKS[scene]
+FLIGHT = flight | {"platform.altitude_m": height_m, "dem.max_gap_m": 2.0, "dem.method": "linear"}
+EXPECTED = {"processing.expected_ground.tolerance_m": tolerance_m}
 POWER = {"transmit_power_dbm": 12.0, "noise_figure_db": 15.0, "bandwidth_hz": 400e6}
 # Beams cross the swath as far out as the modules' view.
 SCAN = {"incidence_deg": 0.0, "half_swath_deg": 45.0, "rotation_rpm": 300.0}
@@ -54,14 +65,21 @@ def size_of(survey):
     return chirp.samples * array.chirps * len(array.receiver_m) * frames / 1e6, 1e3 * float(array.size_m[1])
 
 
-wanted = sys.argv[1:] or list(SENSORS)
+def in_swath(grid):
+    """Return the cells that all look at: 0.8 heights to either side, and not at the ends of the flight."""
+    east, north = np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg))
+    x, y = np.meshgrid(grid.x_m - middle_m[0], grid.y_m - middle_m[1])
+    along, across = x * east + y * north, y * east - x * north
+    return (np.abs(along) <= length_m / 2 - 3.0) & (np.abs(across) <= 0.8 * height_m)
+
+
+words = [word for word in sys.argv[1:] if word != scene]
+wanted = [name for name in SENSORS if not words or any(word in name for word in words)]
 print(f"{'':30}{'air':>9}{'points':>9}{'RMSE':>7}{'stated':>8}{'p95':>7}{'filled':>8}{'Msa/s':>8}{'mm':>7}")
 for name in wanted:
     for air, weather in AIR.items():
-        survey = run(load_scenario("hills", FLIGHT | SENSORS[name] | weather))
-        inside = np.abs(survey.dem.grid.y_m)[:, None] <= 20.0
-        # The swath that all look at, beside the ends of the flight.
-        swath = inside & (np.abs(survey.dem.grid.x_m + 85.0) <= 12.0)[None]
+        survey = run(load_scenario(scene, FLIGHT | SENSORS[name] | weather))
+        swath = in_swath(survey.dem.grid)
         error = np.where(swath, survey.error.height_m, np.nan)
         error = error[np.isfinite(error)]
         stated = survey.dem_sigma.height_m[swath] if survey.dem_sigma is not None else np.array([np.nan])

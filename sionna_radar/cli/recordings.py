@@ -82,8 +82,8 @@ def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
     from sionna_radar.survey.observation import SampleType
 
     known: tuple[SampleType, ...] = get_args(SampleType)
-    if text != known[0] and "signals" not in kinds:
-        message = f"{text!r} has no effect without --record signals; add it, or leave this out"
+    if text != known[0] and not {"signals", "cube"} & set(kinds):
+        message = f"{text!r} has no effect without --record signals (or cube); add it, or leave this out"
         raise ScenarioError([Problem("--record-as", message)], "command line")
     for name in known:
         if text == name:

@@ -16,14 +16,12 @@ from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid
-from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
-from sionna_radar.radar.build import build_side_receivers
+from sionna_radar.radar.antenna import Antenna, two_way_spread
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
-from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers, require
 from sionna_radar.scenario.table import Table
@@ -31,56 +29,40 @@ from sionna_radar.signal.analog_filters import HighPass
 
 
 def build_angle_estimator(
-    radar: RadarTable, processing: ProcessingTable, detector: Detector, antenna: Antenna
-) -> AngleEstimator | None:
-    """Return the estimator of directions inside the beam; None where the scenario requests none.
+    processing: ProcessingTable,
+    detector: Detector,
+    antenna: Antenna,
+    array: MimoArray | None,
+    frames: ArrayTable | None = None,
+) -> AngleEstimator | ArrayEstimator | None:
+    """Return the estimator of directions by an array's receivers; None without them.
 
-    Raises ScenarioError for receivers that cannot resolve them; see `build_side_receivers`.
+    frames: `[radar.array]` where a pulse is a frame of an array, which has points in cells of range and range rate.
     """
-    if processing.angle == "off":
+    if array is None:
         return None
-    spread = two_way_spread(antenna)
+    if frames is not None:
+        return ArrayEstimator(
+            analyser=replace(detector.analyser, zero_padding=1),
+            array=array.calibrated,
+            rate_window=frames.rate_window,
+            min_range_m=processing.min_range_m,
+            false_alarm_probability=processing.cfar.false_alarm_probability,
+            dynamic_range_db=processing.dynamic_range_db,
+            half_view_rad=float(np.deg2rad(frames.half_view_deg)),
+            average_cells=frames.average_cells,
+            max_sigma_m=frames.max_sigma_m,
+            strongest=processing.echoes != "all",
+        )
     width_az, width_el = antenna.beamwidths_rad
     estimator = RowEstimator if processing.angle == "row" else AngleEstimator
     return estimator(
         detector=detector,
-        receivers=build_side_receivers(radar, antenna, spread, detector.analyser.chirp.wavelength_m),
-        spread=spread,
+        array=array.calibrated,
+        spread=two_way_spread(antenna),
         half_power=(float(np.sin(width_az / 2)), float(np.sin(width_el / 2))),
         length_m=processing.angle_length_m,
     )
-
-
-def build_array_estimator(
-    table: ArrayTable | None, processing: ProcessingTable, detector: Detector, array: MimoArray | None
-) -> ArrayEstimator | None:
-    """Return the estimator of points from the frames of an array; None without one."""
-    if table is None or array is None:
-        return None
-    return ArrayEstimator(
-        analyser=replace(detector.analyser, zero_padding=1),
-        array=replace(array, true_code=None, mixing=None),
-        rate_window=table.rate_window,
-        min_range_m=processing.min_range_m,
-        false_alarm_probability=processing.cfar.false_alarm_probability,
-        dynamic_range_db=processing.dynamic_range_db,
-        half_view_rad=float(np.deg2rad(table.half_view_deg)),
-        average_cells=table.average_cells,
-        max_sigma_m=table.max_sigma_m,
-        strongest=processing.echoes != "all",
-    )
-
-
-def two_way_spread(antenna: Antenna) -> tuple[float, float]:
-    """Return the standard deviations of the two-way power over the direction cosines in azimuth and in elevation."""
-    return _spread(antenna.azimuth), _spread(antenna.elevation)
-
-
-def _spread(cut: Cut) -> float:
-    lobe = lobe_samples(cut, FOLLOWED)
-    power, cosine = cut.voltage[lobe] ** 4, cut.cosine[lobe]
-    mean = power @ cosine / power.sum()
-    return float(np.sqrt(power @ (cosine - mean) ** 2 / power.sum()))
 
 
 @registers(RANGE_ESTIMATORS, "[processing.ranging_parameters]")

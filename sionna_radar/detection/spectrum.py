@@ -145,9 +145,7 @@ class SpectrumAnalyser:
 
     def noise_correlation(self, cells: int) -> Float[np.ndarray, " lag"]:
         """Return the correlation of windowed white noise 0, 1, ... range cells apart."""
-        energy = self.window**2 / np.sum(self.window**2)
-        middle = np.arange(self.chirp.samples) - (self.chirp.samples - 1) / 2
-        return np.array([energy @ np.cos(2 * np.pi * lag * middle / self.chirp.samples) for lag in range(cells)])
+        return window_correlation(self.window, cells)
 
     @cached_property
     def looks_per_cell(self) -> float:
@@ -162,3 +160,10 @@ class SpectrumAnalyser:
         spectrum = np.exp(-2j * np.pi * np.outer(turn, np.arange(samples))) @ self.window
         power = spectrum.real**2 + spectrum.imag**2
         return power / power.sum()
+
+
+def window_correlation(weights: Float[np.ndarray, " n"], cells: int) -> Float[np.ndarray, " lag"]:
+    """Return the correlation of white noise 0, 1, ... cells apart in the spectrum of weighted samples."""
+    energy = weights**2 / np.sum(weights**2)
+    middle = np.arange(len(weights)) - (len(weights) - 1) / 2
+    return np.array([energy @ np.cos(2 * np.pi * lag * middle / len(weights)) for lag in range(cells)])

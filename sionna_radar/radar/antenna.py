@@ -339,6 +339,18 @@ def lobe_samples(cut: Cut, level: float) -> slice:
     return slice(int(left[-1]) + 1 if len(left) else 0, int(right[0]) if len(right) else len(power))
 
 
+def two_way_spread(antenna: Antenna) -> tuple[float, float]:
+    """Return the standard deviations of the two-way power over the direction cosines in azimuth and in elevation."""
+    return _spread(antenna.azimuth), _spread(antenna.elevation)
+
+
+def _spread(cut: Cut) -> float:
+    lobe = lobe_samples(cut, FOLLOWED)
+    power, cosine = cut.voltage[lobe] ** 4, cut.cosine[lobe]
+    mean = power @ cosine / power.sum()
+    return float(np.sqrt(power @ (cosine - mean) ** 2 / power.sum()))
+
+
 def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: float = LIT) -> Bool[np.ndarray, " n"]:
     """Mark the unit vectors, in the antenna's frame, whose two-way gain relative to the peak is at least a level."""
     if not antenna.separable:

@@ -1,6 +1,6 @@
 """The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -9,16 +9,16 @@ from jaxtyping import Complex, Float
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
-from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, reach_of_power
+from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, reach_of_power, two_way_spread
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
-from sionna_radar.radar.mimo_array import MimoArray, code_of, receiver_mixing
+from sionna_radar.radar.mimo_array import UNAMBIGUOUS, MimoArray, code_of, difference_pattern, receiver_mixing
 from sionna_radar.radar.pattern_files.reader import read_pattern
-from sionna_radar.radar.second_receiver import UNAMBIGUOUS, SideReceiver, baseline_of, difference_pattern
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
+from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers, require
 
 
@@ -57,73 +57,67 @@ def build_antenna(table: AntennaParameters) -> Antenna:
 
 
 AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
+# Standard deviation of the phase over the two-way beam with the default baseline. The phase of an echo of many
+# scatterers gives their mean direction with an error of second order in this phase; the error from noise is inverse to
+# it. Both are equal at some 25 dB of a point.
+SCATTER_RAD = 0.25
 
 
-def build_side_receivers(
-    radar: RadarTable, antenna: Antenna, spread: Sequence[float], wavelength_m: float
-) -> tuple[SideReceiver, ...]:
-    """Return the receivers beside the first of a scenario's radar; none if it has none.
+def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
+    """Return the array of a scenario's `second_receiver`: the first receiver and those beside it; None without one.
 
-    Parameters
-    ----------
-    radar, antenna:
-        The scenario's `[radar]`, and its antenna.
-    spread:
-        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
-    wavelength_m:
-        Of the carrier.
-
-    Raises
-    ------
-    ScenarioError
-        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna without two cuts.
-
+    Raises ScenarioError for a baseline so long that the phase wraps inside the main lobe, or halves of an antenna
+    without two cuts.
     """
-    table = radar.second_receiver
+    table, chirp = radar.second_receiver, build_chirp(radar)
     if table is None:
-        return ()
-    axes = AXES[table.axis]
+        return None
+    axes, wavelength_m = AXES[table.axis], chirp.wavelength_m
+    place_m, error_m = [np.zeros(3)], [np.zeros(3)]
+    cuts = {}
     if table.kind == "monopulse":
         if not antenna.separable:
             message = "'monopulse' splits an antenna of two cuts into halves; set 'interferometer', or another antenna"
             raise ScenarioError([Problem("radar.second_receiver.kind", message)])
-        cuts = {1: antenna.azimuth, 2: antenna.elevation}
-        return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
-    receivers, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
+        cuts = {axis: (antenna.azimuth, antenna.elevation)[axis - 1] for axis in axes}
+    reach, spread = reach_of_power(antenna, UNAMBIGUOUS), two_way_spread(antenna)
     for axis in axes:
         # With both axes, the row of receivers is along the last one, elevation.
         in_row = table.receivers is not None and axis == axes[-1]
-        baseline_wavelengths = None if table.receivers is not None and not in_row else table.baseline_wavelengths
         max_wavelengths = 1 / (2 * reach[axis - 1])
-        default_m = max_wavelengths * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
-        baseline_m = default_m if baseline_wavelengths is None else baseline_wavelengths * wavelength_m
-        if baseline_m > max_wavelengths * wavelength_m:
+        baseline = max_wavelengths / 2 if in_row else SCATTER_RAD / (2 * np.pi * spread[axis - 1])
+        if table.baseline_wavelengths is not None and (in_row or table.receivers is None):
+            baseline = table.baseline_wavelengths
+        if baseline > max_wavelengths and not cuts:
             message = (
-                f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
+                f"{baseline:g} wraps the phase inside the main lobe, which reaches "
                 f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {max_wavelengths:.3g}"
             )
             raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
-        receivers += [
-            SideReceiver(
-                axis=axis,
-                baseline_m=multiple * baseline_m,
-                true_baseline_m=multiple * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
-                phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
-            )
-            for multiple in range(1, (table.receivers or 2) if in_row else 2)
-        ]
-    return tuple(receivers)
+        unit = (np.arange(3) == axis) * (0.0 if cuts else wavelength_m)
+        for multiple in range(1, (table.receivers or 2) if in_row else 2):
+            place_m.append(multiple * baseline * unit)
+            error_m.append(multiple * table.baseline_error_wavelengths * unit)
+    error = np.exp(-1j * chirp.direction * np.deg2rad(table.phase_error_deg) * (np.arange(len(place_m)) > 0))
+    return MimoArray(
+        transmitter_m=np.zeros((1, 3)),
+        receiver_m=np.array(place_m),
+        true_receiver_m=np.array(place_m) + np.array(error_m),
+        code=code_of("tdm", 1),
+        blocks=1,
+        period_s=1 / radar.chirp_rate_hz,
+        wavelength_m=wavelength_m,
+        direction=chirp.direction,
+        mixing=np.diag(error),
+        difference=tuple(difference_pattern(cut, axis) for axis, cut in cuts.items()),
+    )
 
 
-def build_array(radar: RadarTable, seed: int) -> MimoArray | None:
-    """Return the array of a scenario's radar, with the errors that its calibration leaves; None if it has none.
+def build_array(table: ArrayTable, chirp: Chirp, period_s: float, seed: int) -> MimoArray:
+    """Return an array with the errors that its calibration leaves.
 
-    seed: of these errors, which are those of one module.
+    period_s: from chirp to chirp. seed: of these errors, which are those of one module.
     """
-    table = radar.array
-    if table is None:
-        return None
-    chirp = build_chirp(radar)
     wavelength_m = chirp.wavelength_m
     places = (table.transmitters_wavelengths, table.receivers_wavelengths)
     transmitter_m, receiver_m = (
@@ -144,7 +138,7 @@ def build_array(radar: RadarTable, seed: int) -> MimoArray | None:
         receiver_m=receiver_m,
         code=code,
         blocks=table.chirps_per_frame // len(code),
-        period_s=1 / radar.chirp_rate_hz,
+        period_s=period_s,
         wavelength_m=wavelength_m,
         direction=chirp.direction,
         true_code=None if exact else code * sent,

@@ -1,11 +1,9 @@
-"""An array of transmitters and receivers: its virtual elements, their codes and calibration, and steering vectors.
+"""Arrays of transmitters and receivers: virtual elements, codes, calibration, steering vectors, difference patterns.
 
 A path from transmitter i over a scatterer to receiver k is as long as twice that of an element halfway between both,
 so that N transmitters and K receivers act as N K virtual elements at the sums of their places (Li and Stoica 2007,
 "MIMO radar with colocated antennas", IEEE Signal Process. Mag. 24). For a scatterer at range r in direction u an
-element at e makes the way longer by
-
-    |r u - e| - r = -u.e + (|e|^2 - (u.e)^2) (1 / 2 r + u.e / 2 r^2) + O(e^4 / r^3).
+element at e makes the way longer by |r u - e| - r, or by -u.e where wavefronts are plane.
 
 Transmitters are told apart over blocks of as many chirps as there are codes: in chirp c of a block transmitter i sends
 with the factor H_ci. With H the unit matrix they take turns (TDM); with that of Hadamard all transmit at once with
@@ -17,19 +15,66 @@ scatterer moves; in chirp c, at time t_c from the middle of the block, receiver 
 of a scatterer of range rate v. This is the steering vector of all codes alike: the chirps of a block are not separated
 into transmitters first, which is possible only for known motion, but compared with what a direction with its own range
 rate would give. The array is unambiguous in range rate over a quarter of a wavelength a block, to either side.
+
+A radar with receivers beside its first one is an array of one transmitter, at the place of the first receiver.
+
+A phase-comparison monopulse antenna is one aperture with its halves subtracted (Sherman and Barton 2011, "Monopulse
+Principles and Techniques", ch. 5): a receiver at the place of the first with another pattern. With the aperture's
+distribution a(x) the sum pattern is the Fourier transform of a(x) and the difference pattern that of sgn(x) a(x), less
+a quarter of a turn, which is the Hilbert transform of the sum pattern over the direction cosine: for a uniform aperture
+D of pattern sin(x) / x, x = k D u / 2, the ratio of both is tan(x / 2).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.fft
 import scipy.linalg
 from jaxtyping import Complex, Float, Int
+
+from sionna_radar.radar.antenna import Cut, lobe_samples
 
 # Elements closer than this share of a wavelength are one: 1 deg of phase is 0.003.
 SAME_WAVELENGTHS = 1e-3
 # Spacings of a filled row: its beams repeat outside of the visible directions.
 FILLED_WAVELENGTHS = 0.5
+# Two-way power of the main lobe in which the phase between receivers must not wrap.
+UNAMBIGUOUS = 1e-2
+# Zeros beyond the visible cosines, in lengths of the cut, so that the transform does not wrap around.
+PADDED = 8
+LARGEST_RATIO = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferencePattern:
+    """Difference over sum of the antenna's halves along one axis, real after removal of its quarter-cycle phase.
+
+    axis: of the antenna's frame, 1 for left (azimuth), 2 for up (elevation).
+    cosine, ratio: samples over all directions; lobe: those around the peak, where the ratio increases.
+    """
+
+    axis: int
+    cosine: Float[np.ndarray, " n"]
+    ratio: Float[np.ndarray, " n"]
+    lobe: slice
+
+    def at(self, cosine: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the ratio at direction cosines, linear between the samples."""
+        ratios: Float[np.ndarray, ...] = np.interp(cosine, self.cosine, self.ratio)
+        return ratios
+
+    def cosine_of(self, ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the direction cosine inside the main lobe for a ratio; the lobe's edge for larger ratios."""
+        cosines: Float[np.ndarray, ...] = np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
+        return cosines
+
+    @property
+    def slope(self) -> float:
+        """Derivative of the ratio on boresight, per unit of the direction cosine."""
+        middle = len(self.cosine) // 2
+        step = self.cosine[middle + 1] - self.cosine[middle - 1]
+        return float((self.ratio[middle + 1] - self.ratio[middle - 1]) / step)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +85,10 @@ class MimoArray:
     code: factor of each transmitter in each chirp of a block.
     blocks: of a frame. period_s: from chirp to chirp.
     wavelength_m: of the carrier; direction: of the sweep, which the beat's phases follow.
-    true_code: what the transmitters truly send; the assumed `code` by default.
+    true_code, true_receiver_m: what the transmitters truly send, and where the receivers truly are; as assumed by
+        default.
     mixing: true receiver signals from ideal ones (gain, phase, coupling): none by default.
+    difference: patterns of the receivers after the first, over its own; none for receivers alike.
     """
 
     transmitter_m: Float[np.ndarray, "tx 3"]
@@ -52,7 +99,19 @@ class MimoArray:
     wavelength_m: float
     direction: int = 1
     true_code: Complex[np.ndarray, "code tx"] | None = None
+    true_receiver_m: Float[np.ndarray, "rx 3"] | None = None
     mixing: Complex[np.ndarray, "rx rx"] | None = None
+    difference: tuple[DifferencePattern, ...] = ()
+
+    @property
+    def calibrated(self) -> "MimoArray":
+        """The array as processing assumes it."""
+        return replace(self, true_code=None, true_receiver_m=None, mixing=None)
+
+    @property
+    def phase_per_cosine(self) -> Float[np.ndarray, "rx 2"]:
+        """Phase of each receiver's beats, rad, per direction cosine left and up, on plane wavefronts."""
+        return -self.direction * 2 * np.pi / self.wavelength_m * self.receiver_m[:, 1:]
 
     @property
     def chirps(self) -> int:
@@ -103,11 +162,6 @@ class MimoArray:
         return (np.arange(len(self.code)) - (len(self.code) - 1) / 2) * self.period_s
 
     @cached_property
-    def block_time_s(self) -> Float[np.ndarray, " block"]:
-        """Time of each block from the middle of the frame."""
-        return (np.arange(self.blocks) - (self.blocks - 1) / 2) * self.block_s
-
-    @cached_property
     def virtual_m(self) -> Float[np.ndarray, "channel 3"]:
         """Places of the virtual elements, transmitter by transmitter."""
         return (self.transmitter_m[:, None] + self.receiver_m[None]).reshape(-1, 3)
@@ -116,12 +170,6 @@ class MimoArray:
     def size_m(self) -> Float[np.ndarray, "3"]:
         """Extent of the virtual array along boresight, left and up."""
         return np.ptp(self.virtual_m, axis=0)
-
-    @property
-    def fraunhofer_m(self) -> float:
-        """Range from which wavefronts are plane within an eighth of a wavelength: 2 D^2 / wavelength."""
-        widest = max(float(np.linalg.norm(np.ptp(e, axis=0))) for e in (self.transmitter_m, self.receiver_m))
-        return 2 * widest**2 / self.wavelength_m
 
     @cached_property
     def duplicates(self) -> Int[np.ndarray, " place"]:
@@ -142,9 +190,9 @@ class MimoArray:
         range_m: Float[np.ndarray, " n"],
     ) -> Float[np.ndarray, "n element"]:
         """Return the excess path lengths from scatterers to elements over those to the array's middle."""
-        along, bent = direction @ place_m.T, 1 / range_m[:, None]
-        square = np.sum(place_m**2, axis=1) - along**2
-        return -along + square * (bent / 2) * (1 + along * bent)
+        bent = 1 / range_m[:, None]
+        step = np.sum(place_m**2, axis=1) * bent - 2 * (direction @ place_m.T)
+        return step / (1 + np.sqrt(1 + bent * step))
 
     def steering(
         self,
@@ -183,19 +231,6 @@ class MimoArray:
         sent = sent * np.exp(2 * turn * np.outer(range_rate_mps, self.chirp_in_block_s))
         return sent, np.exp(turn * self.steps_m(self.receiver_m, direction, away_m))
 
-    def factor(
-        self, direction: Float[np.ndarray, "n 3"], toward: Float[np.ndarray, "3"] | None = None
-    ) -> Complex[np.ndarray, " n"]:
-        """Return the array factor of the virtual array, one toward the direction it is steered to (boresight).
-
-        It is that of separated transmitters, without motion.
-        """
-        axis = np.array([1.0, 0.0, 0.0]) if toward is None else toward
-        phase = (direction - axis) @ self.virtual_m.T
-        turned = np.exp(-2j * np.pi / self.wavelength_m * phase)
-        factor: Complex[np.ndarray, " n"] = turned.mean(axis=1)
-        return factor
-
 
 def code_of(multiplexing: str, transmitters: int) -> Complex[np.ndarray, "code tx"]:
     """Return the factors of transmitters that are told apart by time ("tdm"), Doppler ("ddm") or phase ("bpm").
@@ -232,3 +267,20 @@ def receiver_mixing(
     coupled = coupling * 0.5 / apart * np.exp(-2j * np.pi * np.where(np.isfinite(apart), apart, 0.0))
     mixing: Complex[np.ndarray, "rx rx"] = error[:, None] * (np.eye(len(place_m)) + coupled)
     return mixing
+
+
+def difference_pattern(cut: Cut, axis: int) -> DifferencePattern:
+    """Return the difference of the halves of a separable antenna's aperture over their sum, along one cut."""
+    count = len(cut.voltage)
+    size = scipy.fft.next_fast_len(PADDED * count)
+    spectrum = scipy.fft.fft(cut.voltage, size)
+    turn = -1j * np.sign(scipy.fft.fftfreq(size))
+    difference = scipy.fft.ifft(spectrum * turn).real[:count]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.nan_to_num(difference / cut.voltage, nan=0.0, posinf=LARGEST_RATIO, neginf=-LARGEST_RATIO)
+    return DifferencePattern(
+        axis=axis,
+        cosine=cut.cosine,
+        ratio=np.clip(ratio, -LARGEST_RATIO, LARGEST_RATIO),
+        lobe=lobe_samples(cut, UNAMBIGUOUS),
+    )

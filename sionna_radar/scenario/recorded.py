@@ -18,12 +18,13 @@ from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable
-from sionna_radar.scenario.receiver import ReceiverTable
+from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 # Adjustable tables of any recording; additional ones of a recording without a scenario.
-OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver", "radar.conjugate")
+OPEN = ("processing", "dem")
+OPEN_BESIDES = ("radar.antenna", "radar.receiver", "radar.array", "radar.conjugate")
 SLOWEST_WAVE_MPS = 1e6
 
 
@@ -40,6 +41,8 @@ class RecordedRadar(Table):
     """"triangular" for an up- and a down-sweep in each pulse."""
     propagation_mps: Annotated[Real, Field(ge=SLOWEST_WAVE_MPS, le=speed_of_light)] = speed_of_light
     """speed of the wave, c / sqrt(permittivity) in a medium such as ice."""
+    chirp_period_s: Positive | None = None
+    """from chirp to chirp within the frames of an array."""
     transmit_power_w: Positive | None = None
     """of a simulated radar."""
     noise_power_w: NonNegative | None = None
@@ -62,6 +65,8 @@ class RecordedReception(Table):
     receiver: ReceiverTable = ReceiverTable()
     """its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
     samples."""
+    array: ArrayTable | None = None
+    """its transmitters and receivers; a pulse is then a frame of all their chirps."""
     conjugate: bool = False
     """whether the Q samples have the other sign, so that echoes have negative beats."""
 

@@ -2,18 +2,18 @@
 
 Scatterers stand still between the chirps, or move along their rays; the radar moves. So the ways of each chirp follow
 from the places of the scatterers and from the radar's true pose at that chirp, and those of each element from its
-place: that of a transmitter exactly, that of a receiver to third order in its distance from the array's middle over the
-range (an error of 1e-7 m at 0.1 m and 10 m; see `radar.mimo_array`).
+place, exactly.
 
 The sum of the exponentials of a chirp is that of `beat_sum`. What differs between the receivers of a chirp is each
 path's phase, and by little its frequency: a way longer by d moves an exponential by x = S d / c, a small part of a
-point of the grid. Both kinds of spreading share one set of powers of x,
+point of the grid. All share one set of powers of x,
 
     w(t - x) = w - x w' + x^2 w'' / 2 - x^3 w''' / 6,
 
 as many as the widest x asks for, so that a receiver costs a few multiplications a path and not another search and
-evaluation; and transmitters that send at once are summed for all receivers. A sweep's own drift in frequency by motion
-(the bend of `beat_sum`) is that of the power-weighted mean of its paths.
+evaluation. Transmitters that send at once are summed for all receivers: x is the sum of a transmitter's and a
+receiver's part, and its powers are sums of products of both. A sweep's own drift in frequency by motion (the bend of
+`beat_sum`) is that of the power-weighted mean of its paths.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from sionna_radar.foundation.threads import cores, over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.signal.beat import sampled_band_hz
-from sionna_radar.signal.beat_sum import OVERSAMPLING, PIECES, WIDTH, sample_correction, spreading_pieces
+from sionna_radar.signal.beat_sum import OVERSAMPLING, PIECES, WIDTH, sample_correction, spreading_pieces, weigh
 from sionna_radar.tracing.paths import Paths
 
 # Largest error of the spreading function, relative to its peak; its n-th derivative is about one a point each.
@@ -108,16 +108,15 @@ def array_beats(
     for first in range(0, count, at_once):
         rows = slice(first, min(first + at_once, count))
         some = rows.stop - rows.start
-        grid, drift = np.zeros((some, points + WIDTH, 2 * lanes)), np.zeros((some, 2))
+        grid, bend = np.zeros((some, points + WIDTH, 2 * lanes)), np.zeros(some)
         poses = chirps.position_m[rows], chirps.velocity_mps[rows], tx_m[rows], rx_m[rows], time_s[rows], code[rows]
-        over_rows(partial(_spread_chirps, table, poses, (*sweep, *sampled), pieces, order, grid, drift), some)
+        over_rows(partial(_spread_chirps, table, poses, (*sweep, *sampled), pieces, order, grid, bend), some)
         folded = grid[:, half : half + points]
         folded[:, points - half :] += grid[:, :half]  # the frequency axis is periodic
         folded[:, :half] += grid[:, points + half :]
         folded = folded[..., :receivers] + 1j * folded[..., lanes : lanes + receivers]
         transform = ifft(folded, axis=1, overwrite_x=True, norm="forward", workers=cores())
-        bend = drift[:, 0] / np.maximum(drift[:, 1], 1e-300) / chirp.sampling_rate_hz**2
-        turn = correction * np.exp(2j * np.pi * np.outer(bend, n.astype(float) ** 2))
+        turn = correction * np.exp(2j * np.pi * np.outer(bend / chirp.sampling_rate_hz**2, n.astype(float) ** 2))
         beats[rows] = transform[:, n].transpose(0, 2, 1) * turn[:, None]
     if array.mixing is not None:
         beats = np.einsum("kl,mls->mks", array.mixing, beats)
@@ -136,181 +135,110 @@ def _order(shift_points: float) -> int:
 
 @compiled
 @no_type_check
-def _spread_chirps(table, poses, sweep, pieces, order, grid, drift, begin, end):
-    """Spread the paths of some chirps onto the grids of all receivers."""
-    code, tx = poses[5], poses[2]
-    paths = len(table[0])
-    # Of each path: direction over the distance and over c, frequency, turns, turns per second of way, amplitude.
-    columns = np.empty((9, paths))
-    middle = np.zeros(3)
+def _spread_chirps(table, poses, sweep, pieces, order, grid, bend, begin, end):
+    """Spread the paths of some chirps onto the grids of all receivers, and write the bend of each chirp."""
+    gain, (tx, rx, code) = table[3], (poses[2], poses[3], poses[5])
+    paths = len(gain)
+    first, last = np.zeros(1, dtype=np.int64), np.full(1, paths)
+    ray, columns = np.empty((6, paths)), (np.empty(paths), np.empty(paths, dtype=np.complex128), np.empty(paths))
     for row in range(begin, end):
-        sending, last = 0, 0
-        for i in range(tx.shape[1]):
-            if code[row, i].real != 0.0 or code[row, i].imag != 0.0:
-                sending, last = sending + 1, i
-        if sending == 1:
-            _weigh(row, tx[row, last], code[row, last], table, poses, sweep, columns, drift)
-            _spread(poses[3][row], sweep, columns, pieces, order, grid[row])
-        elif sending > 1:
-            _weigh(row, middle, code[row, last] / code[row, last], table, poses, sweep, columns, drift)
-            _spread_together(tx[row], code[row], poses[3][row], sweep, columns, pieces, grid[row])
+        sent = np.flatnonzero(code[row])
+        if len(sent) == 0:
+            continue
+        # One sender is where ways begin; several are seen from the array's middle.
+        alone = len(sent) == 1
+        sender = tx[row, sent[0]] if alone else np.zeros(3)
+        beside = np.zeros((1, 3)) if alone else tx[row][sent]
+        _ways(row, sender, table, poses, sweep[-1], ray)
+        drift = (bend[row : row + 1], np.empty(1), np.empty(1))
+        weigh(0, 1, first, last, ray[4], ray[5], gain, sweep, columns + drift)
+        _spread(
+            beside, code[row][sent], rx[row], sweep, ray, columns, pieces, order if alone else HIGHEST_ORDER, grid[row]
+        )
 
 
 @compiled
 @no_type_check
-def _weigh(row, sender, factor, table, poses, sweep, columns, drift):
-    """Write the columns of all paths of a chirp from a transmitter at a place."""
-    place, beyond, drifting, gain = table
-    position, velocity, time_s = poses[0], poses[1], poses[4]
-    carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
+def _ways(row, sender, table, poses, c, ray):
+    """Write each path's direction, inverse distance, delay from a sender to the array's middle, and range rate."""
+    place, beyond, drifting = table[0], table[1], table[2]
+    position, velocity, later_s = poses[0], poses[1], poses[4][row]
     px, py, pz = position[row, 0], position[row, 1], position[row, 2]
     vx, vy, vz = velocity[row, 0], velocity[row, 1], velocity[row, 2]
     ex, ey, ez = sender[0], sender[1], sender[2]
-    later_s = time_s[row]
     # No dependence on the previous path, so that the loop vectorises.
     for p in range(len(place)):
         x, y, z = place[p, 0] - px, place[p, 1] - py, place[p, 2] - pz
         distance = np.sqrt(x * x + y * y + z * z)
+        fx, fy, fz = x - ex, y - ey, z - ez
+        way = distance + 2.0 * (beyond[p] + drifting[p] * later_s) + np.sqrt(fx * fx + fy * fy + fz * fz)
         inverse = 1.0 / distance
         x, y, z = x * inverse, y * inverse, z * inverse
-        stretch = 2.0 * (drifting[p] - (x * vx + y * vy + z * vz)) / c
-        fx, fy, fz = x * distance - ex, y * distance - ey, z * distance - ez
-        way = distance + 2.0 * (beyond[p] + drifting[p] * later_s) + np.sqrt(fx * fx + fy * fy + fz * fz)
-        delay = way / c + centre_s * stretch
-        f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
-        passes = 1.0 if f >= least_hz and f < most_hz else 0.0
-        a, b = passes * gain[p].real, -sign * passes * gain[p].imag
-        columns[0, p], columns[1, p], columns[2, p], columns[3, p] = x, y, z, inverse
-        columns[4, p] = f / rate_hz
-        columns[5, p] = sign * (carrier * delay - slope * delay * delay / 2.0)
-        columns[6, p] = sign * (carrier - slope * delay)
-        columns[7, p] = a * factor.real - b * factor.imag
-        columns[8, p] = a * factor.imag + b * factor.real
-    for p in range(len(place)):
-        x, y, z = columns[0, p], columns[1, p], columns[2, p]
-        stretch = 2.0 * (drifting[p] - (x * vx + y * vy + z * vz)) / c
-        size = columns[7, p] ** 2 + columns[8, p] ** 2
-        drift[row, 0] += size * sign * (slope * stretch - slope * stretch * stretch / 2.0)
-        drift[row, 1] += size
+        ray[0, p], ray[1, p], ray[2, p], ray[3, p] = x, y, z, inverse
+        ray[4, p], ray[5, p] = way / c, drifting[p] - (x * vx + y * vy + z * vz)
 
 
 @compiled
 @no_type_check
-def _spread(rx, sweep, columns, pieces, order, grid):
-    """Spread weighed paths onto the grids of the receivers at places `rx` of one chirp."""
-    slope, sign, rate_hz, c = sweep[1], sweep[2], sweep[6], sweep[7]
+def _spread(tx, code, rx, sweep, ray, columns, pieces, order, grid):
+    """Spread the weighed paths of a chirp onto the grids of its receivers, summed over the transmitters beside it."""
+    carrier, slope, sign, rate_hz, c = sweep[0], sweep[1], sweep[2], sweep[6], sweep[7]
+    frequency, weight = columns[0], columns[1]
     receivers, points = len(rx), len(grid) - WIDTH
     # Real parts of all receivers, then imaginary ones: one loop over both.
     numbers = 2 * receivers
-    wave, shift, along = np.empty(numbers), np.empty(numbers), np.empty(receivers)
-    ex, ey, ez, square = np.empty(receivers), np.empty(receivers), np.empty(receivers), np.empty(receivers)
-    for k in range(receivers):
-        ex[k], ey[k], ez[k] = rx[k, 0], rx[k, 1], rx[k, 2]
-        square[k] = ex[k] * ex[k] + ey[k] * ey[k] + ez[k] * ez[k]
-    per_second, per_metre = sign * slope / rate_hz * points, 1.0 / c
-    for p in range(columns.shape[1]):
-        zr, zi = columns[7, p], columns[8, p]
-        if zr == 0.0 and zi == 0.0:
+    waves, moments, place = np.empty((4, numbers)), np.empty((2, 4)), np.ascontiguousarray(rx.T)
+    per_metre = sign * slope / rate_hz * points / c
+    for p in range(len(weight)):
+        if weight[p] == 0.0:
             continue
-        x, y, z, inverse = columns[0, p], columns[1, p], columns[2, p], columns[3, p]
-        turns, per_way, half = columns[5, p], columns[6, p], 0.5 * inverse
+        x, y, z, inverse = ray[0, p], ray[1, p], ray[2, p], ray[3, p]
+        turns = sign * (carrier - slope * ray[4, p]) / c
+        moments[:] = 0.0
+        if len(tx) == 1:  # where the ways begin
+            moments[0, 0], moments[1, 0] = (weight[p] * code[0]).real, (weight[p] * code[0]).imag
+        for i in range(len(tx) if len(tx) > 1 else 0):
+            ex, ey, ez = tx[i, 0], tx[i, 1], tx[i, 2]
+            step = (ex * ex + ey * ey + ez * ez) * inverse - 2.0 * (x * ex + y * ey + z * ez)
+            later = step / (1.0 + np.sqrt(1.0 + inverse * step))
+            cosine, sine = turned(turns * later)
+            term = weight[p] * code[i] * complex(cosine, sine)
+            for q in range(4):
+                moments[0, q] += term.real
+                moments[1, q] += term.imag
+                term *= per_metre * later
+        r0, r1, r2, r3 = moments[0, 0], moments[0, 1], moments[0, 2], moments[0, 3]
+        i0, i1, i2, i3 = moments[1, 0], moments[1, 1], moments[1, 2], moments[1, 3]
         for k in range(receivers):
-            a = x * ex[k] + y * ey[k] + z * ez[k]
-            along[k] = per_metre * ((square[k] - a * a) * half * (1.0 + a * inverse) - a)
-        for k in range(receivers):
-            cosine, sine = turned(turns + per_way * along[k])
-            wave[k] = zr * cosine - zi * sine
-            wave[receivers + k] = zr * sine + zi * cosine
-            shift[k] = shift[receivers + k] = per_second * along[k]
-        u = columns[4, p]
-        at = (u - np.floor(u)) * points
-        first = np.ceil(at)
-        t = (first - at) * PIECES
+            ex, ey, ez = place[0, k], place[1, k], place[2, k]
+            step = (ex * ex + ey * ey + ez * ez) * inverse - 2.0 * (x * ex + y * ey + z * ez)
+            later = step / (1.0 + np.sqrt(1.0 + inverse * step))
+            cosine, sine = turned(turns * later)
+            d = per_metre * later
+            # Moments of the sums of both shifts.
+            s1, t1 = r1 + d * r0, i1 + d * i0
+            s2, t2 = r2 + d * (2.0 * r1 + d * r0), i2 + d * (2.0 * i1 + d * i0)
+            s3, t3 = r3 + d * (3.0 * r2 + d * (3.0 * r1 + d * r0)), i3 + d * (3.0 * i2 + d * (3.0 * i1 + d * i0))
+            waves[0, k], waves[0, receivers + k] = cosine * r0 - sine * i0, cosine * i0 + sine * r0
+            waves[1, k], waves[1, receivers + k] = cosine * s1 - sine * t1, cosine * t1 + sine * s1
+            waves[2, k], waves[2, receivers + k] = cosine * s2 - sine * t2, cosine * t2 + sine * s2
+            waves[3, k], waves[3, receivers + k] = cosine * s3 - sine * t3, cosine * t3 + sine * s3
+        at = (frequency[p] - np.floor(frequency[p])) * points
+        begin = np.ceil(at)
+        t = (begin - at) * PIECES
         piece = min(int(t), PIECES - 1)
         t -= piece
-        index = min(int(first), points)
+        index = min(int(begin), points)
         for j in range(WIDTH):
-            c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
-            c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
+            c0, c1, c2, c3 = pieces[piece, 0, j], pieces[piece, 1, j], pieces[piece, 2, j], pieces[piece, 3, j]
             w = ((c3 * t + c2) * t + c1) * t + c0
             w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
             out = grid[index + j]
             if order < 2:
                 for k in range(numbers):
-                    out[k] += wave[k] * (w1 * shift[k] + w)
+                    out[k] += w * waves[0, k] + w1 * waves[1, k]
                 continue
             w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
             w3 = -PIECES * PIECES * PIECES * c3
-            for k in range(numbers):
-                out[k] += wave[k] * (((w3 * shift[k] + w2) * shift[k] + w1) * shift[k] + w)
-
-
-@compiled
-@no_type_check
-def _spread_together(tx, code, rx, sweep, columns, pieces, grid):
-    """Spread weighed paths from the array's middle onto the grids, with the sum of all transmitters of one chirp.
-
-    A shift of the spreading function is the sum of a transmitter's and a receiver's; powers of it are sums of products
-    of both, so that the transmitters add up once for all receivers.
-    """
-    slope, sign, rate_hz, c = sweep[1], sweep[2], sweep[6], sweep[7]
-    receivers, points = len(rx), len(grid) - WIDTH
-    numbers = 2 * receivers
-    waves, moments = np.empty((4, numbers)), np.empty((2, 4))
-    per_second, per_metre = sign * slope / rate_hz * points, 1.0 / c
-    for p in range(columns.shape[1]):
-        zr, zi = columns[7, p], columns[8, p]
-        if zr == 0.0 and zi == 0.0:
-            continue
-        x, y, z, inverse = columns[0, p], columns[1, p], columns[2, p], columns[3, p]
-        turns, per_way, half = columns[5, p], columns[6, p], 0.5 * inverse
-        for q in range(4):
-            moments[0, q] = moments[1, q] = 0.0
-        for i in range(len(tx)):
-            a = x * tx[i, 0] + y * tx[i, 1] + z * tx[i, 2]
-            square = tx[i, 0] * tx[i, 0] + tx[i, 1] * tx[i, 1] + tx[i, 2] * tx[i, 2]
-            along = per_metre * ((square - a * a) * half * (1.0 + a * inverse) - a)
-            cosine, sine = turned(per_way * along)
-            re = code[i].real * cosine - code[i].imag * sine
-            im = code[i].real * sine + code[i].imag * cosine
-            for q in range(4):
-                moments[0, q] += re
-                moments[1, q] += im
-                re *= per_second * along
-                im *= per_second * along
-        for k in range(receivers):
-            a = x * rx[k, 0] + y * rx[k, 1] + z * rx[k, 2]
-            square = rx[k, 0] * rx[k, 0] + rx[k, 1] * rx[k, 1] + rx[k, 2] * rx[k, 2]
-            along = per_metre * ((square - a * a) * half * (1.0 + a * inverse) - a)
-            cosine, sine = turned(turns + per_way * along)
-            wr, wi = zr * cosine - zi * sine, zr * sine + zi * cosine
-            d = per_second * along
-            for q in range(4):
-                re, im = moments[0, q], moments[1, q]
-                if q == 1:
-                    re, im = re + d * moments[0, 0], im + d * moments[1, 0]
-                elif q == 2:
-                    re += d * (2.0 * moments[0, 1] + d * moments[0, 0])
-                    im += d * (2.0 * moments[1, 1] + d * moments[1, 0])
-                elif q == 3:
-                    re += d * (3.0 * moments[0, 2] + d * (3.0 * moments[0, 1] + d * moments[0, 0]))
-                    im += d * (3.0 * moments[1, 2] + d * (3.0 * moments[1, 1] + d * moments[1, 0]))
-                waves[q, k] = wr * re - wi * im
-                waves[q, receivers + k] = wr * im + wi * re
-        u = columns[4, p]
-        at = (u - np.floor(u)) * points
-        first = np.ceil(at)
-        t = (first - at) * PIECES
-        piece = min(int(t), PIECES - 1)
-        t -= piece
-        index = min(int(first), points)
-        for j in range(WIDTH):
-            c0, c1 = pieces[piece, 0, j], pieces[piece, 1, j]
-            c2, c3 = pieces[piece, 2, j], pieces[piece, 3, j]
-            w = ((c3 * t + c2) * t + c1) * t + c0
-            w1 = -PIECES * ((3.0 * c3 * t + 2.0 * c2) * t + c1)
-            w2 = PIECES * PIECES * (3.0 * c3 * t + c2)
-            w3 = -PIECES * PIECES * PIECES * c3
-            out = grid[index + j]
             for k in range(numbers):
                 out[k] += w * waves[0, k] + w1 * waves[1, k] + w2 * waves[2, k] + w3 * waves[3, k]

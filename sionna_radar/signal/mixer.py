@@ -8,8 +8,8 @@ its size, in the middle of a step, and slower ones by less. Where e(t) - e(t - t
 step, at most STEP_RAD^3 / 12 of it is wrong.
 
 Leakage from the transmitter follows paths of a fixed delay, the same in every sweep. They pass the mixer like any echo:
-the phase noise of the oscillator mostly cancels at their short delay. `side_paths` gives the paths to a receiver beside
-the first.
+the phase noise of the oscillator mostly cancels at their short delay. `receiver_paths` gives the paths to a
+receiver beside the first.
 
 Waves of other radars in our receiver: bursts where their sweeps cross ours.
 
@@ -31,7 +31,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.second_receiver import SideReceiver
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.signal.beat import SampleGrid, analytic_beats
 from sionna_radar.signal.oscillator import Oscillator, PhaseWaves
 from sionna_radar.signal.stages import Received
@@ -272,20 +272,23 @@ class Leakage:
         )
 
 
-def side_paths(paths: Paths, pulses: Pulses, receiver: SideReceiver) -> Paths:
-    """Return the paths of a block of pulses to a second receiver, from the true pose.
+def receiver_paths(paths: Paths, pulses: Pulses, array: MimoArray, receiver: int) -> Paths:
+    """Return the paths of a block of pulses to one receiver of an array with its transmitter at the first, true pose.
 
-    The return path to a phase centre a baseline away is longer or shorter, by exact distances; the difference of the
-    antenna's halves weights each path by its direction.
+    The way back is longer or shorter, by exact distances; a difference pattern weighs each path by its direction.
     """
-    row = pulses.row_of(paths.pulse)
-    pose = pulses.true
-    offset_m = paths.hit_m - pose.position_m[row]
-    range_m = np.linalg.norm(offset_m, axis=1)
-    R_world_antenna = pose.R_world_antenna[row]
-    direction = np.einsum("nij,ni->nj", R_world_antenna, offset_m / range_m[:, None])
-    delay_s = paths.delay_s
-    if receiver.true_baseline_m:
-        to_side_m = np.linalg.norm(offset_m - receiver.true_baseline_m * R_world_antenna[:, :, receiver.axis], axis=1)
-        delay_s = delay_s + (to_side_m - range_m) / speed_of_light
-    return replace(paths, delay_s=delay_s, gain=paths.gain * receiver.factor(direction))
+    row, pose = pulses.row_of(paths.pulse), pulses.true
+    away_m = np.einsum("nij,ni->nj", pose.R_world_antenna[row], paths.hit_m - pose.position_m[row])
+    range_m = np.linalg.norm(away_m, axis=1)
+    place_m = (array.receiver_m if array.true_receiver_m is None else array.true_receiver_m)[receiver]
+    direction = away_m / range_m[:, None]
+    later_s = array.steps_m(place_m[None], direction, range_m)[:, 0] / speed_of_light
+    gain = paths.gain
+    if array.mixing is not None:
+        error = array.mixing[receiver, receiver]
+        # The beats of an up-sweep have the conjugate of a path's gain.
+        gain = gain * (error.conj() if array.direction > 0 else error)
+    if array.difference and receiver > 0:
+        pattern = array.difference[receiver - 1]
+        gain = gain * pattern.at(direction[:, pattern.axis])
+    return replace(paths, delay_s=paths.delay_s + later_s, gain=gain)

@@ -298,8 +298,8 @@ def _heard(source: RecordingSource) -> _Heard:
         message = "is what is estimated here; leave it out"
         raise ScenarioError([Problem("processing.calibration", message)], str(source.path))
     readings = isinstance(source.file, DescribedRanges)
-    if len(source.sweeps) > 1 or (not readings and source.settings.processing.angle != "off"):
-        message = "a recording of pairs of sweeps has no whole echoes; give one of single sweeps"
+    if len(source.sweeps) > 1 or source.angle is not None:
+        message = "a recording of pairs of sweeps or of an array has no whole echoes; give one of single sweeps"
         raise ScenarioError([Problem("radar.sweep", message)], str(source.path))
     wanted = source if readings else replace(source, settings=_with_profiles(source.settings))
     sensor, observed = observe(wanted, Execution())

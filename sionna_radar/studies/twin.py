@@ -178,6 +178,9 @@ def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | Non
     if not flight.located:
         message = f"{source.path}: has no poses, which a twin flies; add measured positions, velocities and rotations"
         raise InputFileError(message)
+    if source.angle is not None:
+        message = f"{source.path}: holds signals of an array; a twin compares those of one receiver"
+        raise InputFileError(message)
     if terrain is not None:
         scenario = over_file(scenario, terrain)
     ours, frame = file.georeference, map_frame(scenario.terrain)

@@ -16,7 +16,6 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.build import (
     build_angle_estimator,
-    build_array_estimator,
     build_detector,
     build_expected_ground,
 )
@@ -37,7 +36,7 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_array, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_chirp, build_receivers, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.radar.mimo_array import MimoArray
@@ -91,7 +90,7 @@ class Prepared:
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
-    ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
+    ground_extent_m: west, south, east and north of the ground that the beam's axis meets, or an array sees.
     warnings: what was said while it was prepared, such as of repaired meshes.
 
     Examples
@@ -115,8 +114,7 @@ class Prepared:
     ground_extent_m: Extent
     custom: CustomParts = field(default_factory=CustomParts)
     beams: tuple[Antenna, ...] = ()
-    angle: AngleEstimator | None = None
-    array: ArrayEstimator | None = None
+    angle: AngleEstimator | ArrayEstimator | None = None
     module: MimoArray | None = None
     bursts: Bursts | None = None
     warnings: tuple[str, ...] = ()
@@ -183,7 +181,6 @@ class Prepared:
             weather=self.local.weather,
             lidar=self.local.lidar,
             angle=self.angle,
-            array=self.array,
             module=self.module,
             bursts=self.bursts,
             custom_engine=self.custom.engine,
@@ -345,10 +342,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
         mapper=mapper,
         custom=custom,
         angle=processing.angle,
-        array=processing.array,
         module=radar.module,
         bursts=flight.bursts,
-        ground_extent_m=flight.hits.extent_m,
+        ground_extent_m=_mapped_extent_m(local, flight),
     )
 
 
@@ -381,11 +377,19 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
         antenna=antenna,
         beams=beams_of(antenna, scan),
         high_pass=build_high_pass(local.radar.receiver),
-        module=build_array(local.radar, local.seed) if local.sensor == "mimo" else None,
+        module=_module(local, antenna),
     )
     check_vegetation(local, antenna)
     check_rotors(local, radar.chirp)
     return radar
+
+
+def _module(local: Scenario, antenna: Antenna) -> MimoArray | None:
+    """Return the array of the radar, with its true errors; None for a radar whose first receiver alone is used."""
+    if local.sensor == "mimo":
+        assert local.radar.array is not None  # the scenario's own check
+        return build_array(local.radar.array, build_chirp(local.radar), 1 / local.radar.chirp_rate_hz, local.seed)
+    return None if local.processing.angle == "off" else build_receivers(local.radar, antenna)
 
 
 def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
@@ -398,8 +402,7 @@ def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
 @dataclass(frozen=True, kw_only=True)
 class _Processing:
     detector: Detector
-    angle: AngleEstimator | None
-    array: ArrayEstimator | None
+    angle: AngleEstimator | ArrayEstimator | None
 
 
 def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
@@ -418,9 +421,9 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     )
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
-    angle = build_angle_estimator(local.radar, local.processing, detector, radar.antenna)
-    array = build_array_estimator(local.radar.array, local.processing, detector, radar.module)
-    return _Processing(detector=detector, angle=angle, array=array)
+    frames = local.radar.array if local.sensor == "mimo" else None
+    angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module, frames)
+    return _Processing(detector=detector, angle=angle)
 
 
 def _world(local: Scenario, window_m: Extent, custom: CustomParts, shared: World) -> BuiltScene:
@@ -451,7 +454,7 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
         schedule: PulseSchedule = custom.flight.schedule(flown, radar.scan, place.origin_m[2] if place else 0.0)
     else:
         schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
-    if radar.module is None:
+    if radar.module is None or local.sensor != "mimo":
         bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
     else:
         bursts = Bursts(schedule=schedule, chirps=radar.module.chirps, period_s=radar.module.period_s)
@@ -531,7 +534,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
 
 def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    rate_hz = _pulse_rate_hz(scenario) / (1 + scenario.radar.stagger / 2) / scenario.processing.average.chirps
+    rate_hz = pulse_rate_hz(scenario) / (1 + scenario.radar.stagger / 2) / scenario.processing.average.chirps
     spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
@@ -553,14 +556,14 @@ def _reference_echo(
     )
 
 
-def _pulse_rate_hz(scenario: Scenario) -> float:
+def pulse_rate_hz(scenario: Scenario) -> float:
     """Return the pulses a second without pauses: chirps, or the frames of an array."""
     array = scenario.radar.array
     return scenario.radar.chirp_rate_hz if array is None or scenario.sensor != "mimo" else array.frame_rate_hz
 
 
 def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None) -> PulseSchedule:
-    rate_hz, errors = _pulse_rate_hz(scenario), scenario.platform.navigation
+    rate_hz, errors = pulse_rate_hz(scenario), scenario.platform.navigation
     return schedule_pulses(
         trajectory,
         scan,

@@ -18,7 +18,9 @@ from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.truth import Comparison, compare_dem
-from sionna_radar.detection.build import build_detector, build_expected_ground
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -35,7 +37,7 @@ from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_m
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.build import build_antenna, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
@@ -162,6 +164,7 @@ class RecordingSource:
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
+    angle: AngleEstimator | ArrayEstimator | None = None
     bursts: None = None
     activity: str = "detecting"
 
@@ -218,7 +221,11 @@ class RecordingSource:
         return self.flight.pulses(index).measured
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
+        """Return the beat signals of each sweep of pulses, of an array those of one chirp and receiver."""
+        return [beat.reshape(len(beat), -1, beat.shape[-1])[:, 0] for beat in self.signals(pulses)]
+
+    def signals(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
+        """Return all beat signals of pulses, echoes at positive frequencies."""
         assert not isinstance(self.file, DescribedRanges), "readings have no signals"
         beats = self.file.beats(pulses)
         return [beat.conj() for beat in beats] if self.conjugate else beats
@@ -246,7 +253,7 @@ class RecordingSource:
             dem,
             dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
-            None if isinstance(self.file, DescribedRanges) else self.antenna,
+            None if isinstance(self.file, DescribedRanges) or isinstance(self.angle, ArrayEstimator) else self.antenna,
             self.detector.analyser,
             self.settings.processing.doppler_correction,
             self.parts.dem_method,
@@ -266,7 +273,7 @@ class RecordedSensor:
     """Detects the echoes in recorded beat signals."""
 
     def __init__(self, source: RecordingSource, expected_ground: ExpectedGround | None) -> None:
-        self._beats, self._errors = source.beats, source.errors
+        self._source, self._errors, self._expected = source, source.errors, expected_ground
         self.sweeps = SweepDetector(
             detector=source.detector,
             sweeps=source.sweeps,
@@ -278,7 +285,16 @@ class RecordedSensor:
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
         with timed("read"):
-            beats = self._beats(pulses)
+            angle = self._source.angle
+            beats = self._source.beats(pulses) if angle is None else self._source.signals(pulses)
+        if angle is not None:
+            with timed("detect"):
+                echoes = (
+                    angle.find_all(beats[0], pulses, self._expected)
+                    if isinstance(angle, ArrayEstimator)
+                    else self.sweeps.directions(angle, list(np.moveaxis(beats[0][:, 0], 1, 0)), pulses)
+                )
+            return Observation(paths=Paths.none(), echoes=echoes)
         with timed("detect"):
             seen = self.sweeps.detect(beats, pulses)
         return Observation(
@@ -365,9 +381,6 @@ def _source(
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
     refuse_average(processing, "a recording")
-    if processing.angle != "off":
-        message = f"{processing.angle!r} needs all receivers, and a recording has the first one's signals; set 'off'"
-        raise ScenarioError([Problem("processing.angle", message)], source)
     if not file.pulses.located:
         # Rain and ground are distinguished by the geometry of the beam.
         processing = processing.model_copy(update={"volume_clutter": "off"})
@@ -382,6 +395,14 @@ def _source(
         message = "needs range profiles, which readings do not have; set dem.method = 'smooth'"
         raise ScenarioError([Problem("dem.method", message)], source)
     high_pass = build_high_pass(settings.radar.receiver)
+    detector = build_detector(
+        processing,
+        sweeps[0],
+        antenna,
+        high_pass,
+        parts.range_estimator,
+        transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
+    )
     return RecordingSource(
         path=path,
         overrides=overrides,
@@ -390,15 +411,41 @@ def _source(
         settings=settings,
         sweeps=sweeps,
         antenna=antenna,
-        detector=build_detector(
-            processing,
-            sweeps[0],
-            antenna,
-            high_pass,
-            parts.range_estimator,
-            transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
-        ),
+        detector=detector,
+        angle=_angle_estimator(file, settings, detector, antenna, source),
     )
+
+
+def _angle_estimator(
+    file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, antenna: Antenna, source: str
+) -> AngleEstimator | ArrayEstimator | None:
+    """Return the estimator of points from several receivers; None for a recording of one, or where one is used.
+
+    Raises ScenarioError for an array that is not that of the recorded frames.
+    """
+    channels = () if isinstance(file, DescribedRanges) else file.channels
+    if settings.processing.angle != "off":
+        array = build_receivers(settings.radar, antenna) if isinstance(settings, Scenario) else None
+        if array is None or channels != (1, len(array.receiver_m)):
+            message = f"{settings.processing.angle!r} needs all receivers, which the recording does not have; set 'off'"
+            raise ScenarioError([Problem("processing.angle", message)], source)
+        return build_angle_estimator(settings.processing, detector, antenna, array)
+    table, chirp = settings.radar.array, detector.analyser.chirp
+    if isinstance(file, DescribedRanges) or (table is None and channels[:1] in ((), (1,))):
+        return None
+    if table is None:
+        message = "missing; frames of several receivers need the places of their elements"
+        raise ScenarioError([Problem("radar.array", message)], source)
+    period_s = file.radar.chirp_period_s
+    if period_s is None:
+        raise ScenarioError([Problem("radar:chirp_period_s", "missing; frames of an array need it")], source)
+    array = build_array(table, chirp, period_s, 0)
+    if channels != (array.chirps, len(array.receiver_m)):
+        recorded = "frames of {} chirps of {} receivers".format(*channels) if channels else "single chirps"
+        recorded += "; change it, or give it in the description of the samples"
+        message = f"has {array.chirps} chirps in a frame and {len(array.receiver_m)} receivers; recorded are {recorded}"
+        raise ScenarioError([Problem("radar.array", message)], source)
+    return build_angle_estimator(settings.processing, detector, antenna, array, table)
 
 
 def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
@@ -152,17 +153,17 @@ def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
     return (f"dem.method = {method!r} models every beam of the scan as the narrower broadside beam; 'linear' does not",)
 
 
-def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int) -> tuple[str, ...]:
+def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: Pose, points: int) -> tuple[str, ...]:
     """Return the warnings about range cells that are not across the axis of a single second receiver.
 
     sampled: measured poses of pulses spread over the survey; points: how many were found.
     """
-    if angle is None:
+    if not isinstance(angle, AngleEstimator):
         return ()
     warnings: tuple[str, ...] = ()
     row = isinstance(angle, RowEstimator)
-    if row or len({receiver.axis for receiver in angle.receivers}) == 1:
-        own = angle.receivers[-1].axis - 1
+    if row or len(set(angle.axes)) == 1:
+        own = angle.axes[-1]
         off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, own]), 0.0, 1.0))
         share = float(np.mean(off > STRIP_OFF_RAD))
         if share > STRIP_SHARE_WARNED:
@@ -327,16 +328,16 @@ def survey_warnings(
         louder=_louder(prepared),
     )
     echoes, sampled = len(observed.echoes), prepared.flight.sample(WARNED_PULSES).measured
-    if prepared.angle is not None and echoes == 0:
+    if isinstance(prepared.angle, AngleEstimator) and echoes == 0:
         warnings = prepared.flown.warnings  # what follows says more than that there is no echo
     warnings += direction_warnings(prepared.angle, sampled, echoes)
     local = prepared.local
     warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
     warnings += _burst_warnings(prepared)
-    if prepared.array is not None:
+    if isinstance(prepared.angle, ArrayEstimator):
         warnings += array_warnings(
-            prepared.array.array,
-            prepared.array.half_view_rad,
+            prepared.angle.array,
+            prepared.angle.half_view_rad,
             prepared.antenna.beamwidths_rad[1],
             prepared.flown.speed_mps,
             prepared.flown.altitude_m,

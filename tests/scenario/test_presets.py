@@ -49,7 +49,8 @@ def test_the_elements_of_modules_have_the_published_patterns_and_places():
     """Two-way 2 to 4 dB down at 30 deg and 12 to 16 at 60; virtual arrays of 8 and of 86 places across."""
     for name, across in (("ti_awr1843_array", 8), ("ti_awr2243_cascade", 86)):
         radar = RadarTable(preset=name)
-        antenna, array = build_antenna(radar.antenna), build_array(radar, 1)
+        antenna = build_antenna(radar.antenna)
+        array = build_array(radar.array, build_chirp(radar), 1 / radar.chirp_rate_hz, 1)
         angle = np.deg2rad([0.0, 30.0, 60.0])
         two_way = antenna.gain(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)])) ** 2
         assert -4 < 10 * np.log10(two_way[1] / two_way[0]) < -2

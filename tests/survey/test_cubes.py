@@ -1,16 +1,22 @@
 """Frames of an array as files: netCDF, and the raw layout of a capture card with its configuration."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from sionna_radar import load_scenario, prepare, run
-from sionna_radar.foundation.errors import OutputError, ScenarioError
-from sionna_radar.survey.recordings.capture_file import CubeRecorder, raw_counts, read_frames
-from sionna_radar.survey.recordings.described import capture_config
+from modules import CHIRP, line_of
+from sionna_radar import load_scenario, prepare, process, run
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import InputFileError, OutputError, ScenarioError
+from sionna_radar.signal.array_beats import FramePaths, array_beats
+from sionna_radar.studies.calibration import run_calibration
+from sionna_radar.studies.twin import run_twin
+from sionna_radar.survey.recordings.capture_file import capture_config, raw_counts, read_frames, receiver_samples
+from sionna_radar.survey.recordings.recorder import SignalRecorder
 
 FLIGHT = {
     "sensor": "mimo",
@@ -26,7 +32,7 @@ FLIGHT = {
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cubes")
-    surveys = [run(load_scenario("hills", FLIGHT), recordings={"cube": folder / name}) for name in ("a.bin", "a.nc")]
+    surveys = [run(load_scenario("hills", FLIGHT), recordings={"cube": folder / name}) for name in ("a.bin", "b.nc")]
     return folder, surveys[0]
 
 
@@ -76,14 +82,118 @@ def test_an_open_chain_finds_the_target(flown):
 
 def test_netcdf_holds_the_same_frames_and_the_array(flown):
     folder, survey = flown
-    with h5py.File(folder / "a.nc") as file:
-        beat = file["in_phase"][:] + 1j * file["quadrature"][:]
+    with h5py.File(folder / "b.nc") as file:
+        beat = file["beat_i"][:] + 1j * file["beat_q"][:]
         assert beat.shape == (2, 48, 4, 256)
         assert file["transmitter_place"][:] == pytest.approx(survey.prepared.module.transmitter_m)
         assert file["code_real"][:].tolist() == np.eye(3).tolist()
         assert file["measured_position"].shape == (2, 3)
     frames = read_frames(folder / "a.bin", folder / "a.cfg")
     assert abs(np.corrcoef(beat.ravel(), frames.ravel())[0, 1]) > 0.99
+
+
+def test_recorded_frames_make_the_same_points_and_map(flown):
+    """From netCDF bit for bit; from a capture as far as its counts, of a seventh of the noise, let them."""
+    folder, survey = flown
+    again = process(folder / "b.nc")
+    assert again.points.sha256() == survey.points.sha256()
+    np.testing.assert_array_equal(again.dem.height_m, survey.dem.height_m)
+    np.testing.assert_array_equal(again.comparison.truth.height_m, survey.truth.height_m)
+    rounded = process(folder / "a.bin")
+    apart = np.linalg.norm(rounded.points.position_m[:, None] - survey.points.position_m, axis=2).min(axis=1)
+    assert len(rounded.points) == pytest.approx(len(survey.points), rel=0.1)
+    stated = np.median(np.hypot(survey.points.range_sigma_m, survey.points.across_sigma_m))
+    assert 0 < np.median(apart) < 0.2 * stated
+
+
+def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path):
+    folder, survey = flown
+    some = process(folder / "b.nc", {"processing.min_range_m": 20.5})
+    assert len(some.points) > 0
+    assert some.points.range_m.min() > 20.0 > survey.points.range_m.min()
+    card = f'recording = {{ samples = "{folder}/a.bin", config = "{folder}/a.cfg" }}\n'
+    (tmp_path / "card.toml").write_text(card)
+    assert process(tmp_path / "card.toml").points is None
+    elements = {"transmitters_wavelengths": [[0, 0], [1, 0.5], [2, 0]], "receivers_wavelengths": [[0, 0], [0.5, 0]]}
+    for place, said in (("card.toml", "single chirps"), ("b.nc", "fixed by the recording")):
+        with pytest.raises(ScenarioError, match=said):
+            process((tmp_path if place == "card.toml" else folder) / place, {"radar.array": elements})
+    keys = "\n".join(f"{key} = {value}" for key, value in elements.items())
+    (tmp_path / "few.toml").write_text(f"{card}[radar.array]\n{keys}\nchirps = 16\n")
+    with pytest.raises(ScenarioError, match="frames of 48 chirps of 4 receivers; change it"):
+        process(tmp_path / "few.toml")
+
+
+def test_frames_are_neither_compared_nor_calibrated_as_single_echoes(flown):
+    folder, _ = flown
+    with pytest.raises(ScenarioError, match="'mimo' has no beat signals to compare"):
+        run_twin(folder / "b.nc")
+    with pytest.raises(ScenarioError, match="or of an array has no whole echoes"):
+        run_calibration([folder / "b.nc"])
+
+
+def test_a_capture_that_is_not_whole_is_refused(flown, tmp_path):
+    folder, _ = flown
+    for name in ("a.nc", "a.cfg"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    with pytest.raises(InputFileError, match=r"a\.bin"):
+        process(tmp_path / "a.bin")
+    (tmp_path / "a.bin").write_bytes((folder / "a.bin").read_bytes()[:-4])
+    with pytest.raises(InputFileError, match="get the whole file"):
+        process(tmp_path / "a.bin")
+    # A frame less is whole, and not all that was flown.
+    (tmp_path / "a.bin").write_bytes((folder / "a.bin").read_bytes()[: 48 * 4 * 256 * 4])
+    with pytest.raises(InputFileError, match=r"has the shape \(2,\), not \(1,\)"):
+        process(tmp_path / "a.bin")
+
+
+@pytest.mark.parametrize("lanes", [2, 4])
+@pytest.mark.parametrize("complex_samples", [True, False])
+def test_all_receivers_of_a_capture_are_those_of_each(lanes, complex_samples, flown):
+    folder, _ = flown
+    config = replace(capture_config(folder / "a.cfg"), receivers=3, samples=8, complex_samples=complex_samples)
+    raw = np.arange(2 * 5 * 3 * 8 * (2 if complex_samples else 1)).reshape(2, 5, -1)
+    every = receiver_samples(raw, config, lanes)
+    assert every.shape == (2, 5, 3, 8)
+    for receiver in range(3):
+        np.testing.assert_array_equal(every[:, :, receiver], receiver_samples(raw, config, lanes, receiver))
+    assert len(np.unique(every)) == every.size
+
+
+def test_frames_of_another_radar_give_directions_without_poses(tmp_path):
+    """Two targets of a still module, of which one goes away: their ranges and directions in the module's plane."""
+    array, chirps = line_of(1, 4, blocks=32), 32
+    place, rate = np.array([[6.0, 2.0, 0.0], [8.0, -3.0, 0.0]]), np.array([0.0, 1.5])
+    range_m = np.linalg.norm(place, axis=1)
+    paths = FramePaths(place_m=place, beyond_m=np.zeros(2), drift_mps=rate, gain=np.ones(2, dtype=complex))
+    zero = np.zeros((chirps, 3))
+    still = Pose(position_m=zero, velocity_mps=zero, R_world_antenna=np.tile(np.eye(3), (chirps, 1, 1)))
+    beats = array_beats(paths, still, array, CHIRP)
+    noise = np.random.default_rng(1).normal(scale=0.03, size=(*beats.shape, 2))
+    np.save(tmp_path / "frame.npy", beats + noise[..., 0] + 1j * noise[..., 1])
+    left = (array.receiver_m[:, 1] / array.wavelength_m).tolist()
+    (tmp_path / "frame.toml").write_text(
+        f"""
+        recording = {{ samples = "frame.npy", axes = ["pulse", "receiver", "sample"] }}
+        processing = {{ cfar = {{ guard = 4, training = 8 }}, min_range_m = 3.0 }}
+        [sweep]
+        carrier_hz = 77e9
+        bandwidth_hz = 400e6
+        sampling_rate_hz = {CHIRP.sampling_rate_hz}
+        pulse_rate_hz = 16e3
+        [radar.array]
+        transmitters_wavelengths = [[0, 0]]
+        receivers_wavelengths = {[[x, 0.0] for x in left]}
+        chirps = 32
+        """
+    )
+    found = process(tmp_path / "frame.toml")
+    echoes = found.echoes
+    assert found.points is None
+    for target, cosine in enumerate(place[:, 1] / range_m):
+        near = np.abs(echoes.range_m - range_m[target]) < 0.4
+        strongest = np.flatnonzero(near)[np.argmax(echoes.power[near])]
+        assert abs(echoes.direction[strongest, 1] - cosine) < 0.02
 
 
 def test_numbers_of_a_capture_alternate_by_pairs():
@@ -95,8 +205,10 @@ def test_numbers_of_a_capture_alternate_by_pairs():
 def test_files_are_neither_overwritten_nor_of_another_sensor(flown, tmp_path):
     folder, _ = flown
     (tmp_path / "b.cfg").write_text("mine")
-    with pytest.raises(OutputError, match=r"b\.cfg exists already"):
-        run(load_scenario("hills", FLIGHT), recordings={"cube": tmp_path / "b.bin"})
+    (tmp_path / "e.nc").write_text("mine")
+    for name, taken in (("b.bin", r"b\.cfg"), ("e.bin", r"e\.nc")):
+        with pytest.raises(OutputError, match=f"{taken} exists already"):
+            run(load_scenario("hills", FLIGHT), recordings={"cube": tmp_path / name})
     with pytest.raises(OutputError, match=r"a\.bin exists already"):
         run(load_scenario("hills", FLIGHT), recordings={"cube": folder / "a.bin"})
     with pytest.raises(ScenarioError, match="'signals' is of single chirps"):
@@ -108,7 +220,7 @@ def test_files_are_neither_overwritten_nor_of_another_sensor(flown, tmp_path):
 
 def test_too_strong_an_echo_is_refused(tmp_path):
     prepared = prepare(load_scenario("hills", FLIGHT))
-    recorder = CubeRecorder(tmp_path / "d.bin", prepared)
+    recorder = SignalRecorder(tmp_path / "d.bin", prepared)
     pulses = prepared.flight.pulses(np.array([0]))
     seen = prepared.observe(np.array([0]))
     seen.frames[:] *= 1e6
@@ -132,3 +244,19 @@ def test_real_frames_pass_through_a_capture(tmp_path):
         f"frameCfg 0 0 {len(frame)} 1 100 1 0\n"
     )
     assert np.array_equal(read_frames(tmp_path / "real.bin", tmp_path / "real.cfg")[0], frame)
+    (tmp_path / "real.toml").write_text(
+        """
+        recording = { samples = "real.bin", config = "real.cfg" }
+        processing = { cfar = { guard = 6, training = 20 }, min_range_m = 2.0 }
+        [radar.array]
+        transmitters_wavelengths = [[0, 0]]
+        receivers_wavelengths = [[0, 0], [0.5, 0], [1.0, 0], [1.5, 0]]
+        chirps = 128
+        """
+    )
+    echoes = process(tmp_path / "real.toml").echoes
+    # The strongest by plain transforms: a standing object, and one that moves.
+    for range_m, left_deg in ((5.2, -1.8), (2.93, -6.2)):
+        near = np.flatnonzero(np.abs(echoes.range_m - range_m) < 0.1)
+        strongest = near[np.argmax(echoes.power[near])]
+        assert np.rad2deg(np.arcsin(echoes.direction[strongest, 1])) == pytest.approx(left_deg, abs=1.5)

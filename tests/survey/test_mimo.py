@@ -98,8 +98,8 @@ def test_the_same_errors_are_those_of_one_module():
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(codes[0], codes[2])
     # What processing knows is what calibration left.
-    assert prepared[0].array.array.true_code is None
-    assert prepared[0].array.array.mixing is None
+    assert prepared[0].angle.array.true_code is None
+    assert prepared[0].angle.array.mixing is None
 
 
 @pytest.mark.parametrize(
@@ -125,10 +125,10 @@ def test_arrays_that_cannot_fly_are_refused(changes, said):
 
 
 def warned(speed_mps=5.0, falling="", **array):
-    from sionna_radar.radar.build import build_array
+    from sionna_radar.radar.build import build_array, build_chirp
 
     radar = RadarTable(preset="ti_awr1843_array", array=array)
-    module = build_array(radar, 1)
+    module = build_array(radar.array, build_chirp(radar), 1 / radar.chirp_rate_hz, 1)
     return " ".join(array_warnings(module, np.deg2rad(50), np.deg2rad(28), speed_mps, 20.0, 0.375, falling))
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from sionna_radar import load_scenario, process, run
 from sionna_radar.execution.execution import Execution
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.studies.twin import run_twin
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.preparation import prepare
 
@@ -71,12 +72,32 @@ def test_one_axis_is_warned_of_where_it_does_not_tell_height():
     assert "no echo" not in told["cone", "azimuth"]
 
 
-def test_signals_of_one_receiver_are_neither_recorded_nor_made_into_directions(tmp_path):
-    with pytest.raises(ScenarioError, match=r"processing.angle: 'interferometric' needs all receivers"):
-        run(load_scenario("hills", ON), recordings={"signals": tmp_path / "signals.nc"})
+@pytest.mark.parametrize(
+    ("angle", "receiver"),
+    [
+        ("interferometric", {"axis": "both", "phase_error_deg": 3.0}),
+        ("monopulse", {"kind": "monopulse"}),
+        ("row", {"kind": "row", "axis": "elevation", "receivers": 5}),
+    ],
+)
+def test_recorded_signals_of_all_receivers_make_the_same_points_and_map(angle, receiver, tmp_path):
+    keys = SHORT | {"platform.length_m": 4.0, "processing.angle": angle, "radar.second_receiver": receiver}
+    survey = run(load_scenario("hills", keys), recordings={"signals": tmp_path / "all.nc"})
+    again = process(tmp_path / "all.nc")
+    assert again.points.sha256() == survey.points.sha256()
+    np.testing.assert_array_equal(again.dem.height_m, survey.dem.height_m)
+    with pytest.raises(InputFileError, match="holds signals of an array"):
+        run_twin(tmp_path / "all.nc")
+    # Without the others the first receiver is one of its own.
+    alone = process(tmp_path / "all.nc", {"processing.angle": "off"})
+    flown = run(load_scenario("hills", keys | {"processing.angle": "off"}))
+    assert alone.points.sha256() == flown.points.sha256()
+
+
+def test_signals_of_one_receiver_are_not_made_into_directions(tmp_path):
     run(
         load_scenario("hills", SHORT | {"radar.second_receiver.axis": "both"}),
         recordings={"signals": tmp_path / "one.nc"},
     )
-    with pytest.raises(ScenarioError, match="a recording has the first one's signals"):
+    with pytest.raises(ScenarioError, match="needs all receivers, which the recording does not have"):
         process(tmp_path / "one.nc", {"processing.angle": "interferometric"})

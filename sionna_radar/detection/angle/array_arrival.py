@@ -39,10 +39,11 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int
 from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
+from sionna_radar.detection.angle.row import outside, separators
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import from_db, on_one_thread, window
 from sionna_radar.radar.mimo_array import MimoArray
@@ -122,8 +123,17 @@ class Cones(Columns):
 
     @classmethod
     def of(cls, found: FrameMap, span_mps: float, measured: Pose) -> "Cones":
-        """Return the cones of all range rates of a map, `span_mps` apart where they fold; none without motion."""
+        """Return the cones of all range rates of a map, `span_mps` apart where they fold; none without motion.
+
+        Where the motion is not known the scatterers may have any of their own, and all lie in the plane of boresight
+        and left.
+        """
         velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
+        if np.isnan(velocity).any():
+            rows = np.arange(len(found.rate_mps))
+            ahead, left, _ = (np.tile(axis, (len(rows), 1)) for axis in np.eye(3))
+            axis = np.zeros((len(rows), 3))
+            return cls(row=rows, fold=0 * rows, range_rate_mps=found.rate_mps, axis=axis, across=left, up=ahead)
         speed = float(np.linalg.norm(velocity))
         most = int(np.ceil(speed / span_mps)) + 1 if speed > 0 else 0
         row, fold = (
@@ -225,6 +235,21 @@ class ArrayEstimator:
         rate, cell = np.nonzero((found.power > threshold) & (found.range_m >= self.min_range_m))
         return rate, cell
 
+    def find_all(
+        self,
+        frames: Inexact[np.ndarray, "pulse chirp rx sample"],
+        pulses: Pulses,
+        expected: ExpectedGround | None = None,
+    ) -> Echoes:
+        """Return the points of some frames, see `find`."""
+        measured = pulses.measured
+        return Echoes.concatenate(
+            [
+                self.find(frame, int(pulses.index[row]), measured.rows(np.array([row])), expected)
+                for row, frame in enumerate(frames)
+            ]
+        )
+
     def find(
         self,
         beats: Inexact[np.ndarray, "chirp rx sample"],
@@ -273,7 +298,7 @@ class ArrayEstimator:
     def sources(self, found: FrameMap, measured: Pose) -> Sources:
         """Return the detected sources of a map."""
         cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
-        down = -measured.R_world_antenna[0, 2]
+        down = np.nan_to_num(-measured.R_world_antenna[0, 2])
         scan = _Scan(self.array, cones, self.half_view_rad, down)
         rate, cell = self.scanned(found)
         cells = _Cells(rate=rate, range_m=found.range_m[cell], cell=cell, x=found.channel[rate, cell])
@@ -313,13 +338,23 @@ class ArrayEstimator:
 
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
         """Return the means of neighbouring sources, as points with standard deviations."""
-        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
-        down = -measured.R_world_antenna[0, 2]
-        speed = max(float(np.linalg.norm(velocity)), 1e-9)
-        u, range_m = sources.direction, found.range_m[sources.cell]
+        range_m = found.range_m[sources.cell]
         mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
         speckle = mean / (2 * np.maximum(found.power[sources.rate, sources.cell], 1e-300))
         range_sigma = self.spread_cells(self.analyser.window) * self.analyser.bin_m * np.sqrt(speckle)
+        across = self._across_rad(sources, speckle, measured)
+        usable = np.flatnonzero(np.hypot(across * range_m, range_sigma) <= self.max_sigma_m)
+        return self._averaged(found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
+
+    def _across_rad(
+        self, sources: Sources, speckle: Float[np.ndarray, " source"], measured: Pose
+    ) -> Float[np.ndarray, " source"]:
+        """Return the standard deviation of the angle up across each ray; of the one to the left without a motion."""
+        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
+        if np.isnan(velocity).any():
+            return sources.phi_sigma_rad
+        down, u = -measured.R_world_antenna[0, 2], sources.direction
+        speed = max(float(np.linalg.norm(velocity)), 1e-9)
         cosine = u @ velocity / speed
         sine = np.sqrt(np.maximum(1 - cosine**2, 1e-6))
         cone_sigma = self.spread_cells(self.rate_weights) * self.array.rate_cell_mps / speed / sine * np.sqrt(speckle)
@@ -328,12 +363,11 @@ class ArrayEstimator:
         around = np.cross(velocity / speed, u) / sine[:, None]
         vertical = down - (u @ down)[:, None] * u
         vertical /= np.maximum(np.linalg.norm(vertical, axis=1), 1e-9)[:, None]
-        across = np.hypot(
+        across: Float[np.ndarray, " source"] = np.hypot(
             np.einsum("ni,ni->n", vertical, away) * cone_sigma,
             np.einsum("ni,ni->n", vertical, around) * sine * sources.phi_sigma_rad,
         )
-        usable = np.flatnonzero(np.hypot(across * range_m, range_sigma) <= self.max_sigma_m)
-        return self._averaged(found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
+        return across
 
     @staticmethod
     def spread_cells(weights: Float[np.ndarray, " n"]) -> float:
@@ -529,21 +563,14 @@ class _Scan:
         self, cells: _Cells, sources: tuple[Angles, ...]
     ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
         """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
-        a = np.stack([self.vectors(where, cells.range_m) for where in sources], axis=2)
         step = 0.01 * self._step
-        slopes = []
-        for where in sources:
-            ahead, behind = (
-                self.vectors(Angles(where.phi_rad + side * step, where.cone), cells.range_m) for side in (1, -1)
-            )
-            slopes.append((ahead - behind) / (2 * step))
-        slope = np.stack(slopes, axis=2)
-        gram = np.einsum("ncs,nct->nst", a.conj(), a)
-        singular = np.abs(np.linalg.det(gram)) < 1e-6 * self.array.gain ** len(sources)
-        gram[singular] = np.eye(len(sources))
-        inverse = np.linalg.inv(gram)
-        amplitude = np.einsum("nst,nct,nc->ns", inverse, a.conj(), cells.x, optimize=True)
-        along = np.einsum("ncs,nct->nst", a.conj(), slope)
-        h = np.sum(np.abs(slope) ** 2, axis=1) - np.einsum("nst,nsu,nut->nt", along.conj(), inverse, along).real
-        h[singular] = np.nan
-        return amplitude, np.maximum(h, 1e-9)
+        a, ahead, behind = (
+            np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells.range_m) for w in sources], axis=1)
+            for side in (0, 1, -1)
+        )
+        gram = a.conj() @ np.swapaxes(a, 1, 2)
+        apart = np.flatnonzero(np.abs(np.linalg.det(gram)) >= 1e-6 * self.array.gain ** len(sources))
+        amplitude, h = np.zeros(a.shape[:2], dtype=np.complex128), np.full(a.shape[:2], np.nan)
+        amplitude[apart] = np.einsum("nsc,nc->ns", separators(a[apart]), cells.x[apart])
+        h[apart] = np.maximum(outside(a[apart], (ahead - behind)[apart] / (2 * step)), 1e-9)
+        return amplitude, h

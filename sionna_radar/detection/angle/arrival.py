@@ -29,13 +29,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
 
-from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_strips, wavefront_bend
+from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_strips
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.numerics import from_db
-from sionna_radar.radar.second_receiver import SideReceiver
+from sionna_radar.radar.mimo_array import MimoArray
 
 
 def phase_covariance(
@@ -107,17 +107,24 @@ NODES = 7
 class AngleEstimator:
     """Estimator of the direction of the ground within the beam for each stretch of an echo.
 
-    receivers: beside the first, one or two, each on its own axis.
+    array: its first receiver at the origin, each other one on the axis to the left or up.
     spread: standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
     half_power: direction cosines of the half-power beam's edge in azimuth and in elevation; no points lie beyond.
     length_m: slant range per point; None to match the resolution set by the beam's width.
     """
 
     detector: Detector
-    receivers: tuple[SideReceiver, ...]
+    array: MimoArray
     spread: tuple[float, float]
     half_power: tuple[float, float]
     length_m: float | None = None
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axes of the receivers after the first: 0 to the left, 1 up."""
+        if self.array.difference:
+            return tuple(pattern.axis - 1 for pattern in self.array.difference)
+        return tuple(int(axis) for axis in np.argmax(np.abs(self.array.receiver_m[1:, 1:]), axis=1))
 
     def find(
         self,
@@ -173,48 +180,54 @@ class AngleEstimator:
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> tuple[Stretches, "Directions"]:
         """Return stretches, and the direction of each with its accuracy."""
-        if self.receivers[0].difference is None:
-            return stretches, self._by_phase(stretches, signals)
-        return stretches, self._by_ratio(stretches, signals)
+        if self.array.difference:
+            return stretches, self._by_ratio(stretches, signals)
+        return stretches, self._by_phase(stretches, signals)
+
+    def _cross(
+        self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]], one: int, other: int
+    ) -> tuple[Complex[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+        """Return the cross-spectrum of two receivers, and its coherence, see `Stretches.cross`.
+
+        Wavefronts are spheres: the way back is b^2 (1 - u^2) / 2r longer than -b u (Fresnel's approximation). Without
+        that bend, a phase that falls with the range, directions are those from the first receiver, the origin of
+        ranges, and otherwise from the middle of both.
+        """
+        phases = self.array.phase_per_cosine
+        ramp = (stretches.strips.climb @ (phases[one] - phases[other])) * stretches.climb_per_m
+        bend = -phases.sum(axis=1) * np.linalg.norm(self.array.receiver_m, axis=1) / 2
+        return stretches.cross(signals[one], signals[other], ramp, bend[one] - bend[other])
 
     def _by_phase(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
-        strips, chirp = stretches.strips, self.detector.analyser.chirp
-        cosine, per_cosines, coherent = [], [], np.ones(len(stretches.row), dtype=bool)
-        for receiver, signal in zip(self.receivers, signals[1:], strict=True):
-            assert receiver.baseline_m is not None
-            # The beat's phase is the two-way phase, on a down-sweep its negative.
-            per_cosine = -chirp.direction * 2 * np.pi * receiver.baseline_m / chirp.wavelength_m
-            ramp = per_cosine * strips.climb[:, receiver.axis - 1] * stretches.climb_per_m
-            bend = wavefront_bend(per_cosine, receiver.baseline_m)
-            cross, level = stretches.cross(signal, signals[0], ramp, bend)
-            cosine.append(np.angle(cross) / per_cosine)
-            along = np.abs(per_cosine * strips.strip[:, receiver.axis - 1]) * strips.along
+        strips, axes = stretches.strips, list(self.axes)
+        per_cosine = self.array.phase_per_cosine[1:].sum(axis=1)
+        cosine, coherent = [], np.ones(len(stretches.row), dtype=bool)
+        for number, (axis, turn) in enumerate(zip(axes, per_cosine, strict=True), start=1):
+            cross, level = self._cross(stretches, signals, number, 0)
+            cosine.append(np.angle(cross) / turn)
+            along = np.abs(turn * strips.strip[:, axis]) * strips.along
+            ramp = turn * strips.climb[:, axis] * stretches.climb_per_m
             # On tilted ground the ramp may vanish or double.
             phase_sigma_rad = np.hypot(along, ramp * np.sqrt(stretches.range_variance_m2))
             expected = coherence(phase_sigma_rad, stretches.snr)
             scatter = (1 - expected**2) / np.sqrt(2 * stretches.looks)
             coherent &= level >= expected - MIN_COHERENCE_SIGMAS * scatter
-            per_cosines.append(per_cosine)
-        per_receiver = np.array(per_cosines)
-        axes = [receiver.axis - 1 for receiver in self.receivers]
-        covariance = phase_covariance(
-            per_receiver * strips.strip[:, axes] * strips.along[:, None], stretches.snr, stretches.looks
-        )
-        return self._placed(stretches, np.stack(cosine), covariance / np.outer(per_receiver, per_receiver), coherent)
+        along_rad = per_cosine * strips.strip[:, axes] * strips.along[:, None]
+        covariance = phase_covariance(along_rad, stretches.snr, stretches.looks) / np.outer(per_cosine, per_cosine)
+        return self._placed(stretches, np.stack(cosine), covariance, coherent)
 
     def _by_ratio(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
         strips = stretches.strips
         place, share = np.polynomial.hermite_e.hermegauss(NODES)
         share = share / share.sum()
         cosine, ratio, slope = [], [], []
-        for receiver, signal in zip(self.receivers, signals[1:], strict=True):
-            assert receiver.difference is not None
+        for pattern, signal in zip(self.array.difference, signals[1:], strict=True):
             cross, _ = stretches.cross(signal, signals[0], np.zeros(len(stretches.row)))
             measured = cross.real / np.maximum(stretches.power - stretches.noise_power, stretches.noise)
-            cosine.append(receiver.difference.cosine_of(measured))
-            along = (strips.strip[:, receiver.axis - 1] * strips.along)[:, None] * place
-            ratio.append(receiver.difference.at(cosine[-1][:, None] + along))
-            slope.append(receiver.difference.slope)
+            cosine.append(pattern.cosine_of(measured))
+            along = (strips.strip[:, pattern.axis - 1] * strips.along)[:, None] * place
+            ratio.append(pattern.at(cosine[-1][:, None] + along))
+            slope.append(pattern.slope)
         covariance = ratio_covariance(np.stack(ratio, axis=1), share, stretches.snr, stretches.looks)
         everywhere = np.ones(len(stretches.row), dtype=bool)
         return self._placed(stretches, np.stack(cosine), covariance / np.outer(slope, slope), everywhere)
@@ -231,10 +244,10 @@ class AngleEstimator:
         One receiver beside the first measures its own axis only; along the other a strip has its beam-weighted mean.
         """
         strips = stretches.strips
-        if len({receiver.axis for receiver in self.receivers}) == 2:
+        if len(set(self.axes)) == 2:
             across, up = strips.climb, cosine.T
         else:
-            axis = self.receivers[0].axis - 1
+            axis = self.axes[0]
             mean_along_axis = np.where(np.abs(strips.mean[:, axis]) > 1e-9, strips.mean[:, axis], 1e-9)
             across = 1 / mean_along_axis[:, None]
             up = strips.mean * (cosine[0] / mean_along_axis)[:, None]

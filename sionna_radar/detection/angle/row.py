@@ -19,23 +19,16 @@ covariances, and one states that it is not designed for real-world applications 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from sionna_radar.detection.angle.arrival import AngleEstimator, Directions
-from sionna_radar.detection.angle.segments import Stretches, wavefront_bend
+from sionna_radar.detection.angle.segments import Stretches
 
 # Steps of the direction cosine in a spectrum per beam width of the row.
 STEPS_IN_BEAM = 100
-
-
-def steering(
-    place_wavelengths: Float[np.ndarray, " element"], cosine: Float[np.ndarray, " n"]
-) -> Complex[np.ndarray, "n element"]:
-    """Return the steering vectors of a row of receivers at places in wavelengths, one per direction cosine."""
-    vectors: Complex[np.ndarray, "n element"] = np.exp(2j * np.pi * np.outer(cosine, place_wavelengths))
-    return vectors
 
 
 def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[np.ndarray, "*point e e"]:
@@ -84,6 +77,15 @@ def separators(vectors: Complex[np.ndarray, "point source e"]) -> Complex[np.nda
     return weights
 
 
+def outside(
+    vectors: Complex[np.ndarray, "point source e"], derivative: Complex[np.ndarray, "point source e"]
+) -> Float[np.ndarray, "point source"]:
+    """Return the squared lengths of the derivatives of vectors outside of the space of them all."""
+    along = derivative @ np.swapaxes(separators(vectors), 1, 2)
+    length: Float[np.ndarray, "point source"] = np.sum(np.abs(derivative - along @ vectors) ** 2, axis=2)
+    return length
+
+
 def source_powers(
     covariance: Complex[np.ndarray, "point e e"],
     vectors: Complex[np.ndarray, "point source e"],
@@ -97,8 +99,8 @@ def source_powers(
 
 
 def cosine_variance(
-    place_wavelengths: Float[np.ndarray, " element"],
     vectors: Complex[np.ndarray, "point source e"],
+    derivative: Complex[np.ndarray, "point source e"],
     power_over_noise: Float[np.ndarray, "point source"],
     looks: Float[np.ndarray, " point"],
 ) -> Float[np.ndarray, "point source"]:
@@ -107,14 +109,7 @@ def cosine_variance(
     1 / (2 L R h), R the power over the noise and h the squared length of a's derivative outside the space of all
     sources (Stoica and Nehorai 1989; see above).
     """
-    derivative = 2j * np.pi * place_wavelengths * vectors
-    # The projection onto the signal subspace.
-    conjugate = vectors.conj()
-    gram = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2))
-    along = conjugate @ np.swapaxes(derivative, 1, 2)
-    projected = np.einsum("pis,pij,pjs->ps", along.conj(), gram, along).real
-    residual = np.sum(np.abs(derivative) ** 2, axis=2) - projected
-    return 1 / (2 * looks[:, None] * power_over_noise * np.maximum(residual, 1e-12))
+    return 1 / (2 * looks[:, None] * power_over_noise * np.maximum(outside(vectors, derivative), 1e-12))
 
 
 # Largest phase scatter from receiver to receiver tabulated for one surface, and number of steps.
@@ -140,8 +135,8 @@ class RowEstimator(AngleEstimator):
         covariance = forward_backward(sampled[:, :count, :count])
         double = self._two_surfaces(stretches, covariance)
         # Scan beyond the beam: sources there give no point, and must not appear as minima inside.
-        cosine = scanned(self._places, min(SCANNED * self.half_power[self._axis - 1], 0.5 / abs(self._places[1])))
-        vectors = steering(self._places, cosine)
+        cosine = scanned(self._places, min(SCANNED * self.half_power[self._axis], 0.5 / abs(self._places[1])))
+        vectors = self._vectors(cosine)
         results = []
         for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
             toward = lowest(noise_share(covariance[selected], vectors, sources), cosine, sources)
@@ -154,49 +149,34 @@ class RowEstimator(AngleEstimator):
 
     @property
     def _axis(self) -> int:
-        return self.receivers[-1].axis
+        return self.axes[-1]
 
-    @property
-    def _phases(self) -> Float[np.ndarray, "receiver 2"]:
-        """Phases of the row's receivers, and of one beside it, per direction cosine left and up.
+    @cached_property
+    def _row(self) -> list[int]:
+        """The row's receivers: the first, and those on the axis of the last."""
+        return [0, *(number for number, axis in enumerate(self.axes, start=1) if axis == self._axis)]
 
-        On a down-sweep a beat's phase is the negative of the two-way phase.
-        """
-        chirp = self.detector.analyser.chirp
-        row = [element for element in self.receivers if element.axis == self._axis]
-        beside = [element for element in self.receivers if element.axis != self._axis]
-        phases = np.zeros((1 + len(self.receivers), 2))
-        for number, receiver in enumerate(row + beside, start=1):
-            assert receiver.baseline_m is not None
-            per_cosine = 2 * np.pi * receiver.baseline_m / chirp.wavelength_m
-            phases[number, receiver.axis - 1] = -chirp.direction * per_cosine
-        return phases
-
-    @property
+    @cached_property
     def _places(self) -> Float[np.ndarray, " element"]:
         """Positions of the row's receivers in wavelengths, signed like their phases."""
-        row = 1 + sum(receiver.axis == self._axis for receiver in self.receivers)
-        places: Float[np.ndarray, " element"] = self._phases[:row, self._axis - 1] / (2 * np.pi)
+        places: Float[np.ndarray, " element"] = self.array.phase_per_cosine[self._row, self._axis] / (2 * np.pi)
         return places
+
+    def _vectors(self, cosine: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "n element"]:
+        """Return steering vectors of the row on plane wavefronts."""
+        direction = np.zeros((len(cosine), 3))
+        direction[:, 1 + self._axis] = cosine
+        return self.array.responses(direction, np.zeros(len(cosine)))[1][:, self._row]
 
     def _products(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> Complex[np.ndarray, "point receiver receiver"]:
         """Return the cross products of the receivers' signals, row first, summed over each stretch's cells."""
-        phases, order = self._phases, [receiver.axis != self._axis for receiver in self.receivers]
-        per_cosine = phases.sum(axis=1)  # each receiver lies on one axis
-        wavelength_m = self.detector.analyser.chirp.wavelength_m
-        bend = [
-            wavefront_bend(phase_per_cosine, abs(phase_per_cosine) * wavelength_m / (2 * np.pi))
-            for phase_per_cosine in per_cosine
-        ]
-        ordered = [signals[0], *(signals[1:][number] for number in np.argsort(order, kind="stable"))]
+        ordered = [*self._row, *(number for number in range(len(signals)) if number not in self._row)]
         products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
-        climb = stretches.strips.climb * stretches.climb_per_m[:, None]
-        for m, signal in enumerate(ordered):
-            for n, reference in enumerate(ordered[: m + 1]):
-                ramp = climb @ (phases[m] - phases[n])
-                products[:, m, n], _ = stretches.cross(signal, reference, ramp, bend[m] - bend[n])
+        for m, one in enumerate(ordered):
+            for n, other in enumerate(ordered[: m + 1]):
+                products[:, m, n], _ = self._cross(stretches, signals, one, other)
                 products[:, n, m] = products[:, m, n].conj()
         return products
 
@@ -208,9 +188,9 @@ class RowEstimator(AngleEstimator):
         value = np.linalg.eigvalsh(covariance)
         noise = stretches.noise_power * (1 + np.sqrt(count / looks)) ** 2
         strips = stretches.strips
-        along = strips.strip[:, self._axis - 1] * strips.along
+        along = strips.strip[:, self._axis] * strips.along
         # On tilted ground the ramp may vanish or double.
-        ramp = strips.climb[:, self._axis - 1] * stretches.climb_per_m * np.sqrt(stretches.range_variance_m2)
+        ramp = strips.climb[:, self._axis] * stretches.climb_per_m * np.sqrt(stretches.range_variance_m2)
         spacing = 2 * np.pi * abs(self._places[1] - self._places[0])
         eigenvalue_ratio = _second_eigenvalue(count, spacing * np.hypot(along, ramp))
         single_surface = eigenvalue_ratio * value[:, -1] * (1 + EXCEEDED_SIGMAS / np.sqrt(looks))
@@ -236,17 +216,17 @@ class RowEstimator(AngleEstimator):
         complete = np.isfinite(cosine).all(axis=1)
         selected, cosine = selected[complete], cosine[complete]
         count, sources = len(self._places), cosine.shape[1]
-        vectors = steering(self._places, cosine.ravel()).reshape(len(selected), sources, count)
+        vectors = self._vectors(cosine.ravel()).reshape(len(selected), sources, count)
         noise = stretches.noise_power[selected]
         power = source_powers(covariance[selected], vectors, noise)
         ratio, looks = power / noise[:, None], stretches.looks[selected]
-        variance = cosine_variance(self._places, vectors, ratio, looks)
+        variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
         share = power / power.sum(axis=1, keepdims=True)
         if sources > 1:
             # The mean range of each surface depends on its own speckle; the point's is the mean of both by their
             # powers, off by the other's share of the difference of two means of L looks.
             mean_variance_m2 = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
-            climb = stretches.strips.climb[selected, self._axis - 1] * stretches.climb_per_m[selected]
+            climb = stretches.strips.climb[selected, self._axis] * stretches.climb_per_m[selected]
             variance = variance + mean_variance_m2 * climb[:, None] ** 2
         cosines, variances = [cosine.ravel()], [variance.ravel()]
         if sampled.shape[1] > count:
@@ -254,7 +234,7 @@ class RowEstimator(AngleEstimator):
             weight = separators(vectors)
             source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
             beside = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
-            per_cosine = self._phases[-1, 2 - self._axis]
+            per_cosine = self.array.phase_per_cosine[:, 1 - self._axis].sum()  # of the only one on this axis
             cosines.insert(0, (-np.angle(beside) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
         return np.repeat(selected, sources), share.ravel(), np.stack(cosines, axis=1), np.stack(variances, axis=1)

@@ -7,7 +7,7 @@ the two-way beam's power on it, taken for a Gaussian with the variances S of the
 variance 1 / (t' S^-1 t). Tilted ground turns the strip by at most its tilt.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int
@@ -153,21 +153,17 @@ class Stretches:
     def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
         nothing = np.zeros(0, dtype=np.int64)
+        kept = ("row", "length", "noise", "range_m", "range_variance_m2")
         noise_power = self.noise_power[chosen]
-        return Stretches(
-            row=self.row[chosen],
+        return replace(
+            self,
+            **{name: getattr(self, name)[chosen] for name in kept},
             strips=self.strips.rows(chosen),
             cell_row=nothing,
             cell_bin=nothing,
             begin=np.zeros(len(chosen), dtype=np.int64),
-            length=self.length[chosen],
             power=noise_power + power_share * (self.power[chosen] - noise_power),
             peak_power=power_share * self.peak_power[chosen],
-            noise=self.noise[chosen],
-            range_m=self.range_m[chosen],
-            range_variance_m2=self.range_variance_m2[chosen],
-            bin_m=self.bin_m,
-            looks_per_bin=self.looks_per_bin,
         )
 
     @property
@@ -205,8 +201,7 @@ class Stretches:
         """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
 
         ramp_rad_m: expected gradient of the phase with range, removed.
-        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range; see
-            `wavefront_bend`.
+        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range.
         """
         side, reference = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
         cell_m = self.cell_bin * self.bin_m
@@ -221,16 +216,6 @@ class Stretches:
         )
         power = sums(side.real**2 + side.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
-
-
-def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
-    """Return the phase of a spherical wavefront at a receiver beside the first, less a plane one's, times the range.
-
-    The return path is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation);
-    `per_cosine_rad` is the phase of -b u for each u. With the bend removed a direction is referred to the first
-    receiver, the origin of its range; otherwise to the midpoint of both.
-    """
-    return -per_cosine_rad * baseline_m / 2
 
 
 def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:

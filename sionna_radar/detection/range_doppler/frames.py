@@ -15,7 +15,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
-from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import window
 from sionna_radar.radar.chirp import Chirp
@@ -148,7 +148,7 @@ class RangeDoppler:
 
     def noise_correlation(self, cells: int) -> tuple[Float[np.ndarray, " lag"], Float[np.ndarray, " lag"]]:
         """Return the correlations of noise 0, 1, ... cells apart in range rate and in range."""
-        return _correlation(self.rate_weights, cells), _correlation(self.range_weights, cells)
+        return window_correlation(self.rate_weights, cells), window_correlation(self.range_weights, cells)
 
     def map(self, beat: Inexact[np.ndarray, "chirp sample"]) -> RangeDopplerMap:
         """Return the map of one frame.
@@ -205,9 +205,3 @@ class RangeDoppler:
         transform = scipy.fft.ifft(product, axis=0)[count - 1 : count - 1 + rows]
         result: Complex[np.ndarray, "rate sample"] = transform * np.exp(-1j * np.outer(k.astype(float) ** 2, half))
         return result
-
-
-def _correlation(weights: Float[np.ndarray, " n"], cells: int) -> Float[np.ndarray, " lag"]:
-    energy = weights**2 / np.sum(weights**2)
-    middle = np.arange(len(weights)) - (len(weights) - 1) / 2
-    return np.array([energy @ np.cos(2 * np.pi * lag * middle / len(weights)) for lag in range(cells)])

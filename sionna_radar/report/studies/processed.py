@@ -344,6 +344,10 @@ def _settings(processed: Processed) -> str:
 
 def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
     echoes = processed.echoes
+    direction = {}
+    if echoes.direction is not None:
+        left, up = np.rad2deg(np.arcsin(np.clip(echoes.direction[rows, 1:], -1, 1))).T
+        direction = {"left_deg": left, "up_deg": up}
     return {
         "pulse": echoes.pulse[rows],
         "echo": echoes.number[rows],
@@ -352,6 +356,7 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
         "range_sigma_m": echoes.range_sigma_m[rows],
         "echo_snr_db": echoes.echo_snr_db[rows],
         "power": echoes.power[rows],
+        **direction,
     }
 
 
@@ -415,6 +420,8 @@ def _recorded(processed: Processed) -> dict[str, str]:
         }
     sweep = processed.sweeps[0]
     count = "one sweep" if len(processed.sweeps) == 1 else "two sweeps"
+    if processed.settings.radar.array is not None:
+        count = "a frame of sweeps"
     kind = f"{count} of {sweep.samples:,} {'I/Q' if sweep.sampling == 'iq' else 'real'} samples"
     peak, strongest = spectrum.peak
     floor_db, peak_db = decibels(np.array([spectrum.floor, strongest]))

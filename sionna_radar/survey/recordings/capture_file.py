@@ -1,23 +1,25 @@
-"""Frames of an array in the raw layout of Texas Instruments' capture card (DCA1000), with their chirp configuration.
+"""The raw layout of Texas Instruments' capture card (DCA1000), with its chirp configuration.
 
-The card writes 16-bit numbers, little-endian, chirp by chirp and receiver by receiver: of two-lane chips pairs of
-samples, in phase and then in quadrature (TI application report SWRA581, "Mmwave radar device ADC raw data capture").
-The configuration (.cfg) is that of the mmWave SDK; it holds one `chirpCfg` for each chirp of a block. Real samples are
-written as they come.
+The card writes 16-bit numbers, little-endian, chirp by chirp; in a chirp receiver by receiver, complex samples in pairs
+as I, I, Q, Q (two lanes: xWR16xx, xWR18xx, xWR68xx); on four lanes (xWR12xx, xWR14xx) sample by sample, the I of all
+receivers and then their Q (TI application report SWRA581B, "Mmwave Radar Device ADC Raw Data Capture"). Frames of an
+array are written for two lanes. The configuration (.cfg) is that of the mmWave SDK; it holds one `chirpCfg` for each
+chirp of a block. Real samples are written as they come.
 """
 
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float, Inexact, Int
+from jaxtyping import Float, Inexact, Int, Num
 
-from sionna_radar.accuracy.truth import Comparison
-from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import OutputError
-from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recordings.described import capture_config, receiver_samples
-from sionna_radar.survey.sensors.sensor import Observation
+from sionna_radar.foundation.errors import InputFileError, OutputError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.mimo_array import MimoArray
 
 SUFFIX = ".bin"
 # Noise of a sample, in counts of the converter: that of a module's frames indoors (docs/checks/module.md).
@@ -30,38 +32,33 @@ def is_capture(path: Path) -> bool:
     return path.suffix.lower() == SUFFIX
 
 
-def config_of(path: Path) -> Path:
-    """Return the place of a capture's configuration."""
-    return path.with_suffix(".cfg")
+def files_of(kind: str, path: Path) -> list[Path]:
+    """Return the files of a recording: of a raw capture also its configuration, and all but its samples in netCDF."""
+    return [path, *(path.with_suffix(end) for end in (".cfg", ".nc") if kind == "cube" and is_capture(path))]
 
 
-class CubeRecorder:
-    """Records the frames of an array as a raw capture, and its configuration beside it."""
+class Capture:
+    """A raw capture that grows, with its configuration beside it: a function of `per_count`, sqrt(W) of one count.
 
-    def __init__(self, path: Path, prepared: Prepared) -> None:
-        self._per_count = np.sqrt(prepared.receiver.noise_power_w) / NOISE_COUNTS
-        if prepared.receiver.chirp.sampling == "iq":
-            self._per_count /= np.sqrt(2)
-        config_of(path).write_text(_config_text(prepared, self._per_count), encoding="ascii")
-        self._path, self._file = path, path.open("wb")
+    noise_power_w: of each part of a sample.
+    """
 
-    def write(self, pulses: Pulses, seen: Observation) -> None:
-        """Record a block of frames."""
-        assert seen.frames is not None
-        for number, frame in zip(pulses.index, seen.frames, strict=True):
-            counts = raw_counts(frame / self._per_count)
+    def __init__(self, path: Path, noise_power_w: float, config: Callable[[float], str]) -> None:
+        self.name, self.per_count = path.name, float(np.sqrt(noise_power_w)) / NOISE_COUNTS
+        path.with_suffix(".cfg").write_text(config(self.per_count), encoding="ascii")
+        self._file = path.open("wb")
+
+    def write(self, index: Int[np.ndarray, " frame"], frames: Inexact[np.ndarray, "frame chirp rx sample"]) -> None:
+        """Append frames of these numbers; OutputError for one beyond 16 bits."""
+        for number, frame in zip(index, frames, strict=True):
+            counts = raw_counts(frame / self.per_count)
             if (most := int(np.abs(counts).max(initial=0))) > LARGEST_COUNT:
                 message = f"frame {number} reaches {most} counts, and 16 bits hold {LARGEST_COUNT}; record netCDF"
                 raise OutputError(message)
-            _write(self._file, counts)
-
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        del comparison
-        self.close()
+            self._file.write(counts.astype("<i2").tobytes())
 
     def close(self) -> None:
-        """Close an unfinished file."""
+        """Close the file."""
         self._file.close()
 
 
@@ -76,28 +73,146 @@ def raw_counts(frame: Inexact[np.ndarray, "chirp rx sample"]) -> Int[np.ndarray,
     return np.rint(np.concatenate([pairs.real, pairs.imag], axis=3)).astype(np.int64).ravel()
 
 
-def read_frames(samples: Path, config: Path) -> Complex[np.ndarray, "frame chirp rx sample"]:
+CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.json file"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureConfig:
+    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them."""
+
+    receivers: int
+    complex_samples: bool
+    start_ghz: float
+    slope_mhz_us: float
+    idle_us: float
+    adc_start_us: float
+    ramp_end_us: float
+    samples: int
+    rate_ksps: float
+    transmitters: tuple[int, ...]
+    loops: int
+    frame_ms: float
+
+
+def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame chirp value"]:
+    """Return the raw values of all chirps, mapped into memory; InputFileError where a frame is not whole."""
+    values = config.receivers * config.samples * (2 if config.complex_samples else 1)
+    chirps, size = len(config.transmitters) * config.loops, path.stat().st_size
+    if size == 0 or size % (2 * values * chirps):
+        wanted = f"a frame of its configuration {2 * values * chirps:,}"
+        message = f"{shown(path)}: holds {size:,} bytes, and {wanted}; get the whole file"
+        raise InputFileError(message)
+    return np.memmap(path, dtype="<i2", mode="r").reshape(-1, chirps, values)
+
+
+def receiver_samples(
+    raw: Int[np.ndarray, "*chirp value"], config: CaptureConfig, lanes: int = 2, receiver: int | None = None
+) -> Num[np.ndarray, "*chirp_receiver sample"]:
+    """Return the samples of a receiver, counted from 0, in the raw values of chirps, or those of all of them."""
+    at, (receivers, samples) = raw.shape[:-1], (config.receivers, config.samples)
+    own = slice(None) if receiver is None else receiver
+    if not config.complex_samples:
+        values = (
+            raw.reshape(*at, samples, receivers).swapaxes(-1, -2) if lanes == 4 else raw.reshape(*at, receivers, -1)
+        )
+        return values[..., own, :]
+    if lanes == 4:
+        pairs = np.moveaxis(raw.reshape(*at, samples, 2, receivers), (-1, -3), (-3, -1))[..., own, :, :]
+    else:
+        pairs = raw.reshape(*at, receivers, samples // 2, 2, 2).swapaxes(-3, -2)[..., own, :, :, :]
+        pairs = pairs.reshape(*pairs.shape[:-3], 2, samples)
+    # Single precision holds 16 bits exactly.
+    return pairs[..., 0, :].astype(np.complex64) + 1j * pairs[..., 1, :].astype(np.float32)
+
+
+def read_frames(samples: Path, config: Path) -> Num[np.ndarray, "frame chirp rx sample"]:
     """Return the frames of a raw capture of two lanes, of all transmitters and receivers, in counts.
 
-    Raises InputFileError for a configuration that cannot be read.
+    Raises InputFileError for files that cannot be read.
     """
     known = capture_config(config)
-    chirps = len(known.transmitters) * known.loops
-    raw = np.fromfile(samples, dtype="<i2")
-    values = known.receivers * known.samples * (2 if known.complex_samples else 1)
-    each = raw[: len(raw) // (values * chirps) * values * chirps].reshape(-1, values)
-    own = np.stack([receiver_samples(each, known, 2, receiver) for receiver in range(known.receivers)], axis=1)
-    return own.reshape(-1, chirps, known.receivers, known.samples).astype(np.complex128)
+    return receiver_samples(capture_frames(samples, known), known)
 
 
-def _write(file: BinaryIO, counts: Int[np.ndarray, " value"]) -> None:
-    file.write(counts.astype("<i2").tobytes())
+def capture_config(path: Path) -> CaptureConfig:
+    """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
+    text = read_text(path, "recording.config =", CONFIG_REMEDY)
+    try:
+        config = _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
+    except KeyError as error:
+        message = f"{shown(path)}: has no {error.args[0]}"
+        raise InputFileError(message) from None
+    except (ValueError, TypeError, IndexError) as error:
+        message = f"{shown(path)}: cannot be read as a chirp configuration ({error})"
+        raise InputFileError(message) from None
+    positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
+    if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
+        reason = "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples"
+        message = f"{shown(path)}: {reason}"
+        raise InputFileError(message)
+    return config
 
 
-def _config_text(prepared: Prepared, per_count: float) -> str:
-    array, chirp, table = prepared.module, prepared.receiver.chirp, prepared.local.radar.array
-    assert array is not None
-    assert table is not None
+def _from_lines(text: str) -> CaptureConfig:
+    commands: dict[str, list[list[float]]] = {}
+    for line in text.splitlines():
+        words = line.split("%")[0].split()
+        if words and words[0] in ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg"):
+            commands.setdefault(words[0], []).append([float(word) for word in words[1:]])
+    channel, adc, frame = (commands[name][0] for name in ("channelCfg", "adcCfg", "frameCfg"))
+    chirps: dict[int, list[float]] = {}
+    for chirp in commands["chirpCfg"]:
+        chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
+    first, last = int(frame[0]), int(frame[1])
+    profile = {p[0]: p for p in commands["profileCfg"]}[chirps[first][2]]
+    return CaptureConfig(
+        receivers=int(channel[0]).bit_count(),
+        complex_samples=adc[1] > 0,
+        start_ghz=profile[1],
+        idle_us=profile[2],
+        adc_start_us=profile[3],
+        ramp_end_us=profile[4],
+        slope_mhz_us=profile[7],
+        samples=int(profile[9]),
+        rate_ksps=profile[10],
+        transmitters=tuple(int(chirps[number][7]) for number in range(first, last + 1)),
+        loops=int(frame[2]),
+        frame_ms=frame[4],
+    )
+
+
+def _from_json(document: Any) -> CaptureConfig:
+    radio = document["mmWaveDevices"][0]["rfConfig"]
+    frame = radio["rlFrameCfg_t"]
+    chirps: dict[int, Any] = {}
+    for entry in radio["rlChirps"]:
+        chirp = entry["rlChirpCfg_t"]
+        chirps |= dict.fromkeys(range(chirp["chirpStartIdx"], chirp["chirpEndIdx"] + 1), chirp)
+    first, last = frame["chirpStartIdx"], frame["chirpEndIdx"]
+    profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
+    profile = profiles[chirps[first]["profileId"]]
+    return CaptureConfig(
+        receivers=_bits(radio["rlChanCfg_t"]["rxChannelEn"]).bit_count(),
+        complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
+        start_ghz=float(profile["startFreqConst_GHz"]),
+        idle_us=float(profile["idleTimeConst_usec"]),
+        adc_start_us=float(profile["adcStartTimeConst_usec"]),
+        ramp_end_us=float(profile["rampEndTime_usec"]),
+        slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"]),
+        samples=int(profile["numAdcSamples"]),
+        rate_ksps=float(profile["digOutSampleRate"]),
+        transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in range(first, last + 1)),
+        loops=int(frame["numLoops"]),
+        frame_ms=float(frame["framePeriodicity_msec"]),
+    )
+
+
+def _bits(mask: Any) -> int:
+    return int(mask, 0) if isinstance(mask, str) else int(mask)
+
+
+def config_text(array: MimoArray, chirp: Chirp, frame_rate_hz: float, frames: int, per_count: float) -> str:
+    """Return the configuration of a simulated module, with sqrt(W) of one count as a remark."""
     period_us = 1e6 * array.period_s
     start_ghz = 1e-9 * (chirp.carrier_hz - chirp.slope_hz_s * chirp.duration_s / 2)
     masks: Float[np.ndarray, "code tx"] = np.abs(array.code) > 0
@@ -108,7 +223,7 @@ def _config_text(prepared: Prepared, per_count: float) -> str:
         f"profileCfg 0 {start_ghz:.9f} 0 0 {period_us:.6f} 0 0 {1e-12 * chirp.slope_hz_s:.9f} 1 {chirp.samples} "
         f"{1e-3 * chirp.sampling_rate_hz:.6f} 0 0 30",
         *(f"chirpCfg {n} {n} 0 0 0 0 0 {sum(1 << i for i in np.flatnonzero(mask))}" for n, mask in enumerate(masks)),
-        f"frameCfg 0 {len(array.code) - 1} {array.blocks} {len(prepared)} {1e3 / table.frame_rate_hz:.6f} 1 0",
+        f"frameCfg 0 {len(array.code) - 1} {array.blocks} {frames} {1e3 / frame_rate_hz:.6f} 1 0",
         "sensorStart",
     ]
     return "\n".join(lines) + "\n"

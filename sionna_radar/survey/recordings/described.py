@@ -19,12 +19,9 @@ An array may hold range profiles instead: `_signals_of` says how they are read. 
 
     [processing]                        # further tables as in a scenario: processing, dem, radar.antenna, ...
 
-Raw captures (Texas Instruments, "Mmwave Radar Device ADC Raw Data Capture", SWRA581B): 16-bit numbers, chirp by chirp;
-in a chirp receiver by receiver, complex samples in pairs as I, I, Q, Q (two lanes: xWR16xx, xWR18xx, xWR68xx); on four
-lanes (xWR12xx, xWR14xx) sample by sample, the I of all receivers and then their Q.
+With `[radar.array]` all receivers are read, and a pulse is a frame of chirps.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,7 +47,9 @@ from sionna_radar.foundation.input_file import parse_toml, read_text, regular_fi
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
+from sionna_radar.survey.recordings.capture_file import CONFIG_REMEDY, capture_config, capture_frames, receiver_samples
 from sionna_radar.survey.recordings.signal_file import (
     MAX_PULSES,
     MAX_SAMPLES,
@@ -104,25 +103,30 @@ class Described:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DescribedSignals(Described):
-    """Beat signals of one receiver in memory, with the interface of `SignalFile`.
+    """Beat signals of one receiver, or of an array's frames, in memory, with the interface of `SignalFile`.
 
     samples: complex for I/Q.
     background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
     powers: whether only the powers of the spectra are known, cell by cell.
     """
 
-    samples: Num[np.ndarray, "pulse sample"]
+    samples: Num[np.ndarray, "pulse *channel sample"]
     radar: RecordedRadar
-    background: Inexact[np.ndarray, " sample"] | None
+    background: Inexact[np.ndarray, "*channel sample"] | None
     range_zero_m: float
     powers: bool
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Chirps of a frame and receivers of an array; none for a single one."""
+        return self.samples.shape[1:-1]
 
     @cached_property
     def sweeps(self) -> tuple[Chirp, ...]:
         """The sweep of a pulse."""
-        return sweeps_of(self.radar, self.samples.shape[1], np.iscomplexobj(self.samples))
+        return sweeps_of(self.radar, self.samples.shape[-1], np.iscomplexobj(self.samples))
 
-    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
+    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
         """Return the beat signals of pulses, with ranges that count from the radar's zero."""
         beat = self.samples[pulses.index]
         beat = beat.astype(np.complex128 if np.iscomplexobj(beat) else np.float64)
@@ -133,7 +137,7 @@ class DescribedSignals(Described):
             slope = chirp.bandwidth_hz * self.radar.sampling_rate_hz / chirp.samples
             shift_hz = 2 * slope * self.range_zero_m / self.radar.propagation_mps
             turned = np.exp(-2j * np.pi * shift_hz * np.arange(chirp.samples) / self.radar.sampling_rate_hz)
-            beat = beat * turned if np.iscomplexobj(beat) else np.real(hilbert(beat, axis=1) * turned)
+            beat = beat * turned if np.iscomplexobj(beat) else np.real(hilbert(beat) * turned)
         return [beat]
 
 
@@ -188,23 +192,25 @@ def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
 
 def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> DescribedSignals:
     """Return described signals."""
-    channel = _read(path, own, table.sweep)
+    array = table.radar.array
+    if array is not None and own.values != "complex":
+        raise ScenarioError([Problem("recording.values", "powers have no phase; an array needs 'complex'")], str(path))
+    channel = _read(path, own, table.sweep, array)
     samples, radar, background = channel.samples, channel.radar, None
     if own.background is not None:
-        sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep)
+        sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep, array)
         background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
-            _fail(own.background, f"has {background.size} samples a sweep, and the recording {samples.shape[1]}")
+            _fail(own.background, f"has {background.shape} samples a pulse, and the recording {samples.shape[1:]}")
     if own.used_samples is not None:
         first, end = own.used_samples
-        if not 0 <= first < end <= samples.shape[1]:
-            _fail(
-                path, f"recording.used_samples = {list(own.used_samples)}: give first and end within {samples.shape[1]}"
-            )
-        radar = _part_of(radar, first, end, samples.shape[1])
-        samples, background = samples[:, first:end], None if background is None else background[first:end]
-    if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[1] <= MAX_SAMPLES):
-        _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[1]:,} samples; they cannot be processed")
+        count = samples.shape[-1]
+        if not 0 <= first < end <= count:
+            _fail(path, f"recording.used_samples = {list(own.used_samples)}: give first and end within {count}")
+        radar = _part_of(radar, first, end, count)
+        samples, background = samples[..., first:end], None if background is None else background[..., first:end]
+    if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
+        _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -302,28 +308,35 @@ def _description(path: Path) -> DescribedRecording:
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel:
-    """Samples of one receiver, the sweep that they were taken in, and the time of each pulse."""
+    """Samples of one receiver, or of the frames of an array, the sweep that they were taken in, and times of pulses."""
 
-    samples: Num[np.ndarray, "pulse sample"]
+    samples: Num[np.ndarray, "pulse *channel sample"]
     radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
 
 
-def _read(path: Path, own: RecordingTable, sweep: SweepTable | None) -> _Channel:
-    """Return the chosen channel of a file of samples."""
+def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
+    """Return the chosen channel of a file of samples, or the frames of an array."""
     regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
     if own.samples.suffix.lower() == ".bin":
         if own.config is None:
             raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
-        return _capture(own, own.config)
+        return _capture(own, own.config, array)
     if sweep is None:
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
         raise ScenarioError([Problem("sweep", message)], str(path))
-    samples = _array(own)
+    samples = _array(own, every=array is not None)
     if own.kind == "range":
         samples = _signals_of(samples, own, sweep)
-    radar = RecordedRadar(**sweep.model_dump(exclude={"pulse_rate_hz"}))
-    return _Channel(samples=samples, radar=radar, time_s=np.arange(len(samples)) / sweep.pulse_rate_hz)
+    period_s = 1 / sweep.pulse_rate_hz
+    radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
+    chirps = 1 if array is None else array.chirps_per_frame
+    if len(samples) % chirps:
+        _fail(own.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
+    if array is not None:
+        samples = samples.reshape(-1, chirps, *samples.shape[1:])
+    time_s = period_s * chirps * np.arange(len(samples))
+    return _Channel(samples=samples, radar=radar, time_s=time_s)
 
 
 def _check_receiver(own: RecordingTable, receivers: int) -> None:
@@ -331,8 +344,8 @@ def _check_receiver(own: RecordingTable, receivers: int) -> None:
         _fail(own.samples, f"has {receivers} receivers; recording.receiver = {own.receiver} is none of them")
 
 
-def _array(own: RecordingTable) -> Num[np.ndarray, "pulse sample"]:
-    """Return the samples of a receiver in a NumPy file."""
+def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver sample"]:
+    """Return the samples of a receiver in a NumPy file, or of every one."""
     try:
         values = np.load(own.samples, allow_pickle=False)
         if isinstance(values, np.lib.npyio.NpzFile):
@@ -354,26 +367,23 @@ def _array(own: RecordingTable) -> Num[np.ndarray, "pulse sample"]:
     elif own.kind == "range" and own.values == "complex" and values.dtype.kind != "c":
         _fail(own.samples, f"holds {values.dtype}, and complex profiles are complex; set recording.values = 'power'")
     named = [axis for axis in own.axes if axis != "iq"]
-    if "receiver" in named:
-        place = named.index("receiver")
-        _check_receiver(own, values.shape[place])
-        values = np.take(values, own.receiver - 1, axis=place)
-        named.remove("receiver")
-    else:
-        _check_receiver(own, 1)
-    return values if named[0] == "pulse" else values.T
+    if "receiver" not in named:
+        values, named = values[None], ["receiver", *named]
+    values = values.transpose([named.index(axis) for axis in ("pulse", "receiver", own.kind)])
+    _check_receiver(own, values.shape[1])
+    return values if every else values[:, own.receiver - 1]
 
 
 def _signals_of(
-    profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable, sweep: SweepTable
-) -> Complex[np.ndarray, "pulse sample"]:
+    profiles: Num[np.ndarray, "pulse *receiver cell"], own: RecordingTable, sweep: SweepTable
+) -> Complex[np.ndarray, "pulse *receiver sample"]:
     """Return the I/Q samples whose spectra are the given range profiles.
 
     Those of powers have spectra with these powers and no phase, which an analysis without a window and zero-padding
     returns as they are; their ranges are counted from the radar's zero here, between cells linearly.
     """
     if own.values == "complex":
-        return np.fft.ifft(profiles, axis=1, norm="forward")
+        return np.fft.ifft(profiles, norm="forward")
     if profiles.dtype.kind == "c":
         _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
     power = np.asarray(profiles, dtype=np.float64)
@@ -388,151 +398,31 @@ def _signals_of(
     return np.fft.ifft(np.sqrt(power), axis=1, norm="forward")
 
 
-# --------------------------------------------------------------------------------------------- captures of TI's card
-CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.json file"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CaptureConfig:
-    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them."""
-
-    receivers: int
-    complex_samples: bool
-    start_ghz: float
-    slope_mhz_us: float
-    idle_us: float
-    adc_start_us: float
-    ramp_end_us: float
-    samples: int
-    rate_ksps: float
-    transmitters: tuple[int, ...]
-    loops: int
-    frame_ms: float
-
-
-def _capture(own: RecordingTable, config_file: Path) -> _Channel:
-    """Return the samples of a raw capture, of one receiver and the chirps of one transmitter."""
+def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -> _Channel:
+    """Return the samples of a raw capture: of one receiver and one transmitter's chirps, or the frames of an array."""
     config = capture_config(config_file)
     _check_receiver(own, config.receivers)
     chirps = len(config.transmitters)
-    frame_bytes = 2 * config.receivers * config.samples * (2 if config.complex_samples else 1) * chirps * config.loops
-    size = own.samples.stat().st_size
-    if size == 0 or size % frame_bytes:
-        _fail(
-            own.samples, f"holds {size:,} bytes, and a frame of its configuration {frame_bytes:,}; get the whole file"
-        )
-    frames = size // frame_bytes
-    sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (own.transmitter - 1)]
-    if not sent:
-        _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
-    # Mapped: only the chosen channel is read into memory.
-    raw = np.memmap(own.samples, dtype="<i2", mode="r").reshape(frames * config.loops, chirps, -1)
-    chirp_s = 1e-6 * (config.idle_us + config.ramp_end_us)
-    number = np.arange(frames)[:, None], np.arange(config.loops)
-    loop_s = 1e-3 * config.frame_ms * number[0] + chirps * chirp_s * number[1]
-    duration_s = config.samples / (1e3 * config.rate_ksps)
-    slope = 1e12 * config.slope_mhz_us
+    raw = capture_frames(own.samples, config)
+    chirp_s, duration_s = 1e-6 * (config.idle_us + config.ramp_end_us), config.samples / (1e3 * config.rate_ksps)
+    frame_s, slope = 1e-3 * config.frame_ms * np.arange(len(raw)), 1e12 * config.slope_mhz_us
     radar = RecordedRadar(
         carrier_hz=1e9 * config.start_ghz + slope * (1e-6 * config.adc_start_us + duration_s / 2),
         bandwidth_hz=abs(slope) * duration_s,
         sampling_rate_hz=1e3 * config.rate_ksps,
         sweep="up" if slope > 0 else "down",
+        chirp_period_s=chirp_s,
     )
-    samples = receiver_samples(raw[:, sent[0]], config, own.lanes, own.receiver - 1)
-    return _Channel(samples=samples, radar=radar, time_s=loop_s.ravel() + sent[0] * chirp_s)
-
-
-def receiver_samples(
-    raw: Int[np.ndarray, "pulse value"], config: CaptureConfig, lanes: int, receiver: int
-) -> Num[np.ndarray, "pulse sample"]:
-    """Return the samples of a receiver, counted from 0, in the raw values of chirps."""
-    pulses, receivers, samples = len(raw), config.receivers, config.samples
-    if not config.complex_samples:
-        return (
-            raw.reshape(pulses, samples, receivers)[..., receiver]
-            if lanes == 4
-            else raw.reshape(pulses, receivers, samples)[:, receiver]
-        )
-    if lanes == 4:
-        in_phase, quadrature = np.moveaxis(raw.reshape(pulses, samples, 2, receivers)[..., receiver], 2, 0)
-    else:
-        pairs = raw.reshape(pulses, receivers, samples // 2, 2, 2)[:, receiver]
-        in_phase, quadrature = (pairs[:, :, part].reshape(pulses, samples) for part in (0, 1))
-    # Single precision holds 16 bits exactly.
-    return in_phase.astype(np.complex64) + 1j * quadrature.astype(np.float32)
-
-
-def capture_config(path: Path) -> CaptureConfig:
-    """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
-    text = read_text(path, "recording.config =", CONFIG_REMEDY)
-    try:
-        config = _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
-    except KeyError as error:
-        _fail(path, f"has no {error.args[0]}")
-    except (ValueError, TypeError, IndexError) as error:
-        _fail(path, f"cannot be read as a chirp configuration ({error})")
-    positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
-    if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
-        _fail(path, "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples")
-    return config
-
-
-def _from_lines(text: str) -> CaptureConfig:
-    commands: dict[str, list[list[float]]] = {}
-    for line in text.splitlines():
-        words = line.split("%")[0].split()
-        if words and words[0] in ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg"):
-            commands.setdefault(words[0], []).append([float(word) for word in words[1:]])
-    channel, adc, frame = (commands[name][0] for name in ("channelCfg", "adcCfg", "frameCfg"))
-    chirps: dict[int, list[float]] = {}
-    for chirp in commands["chirpCfg"]:
-        chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
-    first, last = int(frame[0]), int(frame[1])
-    profile = {p[0]: p for p in commands["profileCfg"]}[chirps[first][2]]
-    return CaptureConfig(
-        receivers=int(channel[0]).bit_count(),
-        complex_samples=adc[1] > 0,
-        start_ghz=profile[1],
-        idle_us=profile[2],
-        adc_start_us=profile[3],
-        ramp_end_us=profile[4],
-        slope_mhz_us=profile[7],
-        samples=int(profile[9]),
-        rate_ksps=profile[10],
-        transmitters=tuple(int(chirps[number][7]) for number in range(first, last + 1)),
-        loops=int(frame[2]),
-        frame_ms=frame[4],
-    )
-
-
-def _from_json(document: Any) -> CaptureConfig:
-    radio = document["mmWaveDevices"][0]["rfConfig"]
-    frame = radio["rlFrameCfg_t"]
-    chirps: dict[int, Any] = {}
-    for entry in radio["rlChirps"]:
-        chirp = entry["rlChirpCfg_t"]
-        chirps |= dict.fromkeys(range(chirp["chirpStartIdx"], chirp["chirpEndIdx"] + 1), chirp)
-    first, last = frame["chirpStartIdx"], frame["chirpEndIdx"]
-    profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
-    profile = profiles[chirps[first]["profileId"]]
-    return CaptureConfig(
-        receivers=_bits(radio["rlChanCfg_t"]["rxChannelEn"]).bit_count(),
-        complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
-        start_ghz=float(profile["startFreqConst_GHz"]),
-        idle_us=float(profile["idleTimeConst_usec"]),
-        adc_start_us=float(profile["adcStartTimeConst_usec"]),
-        ramp_end_us=float(profile["rampEndTime_usec"]),
-        slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"]),
-        samples=int(profile["numAdcSamples"]),
-        rate_ksps=float(profile["digOutSampleRate"]),
-        transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in range(first, last + 1)),
-        loops=int(frame["numLoops"]),
-        frame_ms=float(frame["framePeriodicity_msec"]),
-    )
-
-
-def _bits(mask: Any) -> int:
-    return int(mask, 0) if isinstance(mask, str) else int(mask)
+    if array is not None:
+        samples = receiver_samples(raw, config, own.lanes)
+        return _Channel(samples=samples, radar=radar, time_s=frame_s)
+    sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (own.transmitter - 1)]
+    if not sent:
+        _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
+    own_chirps = raw[:, sent[0] :: chirps].reshape(-1, raw.shape[2])
+    samples = receiver_samples(own_chirps, config, own.lanes, own.receiver - 1)
+    time_s = (frame_s[:, None] + chirp_s * (chirps * np.arange(config.loops) + sent[0])).ravel()
+    return _Channel(samples=samples, radar=radar, time_s=time_s)
 
 
 def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> RecordedRadar:

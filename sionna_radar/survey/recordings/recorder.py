@@ -6,9 +6,11 @@ staging folder beside its place, and is moved there at the end.
 """
 
 import json
+import math
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -22,11 +24,12 @@ from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import OutputError, PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.observation import Recorder, SampleType
-from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recordings.capture_file import CubeRecorder, config_of, is_capture
+from sionna_radar.survey.preparation import Prepared, pulse_rate_hz
+from sionna_radar.survey.recordings.capture_file import Capture, config_text, files_of, is_capture
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
@@ -141,30 +144,49 @@ PACKED_AT_ONCE = 4_000_000
 
 
 class SignalRecorder:
-    """Writes the beat signals of each block, and at the end the true heights.
+    """Writes the beat signals of each block, of an array those of all chirps and receivers, and the true heights.
 
     Samples of 64 bits give the same ranges, points and DEM again, bit for bit. Those of 16 bits are packed after the
-    flight, when the greatest is known: until then they lie beside the recording in 32 bits.
+    flight, when the greatest is known: until then they lie beside the recording in 32 bits. Those of a raw capture go
+    into that, and all else into a netCDF file beside it.
     """
 
     def __init__(self, path: Path, prepared: Prepared, sample_type: SampleType = "float64") -> None:
-        self._file = new_recording(path, prepared, "signals", "beat signals of a simulated FMCW radar")
-        self._prepared, self._sample_type = prepared, sample_type
-        chirp = prepared.receiver.chirp
+        array = prepared.module
+        chirp, self._sweeps = prepared.receiver.chirp, len(prepared.receiver.sweeps)
         self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
-        self._sweeps = len(prepared.receiver.sweeps)
-        self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if sample_type == "int16" else {}
+        self._capture = None
+        if array is not None and is_capture(path):
+            module = partial(config_text, array, chirp, pulse_rate_hz(prepared.local), len(prepared))
+            self._capture = Capture(path, prepared.receiver.noise_power_w / len(self._parts), module)
+            path = path.with_suffix(".nc")
+        kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
+        self._file = new_recording(path, prepared, kind, "beat signals of a simulated FMCW radar")
+        self._prepared, self._sample_type = prepared, sample_type
+        packed = sample_type == "int16" and self._capture is None
+        self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if packed else {}
         self._greatest = 0.0
-        samples = len(prepared) * chirp.samples * self._sweeps * len(self._parts)
+        self._axes = {"sweep": self._sweeps} if self._sweeps > 1 else {}
+        if array is not None:
+            self._axes = {"chirp": array.chirps, "receiver": len(array.receiver_m)}
+        self._axes |= {"sample": chirp.samples}
+        samples = len(prepared) * math.prod(self._axes.values()) * len(self._parts)
         check_room(path.parent, samples * (4 + 2 if self._loose else np.dtype(sample_type).itemsize))
+        for name, size in self._axes.items():
+            self._file.dimension(name, size)
         self._add_radar()
-        if not self._loose:
+        if array is not None:
+            self._add_array(array)
+        if self._capture is None and not self._loose:
             self._add_samples(np.dtype(sample_type))
 
     def write(self, pulses: Pulses, seen: Observation) -> None:
         """Write a block of pulses and their beat signals."""
         write_pulses(self._file, pulses)
         samples = self._samples(pulses, seen)
+        if self._capture is not None:
+            self._capture.write(pulses.index, samples)
+            return
         for name, values in zip(self._parts, (samples.real, samples.imag), strict=False):
             if self._loose:
                 self._greatest = max(self._greatest, float(np.abs(values).max(initial=0.0)))
@@ -227,9 +249,13 @@ class SignalRecorder:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+        if self._capture is not None:
+            self._capture.close()
 
     def _samples(self, pulses: Pulses, seen: Observation) -> np.ndarray:
-        """Return the samples of a block as the file has them: (pulse, sample), or (pulse, sweep, sample) for pairs."""
+        """Return the samples of a block as the file has them."""
+        if seen.frames is not None:
+            return seen.frames
         if seen.beats is None:
             message = f"{self._prepared.scenario.sensor!r} makes no beat signals to record; record 'paths' instead"
             raise ScenarioError([Problem("sensor", message)])
@@ -239,12 +265,21 @@ class SignalRecorder:
             raise PluginError(message)
         return seen.beats[0] if self._sweeps == 1 else np.stack(list(seen.beats), axis=1)
 
+    def _add_array(self, array: MimoArray) -> None:
+        """Add the places of the array's elements, and its codes."""
+        for name in ("transmitter", "receiver"):
+            places, text = getattr(array, f"{name}_m"), f"places of the {name}s along boresight, left and up"
+            if name not in self._axes:
+                self._file.dimension(name, len(places))
+            self._file.variable(f"{name}_place", (name, "axis"), places, long_name=text, units="m")
+        self._file.dimension("code", len(array.code))
+        for part, factor in (("real", array.code.real), ("imaginary", array.code.imag)):
+            text = f"{part} part of each transmitter's factor in the chirps of a block"
+            self._file.variable(f"code_{part}", ("code", "transmitter"), factor.copy(), long_name=text, units="1")
+
     def _add_radar(self) -> None:
         prepared, file = self._prepared, self._file
         receiver, chirp = prepared.receiver, prepared.receiver.chirp
-        file.dimension("sample", chirp.samples)
-        if self._sweeps > 1:
-            file.dimension("sweep", self._sweeps)
         file.variable(
             "sample_time",
             ("sample",),
@@ -253,6 +288,8 @@ class SignalRecorder:
             units="s",
         )
         flight, radar = prepared.flown, prepared.local.radar
+        rate_hz = pulse_rate_hz(prepared.local) if prepared.scenario.sensor == "mimo" else radar.mean_rate_hz
+        capture, array = self._capture, prepared.module
         file.variable(
             "radar",
             (),
@@ -265,20 +302,23 @@ class SignalRecorder:
             propagation_mps=chirp.propagation_mps,
             transmit_power_w=receiver.transmit_power_w,
             noise_power_w=receiver.noise_power_w,
+            chirp_period_s=array.period_s if array else None,
+            capture=capture.name if capture else None,
+            count=capture.per_count if capture else None,
         )
         file.variable(
             "survey",
             (),
             np.int32(0),
-            long_name="what maps need of the flight, by attributes: the ground that the beam's axis meets (west, "
-            "south, east, north), the height over it, and the widest spacing of neighbouring beams on level ground",
+            long_name="what maps need of the flight, by attributes: the ground that is mapped (west, south, east, "
+            "north), the height over it, and the widest spacing of neighbouring beams on level ground",
             ground_extent_m=np.array(prepared.ground_extent_m),
             altitude_m=flight.altitude_m,
-            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, radar.mean_rate_hz),
+            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, rate_hz),
         )
 
     def _add_samples(self, kind: np.dtype, **attributes: float) -> None:
-        dimensions = ("pulse", "sample") if self._sweeps == 1 else ("pulse", "sweep", "sample")
+        dimensions = ("pulse", *self._axes)
         relative = self._prepared.local.radar.snr_db is not None
         for name, part in zip(self._parts, ("in-phase", "quadrature"), strict=False):
             self._file.variable(
@@ -297,9 +337,8 @@ class SignalRecorder:
         """Write the loose samples as whole numbers of 16 bits, the greatest at full scale."""
         scale = (self._greatest or 1.0) / FULL_SCALE
         self._add_samples(np.dtype(np.int16), scale_factor=scale, add_offset=0.0)
-        samples = self._prepared.receiver.chirp.samples
-        shape = (samples,) if self._sweeps == 1 else (self._sweeps, samples)
-        step = max(1, PACKED_AT_ONCE // int(np.prod(shape)))
+        shape = tuple(self._axes.values())
+        step = max(1, PACKED_AT_ONCE // math.prod(shape))
         for name, loose in self._loose.items():
             kept = np.memmap(loose, dtype="<f4", mode="r").reshape(-1, *shape)
             for start in range(0, len(kept), step):
@@ -308,7 +347,27 @@ class SignalRecorder:
             loose.unlink()
 
 
-class ProfileRecorder:
+def _add_column(
+    file: NetcdfFile, dimension: str, name: str, kind: type, long_name: str, units: str, **attributes: Any
+) -> None:
+    file.variable(name, (dimension,), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
+
+
+class _Rows:
+    """Writes rows of a netCDF file, of which none is known only at the end of the flight."""
+
+    _file: NetcdfFile
+
+    def finish(self, comparison: Comparison) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class ProfileRecorder(_Rows):
     """Writes the profiles of each block: a contiguous ragged array of CF, `row_size` values of `power` a profile."""
 
     def __init__(self, path: Path, prepared: Prepared) -> None:
@@ -318,9 +377,7 @@ class ProfileRecorder:
         file.dimension("value")
         power_unit = "1" if prepared.local.radar.snr_db is not None else "W"
 
-        def column(name: str, kind: type, long_name: str, units: str, **attributes: Any) -> None:
-            file.variable(name, ("profile",), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
-
+        column = partial(_add_column, file, "profile")
         column("profile_pulse", np.int64, "pulse of the profile", "1", instance_dimension="pulse")
         column("first_cell", np.int64, "range cell of the profile's first value", "1")
         column("row_size", np.int64, "values of the profile", "1", sample_dimension="value")
@@ -352,65 +409,8 @@ class ProfileRecorder:
         )
         self._file.append("value", {"power": profiles.power})
 
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        self.close()
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-class NetcdfCubeRecorder:
-    """Records the frames of an array, chirp by chirp and receiver by receiver."""
-
-    def __init__(self, path: Path, prepared: Prepared) -> None:
-        array, chirp = prepared.module, prepared.receiver.chirp
-        assert array is not None
-        self._file = file = new_recording(path, prepared, "cube", "frames of a radar with an array")
-        file.dimension("chirp", array.chirps)
-        file.dimension("receiver", len(array.receiver_m))
-        file.dimension("transmitter", len(array.transmitter_m))
-        file.dimension("code", len(array.code))
-        file.dimension("sample", chirp.samples)
-        shape = ("pulse", "chirp", "receiver", "sample")
-        self._parts = ("in_phase", "quadrature") if chirp.sampling == "iq" else ("in_phase",)
-        for name in self._parts:
-            file.variable(name, shape, dtype=np.dtype(np.float32), long_name=f"{name} part of the beat", units="W0.5")
-        for name in ("transmitter", "receiver"):
-            places = getattr(array, f"{name}_m")
-            file.variable(
-                f"{name}_place",
-                (name, "axis"),
-                dtype=np.dtype(float),
-                long_name=f"places of the {name}s along boresight, left and up",
-                units="m",
-            )
-            file.write(f"{name}_place", 0, places)
-        for part, factor in (("real", array.code.real), ("imaginary", array.code.imag)):
-            text = f"{part} part of each transmitter's factor in the chirps of a block"
-            file.variable(f"code_{part}", ("code", "transmitter"), dtype=np.dtype(float), long_name=text, units="1")
-            file.write(f"code_{part}", 0, factor)
-
-    def write(self, pulses: Pulses, seen: Observation) -> None:
-        """Record a block of frames."""
-        assert seen.frames is not None
-        write_pulses(self._file, pulses)
-        for name in self._parts:
-            part = seen.frames.real if name == "in_phase" else seen.frames.imag
-            self._file.write(name, int(pulses.index[0]), part.astype(np.float32))
-
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        del comparison
-        self.close()
-
-    def close(self) -> None:
-        """Close an unfinished file."""
-        self._file.close()
-
-
-class PathRecorder:
+class PathRecorder(_Rows):
     """Writes the paths of each block: delay, complex gain, range rate, incidence, hit point and surface.
 
     An indexed ragged array of CF: `path_pulse` is the pulse of each path.
@@ -421,9 +421,7 @@ class PathRecorder:
         file.dimension("path")
         names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.scene.scene.surfaces)]
 
-        def column(name: str, kind: type, long_name: str, units: str, **attributes: Any) -> None:
-            file.variable(name, ("path",), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
-
+        column = partial(_add_column, file, "path")
         column("path_pulse", np.int64, "pulse of the path", "1", instance_dimension="pulse")
         column("delay", np.float64, "two-way delay at the middle of the chirp", "s")
         column("gain_i", np.float32, "received over transmitted wave, real part; the phase excludes the delay", "1")
@@ -457,14 +455,6 @@ class PathRecorder:
             },
         )
 
-    def finish(self, comparison: Comparison) -> None:
-        """Close the file."""
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
 
 Kind = Literal["signals", "paths", "profiles", "cube"]
 KINDS: tuple[Kind, ...] = ("signals", "paths", "profiles", "cube")
@@ -496,19 +486,14 @@ def recorders(
     files = checked_files(wanted)
     refuse_average(prepared.scenario.processing, "a recording")
     for kind, of_array in (("cube", True), ("signals", False), ("profiles", False)):
-        if kind in files and (prepared.module is not None) != of_array:
+        if kind in files and (prepared.scenario.sensor == "mimo") != of_array:
             own = "sensor = 'mimo'" if of_array else "single chirps"
             raise ScenarioError([Problem("record", f"{kind!r} is of {own}; give another kind, or change the sensor")])
-    if "signals" in files and prepared.angle is not None:
-        message = (
-            f"{prepared.scenario.processing.angle!r} needs all receivers, and only the first one's signals are kept; "
-        )
-        raise ScenarioError([Problem("processing.angle", message + "set 'off' to record")])
     makers: dict[str, Callable[[Path], Recorder]] = {
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),
         "profiles": lambda path: ProfileRecorder(path, prepared),
-        "cube": lambda path: CubeRecorder(path, prepared) if is_capture(path) else NetcdfCubeRecorder(path, prepared),
+        "cube": lambda path: SignalRecorder(path, prepared, sample_type),
     }
     with ExitStack() as stack:
         made, places = [], []
@@ -518,9 +503,7 @@ def recorders(
                 recorder = makers[kind](folder / path.name)
                 stack.callback(recorder.close)
                 made.append(recorder)
-                places.append((folder / path.name, path))
-                if kind == "cube" and is_capture(path):
-                    places.append((config_of(folder / path.name), config_of(path)))
+                places += [(folder / file.name, file) for file in files_of(kind, path)]
             yield made
             for written, path in places:
                 if path.exists():
@@ -553,7 +536,7 @@ def _checked(kind: str, path: Path) -> Path:
         raise ScenarioError([Problem("record", f"{kind!r} is not recorded; give one of {', '.join(KINDS)}")], "run")
     try:
         path = path.expanduser().resolve()
-        for file in (path, config_of(path)) if kind == "cube" and is_capture(path) else (path,):
+        for file in files_of(kind, path):
             if file.exists():
                 message = f"recording {file} exists already; move it away or name another file"
                 raise OutputError(message)

@@ -2,8 +2,10 @@
 
 The file is netCDF-4. What it must have, and what it may:
 
-- `beat_i` (pulse, sample), or (pulse, sweep, sample) for an up- and a down-sweep in each pulse: samples of the beat
-  signal, of any number type; `scale_factor` and `add_offset` apply. `beat_q` beside it for I/Q samples.
+- `beat_i` (pulse, sample), (pulse, sweep, sample) for an up- and a down-sweep in each pulse, or (pulse, chirp,
+  receiver, sample) for the frames of an array: samples of the beat signal, of any number type; `scale_factor` and
+  `add_offset` apply. `beat_q` beside it for I/Q samples. Instead of both, attributes of `radar` name a raw `capture` in
+  the same folder, and the `count` of one of its numbers.
 - `radar`, a variable whose attributes (or else those of the file) are `carrier_hz`, `bandwidth_hz`,
   `sampling_rate_hz`, and where they differ from the usual `sweep` and `propagation_mps`: see `RecordedRadar`.
 - `time` (pulse), s; without it chirps are numbered.
@@ -31,11 +33,13 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
+from sionna_radar.foundation.input_file import regular_file
 from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
 from sionna_radar.mapping.mapper import MAX_DEM_CELLS, Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedRadar
+from sionna_radar.survey.recordings.capture_file import capture_config, capture_frames, is_capture, receiver_samples
 from sionna_radar.survey.recordings.netcdf import NetcdfInput, open_netcdf
 
 MAX_PULSES, MIN_SAMPLES, MAX_SAMPLES = 10_000_000, 32, 2**18
@@ -45,6 +49,7 @@ POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation
 GREATEST = 1e15
 FARTHEST_M, FASTEST_MPS = 1e6, 1e4
 LAYOUT = 1
+MAX_CAPTURE_BYTES = 64_000_000_000
 UNITS = {"measured_position": "m", "measured_velocity": "m s-1", "time": "s"}
 SAME_UNITS = {"m": ("metre", "meter", "metres", "meters"), "m s-1": ("m/s",), "s": ("second", "seconds", "sec")}
 # How far a rotation matrix may be from orthonormal.
@@ -83,25 +88,36 @@ def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
 
     Raises InputFileError, then or while it is read, for a file that is none or is damaged.
     """
+    path = path.with_suffix(".nc") if is_capture(path) else path
     with open_netcdf(path, name, REMEDY) as file:
-        yield SignalFile(file)
+        yield SignalFile(file, path.parent)
 
 
 class SignalFile:
     """An open recording of beat signals."""
 
-    def __init__(self, file: NetcdfInput) -> None:
-        self._file = file
-        self._beat = [file.variable(name) for name in ("beat_i", "beat_q") if name == "beat_i" or name in file]
-        self._check_kind()
-        shape, kinds = self._beat[0].shape, {beat.dtype.kind for beat in self._beat}
-        if len(shape) not in (2, 3) or not kinds <= set("fiu"):
+    def __init__(self, file: NetcdfInput, folder: Path) -> None:
+        self._file, self._beat, self._capture = file, [], None
+        if "capture" in (kept := file.attributes_of("radar")):
+            place = folder / Path(str(kept["capture"])).name
+            regular_file(place, "radar:capture =", REMEDY, MAX_CAPTURE_BYTES)
+            config, (count,) = capture_config(place.with_suffix(".cfg")), self._vector(kept, "count", 1)
+            raw = capture_frames(place, config)
+            self._capture, self._iq = (raw, config, count), config.complex_samples
+            self._shape: tuple[int, ...] = (len(raw), raw.shape[1], config.receivers, config.samples)
+            self._check_kind()
+        else:
+            self._beat = [file.variable(name) for name in ("beat_i", "beat_q") if name == "beat_i" or name in file]
+            self._check_kind()
+            self._shape, self._iq = self._beat[0].shape, len(self._beat) == 2
+        shape, kinds = self._shape, {beat.dtype.kind for beat in self._beat}
+        if len(shape) not in (2, 3, 4) or not kinds <= set("fiu"):
             file.fail(f"beat_i is {self._beat[0].dtype} of the shape {shape}; it is to hold numbers, (pulse, sample)")
         if any(beat.shape != shape for beat in self._beat):
             file.fail("beat_q has another shape than beat_i; both are (pulse, sample)")
         self.radar = self._radar()
         pair = self.radar.sweep == "triangular"
-        if (len(shape), *shape[1:-1]) != ((3, 2) if pair else (2,)):
+        if (len(shape), *shape[1:-1]) != ((3, 2) if pair else (2,)) and (pair or len(shape) != 4):
             file.fail(f"beat_i has the shape {shape}, which is not that of radar:sweep = {self.radar.sweep!r}")
         if not (0 < shape[0] <= MAX_PULSES):
             file.fail(f"beat_i has {shape[0]:,} pulses; 1 to {MAX_PULSES:,} can be processed")
@@ -109,12 +125,12 @@ class SignalFile:
             file.fail(f"beat_i has {shape[-1]:,} samples a sweep; {MIN_SAMPLES} to {MAX_SAMPLES:,} can be used")
 
     def __len__(self) -> int:
-        return int(self._beat[0].shape[0])
+        return int(self._shape[0])
 
     @cached_property
     def sweeps(self) -> tuple[Chirp, ...]:
         """The sweeps of one pulse."""
-        return sweeps_of(self.radar, int(self._beat[0].shape[-1]), len(self._beat) == 2)
+        return sweeps_of(self.radar, int(self._shape[-1]), self._iq)
 
     @cached_property
     def scenario(self) -> str | None:
@@ -210,11 +226,19 @@ class SignalFile:
             beside_wall=self._file.numbers("beside_wall", shape) > 0 if "beside_wall" in self._file else None,
         )
 
-    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of pulses.
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Chirps of a frame and receivers of an array; none for a single one."""
+        return self._shape[1:3] if len(self._shape) == 4 else ()
+
+    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
+        """Return the beat signals of each sweep of pulses, or of all chirps and receivers of an array.
 
         Raises InputFileError for samples that are no finite numbers.
         """
+        if self._capture is not None:
+            raw, config, count = self._capture
+            return [receiver_samples(raw[pulses.index], config) * count]
         parts = [self._unpacked(beat, pulses.index) for beat in self._beat]
         beat = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
         # False for samples that are no numbers, too.
@@ -222,7 +246,7 @@ class SignalFile:
         if not sound.all():
             wrong = pulses.index[int(np.argmin(sound))]
             self._file.fail(f"the samples of pulse {wrong} are no finite numbers below {GREATEST:g}; leave it out")
-        return [beat] if beat.ndim == 2 else [np.ascontiguousarray(beat[:, n]) for n in range(beat.shape[1])]
+        return [beat] if beat.ndim != 3 else [np.ascontiguousarray(beat[:, n]) for n in range(beat.shape[1])]
 
     def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
         """Return the measured poses of pulses."""
@@ -245,7 +269,7 @@ class SignalFile:
     def _check_kind(self) -> None:
         """Refuse another kind of recording, and a layout that is not known yet."""
         kept = self._file.attributes
-        if kept.get("recording", "signals") != "signals":
+        if kept.get("recording", "signals") not in ("signals", "cube"):
             self._file.fail(f"holds {kept['recording']}, not beat signals; {REMEDY}")
         if kept.get("layout", LAYOUT) != LAYOUT:
             self._file.fail(f"has the layout {kept['layout']!r}, and this version reads {LAYOUT}; take the newer one")

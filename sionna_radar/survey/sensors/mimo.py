@@ -1,8 +1,7 @@
 """A module with an array of transmitters and receivers that maps without turning; a pulse of its survey is a frame.
 
 Paths are traced once a frame, from the pose in its middle: all chirps, transmitters and receivers share the scatterers
-(`signal.array_beats`). Frames are received and processed one after another; those of a block, which are few, are kept
-for whoever records them.
+(`signal.array_beats`). Those of a block, which are few, are kept for whoever records them.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -38,16 +37,11 @@ class Mimo:
         """Return the points of a block of frames."""
         with timed("trace"):
             paths = self._thread.submit(self._trace, pulses).result()
-        echoes, frames = [], []
-        for row in range(len(pulses)):
-            frame = pulses.rows(np.array([row]))
-            with timed("synthesise"):
-                beats = self._received(paths, frame)
-            frames.append(beats)
-            with timed("detect"):
-                index, expected = int(frame.index[0]), self._expected
-                echoes.append(self.estimator.find(beats, index, frame.measured, expected))
-        return Observation(paths=paths, echoes=Echoes.concatenate(echoes), frames=np.stack(frames))
+        with timed("synthesise"):
+            frames = np.stack([self._received(paths, pulses.rows(np.array([row]))) for row in range(len(pulses))])
+        with timed("detect"):
+            echoes = self.estimator.find_all(frames, pulses, self._expected)
+        return Observation(paths=paths, echoes=echoes, frames=frames)
 
     def frame(self, pulses: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         """Return the beat signals of one frame, sqrt(W), chirp by chirp."""
@@ -88,10 +82,10 @@ class Mimo:
 
 def build_mimo(given: SensorInputs) -> Mimo:
     """Return the module of a scenario."""
-    if given.array is None or given.module is None or given.bursts is None:
+    if not isinstance(given.angle, ArrayEstimator) or given.module is None or given.bursts is None:
         message = "missing; sensor = 'mimo' needs its elements"
         raise ScenarioError([Problem("radar.array", message)])
     if given.receiver.chain is not None or given.receiver.high_pass is not None:
         message = "an array's receivers are ideal but for noise and radar.array; remove the others"
         raise ScenarioError([Problem("radar.receiver", message)])
-    return Mimo(given, given.bursts, given.module, given.array)
+    return Mimo(given, given.bursts, given.module, given.angle)

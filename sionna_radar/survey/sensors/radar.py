@@ -13,7 +13,7 @@ from sionna_radar.detection.detector import PairedEchoes
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.progress import timed
-from sionna_radar.signal.mixer import side_paths
+from sionna_radar.signal.mixer import receiver_paths
 from sionna_radar.signal.receiver import Reception
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
@@ -32,7 +32,7 @@ class Radar:
     """
 
     def __init__(self, given: SensorInputs) -> None:
-        self._receiver, self._angle = given.receiver, given.angle
+        self._receiver, self._angle, self._array = given.receiver, given.angle, given.module
         self._bursts = given.bursts
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
@@ -67,7 +67,7 @@ class Radar:
                 paths = self._trace(pulses)
             with timed("synthesise"):
                 reception = self._receiver.reception(paths, self._sent(pulses))
-        if self._angle is not None:
+        if isinstance(self._angle, AngleEstimator):
             return self._in_directions(self._angle, paths, reception, pulses)
         with timed("detect"):
             found = self.sweeps.detect(reception.beats, pulses)
@@ -83,20 +83,20 @@ class Radar:
     def _in_directions(self, angle: AngleEstimator, paths: Paths, reception: Reception, pulses: Pulses) -> Observation:
         """Return points along the echoes of a block, from the signals of all receivers."""
         with timed("synthesise"):
-            sent = self._sent(pulses)
+            sent, array = self._sent(pulses), self._array
+            assert array is not None
             sides = [
-                self._receiver.beat(side_paths(paths, sent, side), sent, channel)
-                for channel, side in enumerate(angle.receivers, start=1)
+                self._receiver.beat(receiver_paths(paths, sent, array, channel), sent, channel)
+                for channel in range(1, len(array.receiver_m))
             ]
         with timed("detect"):
-            window_m = self.sweeps.window_m(pulses)
-            # Leakage is the same in all receivers.
-            beats = [self.sweeps.cleaned([beat], pulses)[0] for beat in (reception.beats[0], *sides)]
-            echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
+            beats = (reception.beats[0], *sides)
+            echoes = self.sweeps.directions(angle, beats, pulses)
         return Observation(
             paths=self._of_pulses(paths),
             echoes=echoes,
             beats=tuple(reception.beats),
+            frames=np.stack(beats, axis=1)[:, None],
             saturated=self._counted(reception),
         )
 

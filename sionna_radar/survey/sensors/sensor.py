@@ -38,7 +38,7 @@ class Observation:
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     beats: beat signals of each sweep, for whoever records them; None for a sensor without.
-    frames: those of an array, chirp by chirp and receiver by receiver; None for another sensor.
+    frames: those of an array, chirp by chirp and receiver by receiver; None for a single receiver.
     saturated: samples of each pulse that the converter clipped; None for a sensor without a full scale.
     """
 
@@ -95,8 +95,8 @@ class SensorInputs:
     schedule: all pulses of the survey, for a sensor that looks about before it starts.
     expected_ground: what is known of the ground beforehand; None for nothing.
     weather, lidar: tables of the scenario.
-    angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
-    array: finds points in the frames of an array; None for a radar without. module: the array with its true errors.
+    angle: finds directions by the receivers of an array; None for echoes on the beam's axis.
+    module: the array with its true errors; None for a radar of which one receiver is used.
     bursts: the chirps of each pulse, or frame; None for one.
     custom_engine: builds an engine in place of the one that the scenario names.
     """
@@ -108,8 +108,7 @@ class SensorInputs:
     expected_ground: ExpectedGround | None
     weather: WeatherTable
     lidar: LidarTable
-    angle: AngleEstimator | None = None
-    array: ArrayEstimator | None = None
+    angle: AngleEstimator | ArrayEstimator | None = None
     module: MimoArray | None = None
     bursts: Bursts | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Inexact, Int
 
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector, PairedEchoes, pair_sweeps
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -125,6 +126,12 @@ class SweepDetector:
             through_volume = self.through[0] is not None
             return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through_volume)
         return self.detect_in(self.detector.analyser.power(beats[0]), pulses)
+
+    def directions(self, angle: AngleEstimator, beats: ChirpBeats, pulses: Pulses) -> Echoes:
+        """Return points along the echoes of a block, from the beat signals of all receivers."""
+        # Leakage is the same in all receivers.
+        cleaned = [self.cleaned([beat], pulses)[0] for beat in beats]
+        return angle.find(cleaned, pulses.index, pulses.measured, self.window_m(pulses))
 
     def detect_in(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> Found:
         """Return the echoes in the power spectra of single sweeps."""

@@ -11,9 +11,10 @@ from sionna_radar.detection.angle.arrival import coherence, phase_covariance, ra
 from sionna_radar.detection.angle.segments import range_strips, stretches_of
 from sionna_radar.detection.build import build_angle_estimator, build_detector
 from sionna_radar.mapping.points import locate
+from sionna_radar.radar.build import build_receivers
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.mixer import side_paths
+from sionna_radar.signal.mixer import receiver_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 
@@ -24,7 +25,8 @@ PULSES = make_pulses(24, incidence_deg=45.0, scan_deg=np.linspace(-45, 45, 24), 
 def estimator(angle: str, kind: str, **processing):
     radar = RadarTable(snr_db=30.0, second_receiver={"kind": kind})
     table = ProcessingTable(angle=angle, **processing)
-    return build_angle_estimator(radar, table, build_detector(table, CHIRP, ANTENNA), ANTENNA)
+    detector = build_detector(table, CHIRP, ANTENNA)
+    return build_angle_estimator(table, detector, ANTENNA, build_receivers(radar, ANTENNA))
 
 
 def plane_echo(slope: float, seed: int = 1, count: int = 700) -> Paths:
@@ -49,8 +51,8 @@ def plane_echo(slope: float, seed: int = 1, count: int = 700) -> Paths:
 def points_of(found, paths: Paths, noise_w: float = 1e-13):
     receiver = Receiver(sweeps=(CHIRP,), transmit_power_w=1.0, noise_power_w=noise_w, seed=4)
     sides = [
-        receiver.beat(side_paths(paths, PULSES, side), PULSES, channel)
-        for channel, side in enumerate(found.receivers, start=1)
+        receiver.beat(receiver_paths(paths, PULSES, found.array, channel), PULSES, channel)
+        for channel in range(1, len(found.axes) + 1)
     ]
     echoes = found.find([receiver.beat(paths, PULSES), *sides], PULSES.index, PULSES.measured)
     return locate(found.detector.correct(echoes, PULSES.index, PULSES.measured), PULSES.index, PULSES.measured)

@@ -14,15 +14,15 @@ from sionna_radar.detection.angle.row import (
     noise_share,
     scanned,
     source_powers,
-    steering,
 )
 from sionna_radar.detection.build import build_angle_estimator, build_detector
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
+from sionna_radar.radar.build import build_receivers
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.mixer import side_paths
+from sionna_radar.signal.mixer import receiver_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
@@ -34,16 +34,15 @@ PULSES = make_pulses(24, incidence_deg=45.0, position_m=(0.0, 0.0, HEIGHT_M))
 UPPER, LOWER = 0.05, -0.045
 
 
-def estimator(angle, chirp, **receiver):
-    radar = RadarTable(snr_db=30.0, second_receiver={"axis": "elevation", **receiver})
-    return build_angle_estimator(
-        radar, ProcessingTable(angle=angle), build_detector(ProcessingTable(angle=angle), chirp, ANTENNA), ANTENNA
-    )
+def estimator(angle, sweep="up", **receiver):
+    radar = RadarTable(snr_db=30.0, sweep=sweep, second_receiver={"axis": "elevation", **receiver})
+    table = ProcessingTable(angle=angle)
+    detector = build_detector(table, make_chirp(sweep=sweep), ANTENNA)
+    return build_angle_estimator(table, detector, ANTENNA, build_receivers(radar, ANTENNA))
 
 
-def row_of(receivers, spacing, **chirp):
-    keys = {"kind": "row", "receivers": receivers, "baseline_wavelengths": spacing}
-    return estimator("row", make_chirp(**chirp), **keys)
+def row_of(receivers, spacing, **keys):
+    return estimator("row", kind="row", receivers=receivers, baseline_wavelengths=spacing, **keys)
 
 
 def echo_of(range_m, cosine_up, gain, left=(-0.05, 0.05)):
@@ -75,8 +74,8 @@ def found_by(found, paths, noise_w=1e-13):
     chirp = found.detector.analyser.chirp
     receiver = Receiver(sweeps=(chirp,), transmit_power_w=1.0, noise_power_w=noise_w, seed=4)
     sides = [
-        receiver.beat(side_paths(paths, PULSES, side), PULSES, channel)
-        for channel, side in enumerate(found.receivers, start=1)
+        receiver.beat(receiver_paths(paths, PULSES, found.array, channel), PULSES, channel)
+        for channel in range(1, len(found.axes) + 1)
     ]
     echoes = found.find([receiver.beat(paths, PULSES), *sides], PULSES.index, PULSES.measured)
     return found.detector.correct(echoes, PULSES.index, PULSES.measured)
@@ -113,7 +112,7 @@ def test_two_surfaces_in_the_same_cells_are_told_apart(receivers, spacing):
         error = up[own] - expected
         assert np.sqrt(np.mean(error**2)) < 0.1 / MIDDLE_M
         assert 0.5 < np.sqrt(np.mean((error / sigma[own]) ** 2)) < 1.5
-    assert len(found_by(estimator("interferometric", make_chirp()), surfaces(UPPER, LOWER))) < 0.1 * len(PULSES)
+    assert len(found_by(estimator("interferometric"), surfaces(UPPER, LOWER))) < 0.1 * len(PULSES)
 
 
 def test_a_receiver_beside_the_row_tells_where_across_each_surface_is():
@@ -122,14 +121,8 @@ def test_a_receiver_beside_the_row_tells_where_across_each_surface_is():
     up = np.array([[UPPER], [LOWER]]) + (range_m - MIDDLE_M) / MIDDLE_M
     narrow = [(0.04, 0.041), (-0.041, -0.04)]
     paths = Paths.concatenate([echo_of(range_m[k], up[k], 1e-6, narrow[k]) for k in range(2)])
-    radar = RadarTable(snr_db=30.0, second_receiver={"kind": "row", "receivers": 8, "baseline_wavelengths": 1.0})
-    found = build_angle_estimator(
-        radar,
-        ProcessingTable(angle="row"),
-        build_detector(ProcessingTable(angle="row"), make_chirp(), ANTENNA),
-        ANTENNA,
-    )
-    assert [receiver.axis for receiver in found.receivers] == [1] + 7 * [2]
+    found = row_of(8, 1.0, axis="both")
+    assert found.axes == (0, *7 * [1])
     echoes = found_by(found, paths)
     own = np.abs(echoes.range_m - MIDDLE_M) < 1.0
     left, up = echoes.direction[own, 1:].T
@@ -190,10 +183,7 @@ def test_neighbours_so_far_apart_that_the_phase_wraps_are_refused():
 def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, within, range_m):
     """Wavefronts are spheres: the middle of a row of 0.08 m sees it 1e-3 off at 40 m, and 3e-3 to the side."""
     left, up, angle = 0.021, -0.033, "row" if "kind" in keys else "interferometric"
-    radar = RadarTable(snr_db=30.0, second_receiver={"axis": "both", **keys})
-    processing = ProcessingTable(angle=angle)
-    detector = build_detector(processing, make_chirp(sweep=sweep), ANTENNA)
-    found = build_angle_estimator(radar, processing, detector, ANTENNA)
+    found = estimator(angle, sweep, axis="both", **keys)
     echoes = found_by(found, echo_of(np.array([range_m]), up, 1e-6, (left, left)), noise_w=1e-19)
     strongest = echoes.power > 0.5 * echoes.power.max()
     assert strongest.sum() >= len(PULSES)
@@ -201,6 +191,13 @@ def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, withi
 
 
 PLACE = np.arange(8) * 1.0
+
+
+def steering(place_wavelengths, cosine):
+    """Steering vectors of a row, one per direction cosine."""
+    return np.exp(2j * np.pi * np.outer(cosine, place_wavelengths))
+
+
 APART = np.array([-0.045, 0.05])
 SCANNED = scanned(PLACE, 0.2)
 
@@ -281,9 +278,8 @@ def test_the_variance_is_that_of_the_bound(cosine, power):
     covariance = covariances(cosine, power, looks, trials)
     found = np.sort(lowest(noise_share(covariance, steering(PLACE, SCANNED), len(power)), SCANNED, len(power)), axis=1)
     error = found - np.sort(cosine)
-    bound = cosine_variance(
-        PLACE, steering(PLACE, np.asarray(cosine))[None], np.array([power]), np.array([float(looks)])
-    )[0]
+    vectors = steering(PLACE, np.asarray(cosine))[None]
+    bound = cosine_variance(vectors, 2j * np.pi * PLACE * vectors, np.array([power]), np.array([float(looks)]))[0]
     assert np.isfinite(found).all()
     np.testing.assert_array_less(np.abs(error.mean(axis=0)), 5 * np.sqrt(bound / trials))
     ratio = error.var(axis=0) / bound

@@ -1,14 +1,12 @@
 """Paths and noise as receivers beside the first have them."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.radar.second_receiver import DifferencePattern, SideReceiver
-from sionna_radar.signal.mixer import side_paths
+from sionna_radar.radar.mimo_array import DifferencePattern, MimoArray
+from sionna_radar.signal.mixer import receiver_paths
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 
@@ -33,19 +31,42 @@ def receiver(chirp, noise_w: float = 0.0) -> Receiver:
     return Receiver(sweeps=(chirp,), transmit_power_w=1.0, noise_power_w=noise_w, seed=3)
 
 
+def array(place_m, chirp, **keys) -> MimoArray:
+    return MimoArray(
+        transmitter_m=np.zeros((1, 3)),
+        receiver_m=np.array([[0.0, 0.0, 0.0], place_m]),
+        code=np.ones((1, 1), dtype=complex),
+        blocks=1,
+        period_s=1e-3,
+        wavelength_m=chirp.wavelength_m,
+        direction=chirp.direction,
+        **keys,
+    )
+
+
 def test_the_phase_between_receivers_is_that_of_the_direction():
     for sweep in ("up", "down"):
         chirp = make_chirp(sweep=sweep)
         for axis, left, up in ((1, 0.03, -0.02), (2, 0.03, -0.02)):
-            side = SideReceiver(axis=axis, true_baseline_m=2.0 * chirp.wavelength_m)
+            side = array(2.0 * chirp.wavelength_m * np.eye(3)[axis], chirp)
             paths = target(left, up)
-            first, other = (receiver(chirp).beat(p, PULSES) for p in (paths, side_paths(paths, PULSES, side)))
+            first, other = (receiver(chirp).beat(receiver_paths(paths, PULSES, side, n), PULSES) for n in (0, 1))
             one, two = (SpectrumAnalyser(chirp, "hann", 2).amplitude(beat) for beat in (first, other))
             strongest = np.argmax(np.abs(one), axis=1)
             turned = np.angle((two * one.conj())[np.arange(3), strongest])
             # Nearer to what lies in its direction, so that its wave arrives earlier: |b| / r = 1e-4 bends it a little.
             expected = -chirp.direction * 2 * np.pi * 2.0 * (left, up)[axis - 1]
             np.testing.assert_allclose(turned, expected, atol=2e-3)
+
+
+def test_errors_turn_the_second_receiver_alone():
+    for sweep in ("up", "down"):
+        chirp, paths = make_chirp(sweep=sweep), target(0.0, 0.0)
+        side = array([0.0, 0.0, 0.0], chirp, mixing=np.diag([1.0, np.exp(0.3j)]))
+        beats = [receiver(chirp).beat(receiver_paths(paths, PULSES, side, n), PULSES) for n in (0, 1)]
+        one, two = (SpectrumAnalyser(chirp, "hann", 2).amplitude(beat) for beat in beats)
+        strongest = np.argmax(np.abs(one), axis=1)
+        np.testing.assert_allclose(np.angle((two * one.conj())[np.arange(3), strongest]), 0.3, atol=1e-3)
 
 
 def test_each_receiver_has_noise_of_its_own_and_the_first_that_of_before():
@@ -61,9 +82,8 @@ def test_each_receiver_has_noise_of_its_own_and_the_first_that_of_before():
 
 def test_a_difference_weighs_paths_by_direction():
     cosine = np.linspace(-1, 1, 401)
-    ratio = DifferencePattern(cosine=cosine, ratio=10 * cosine, lobe=slice(190, 211))
+    ratio = DifferencePattern(axis=2, cosine=cosine, ratio=10 * cosine, lobe=slice(190, 211))
     paths = target(0.03, -0.02)
-    side = SideReceiver(axis=2)
-    weighed = side_paths(paths, PULSES, replace(side, difference=ratio))
+    weighed = receiver_paths(paths, PULSES, array([0.0, 0.0, 0.0], make_chirp(), difference=(ratio,)), 1)
     np.testing.assert_allclose(weighed.gain, -0.2 * paths.gain, rtol=1e-9)
     np.testing.assert_array_equal(weighed.delay_s, paths.delay_s)
