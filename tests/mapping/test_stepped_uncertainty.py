@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.options import STEPPED
@@ -25,12 +26,11 @@ def test_margins_of_a_row_are_those_of_a_plain_search():
         for column in range(5):
             best = np.array([of_row[rows[:, column] == level].min() for level in range(4)])
             level = chosen[0, column]
-            down, up = (
-                best[some].min(initial=np.inf)
-                for some in (slice(0, max(level - apart + 1, 0)), slice(level + apart, None))
-            )
-            assert below[0, column] == pytest.approx(max(down - best[level], 0) / 8, rel=1e-4, abs=1e-4)
-            assert above[0, column] == pytest.approx(max(up - best[level], 0) / 8, rel=1e-4, abs=1e-4)
+            own = best[max(level - 1, 0) : level + 2].min()
+            down = best[: max(level - apart + 1, 0)].min(initial=np.inf)
+            up = best[level + apart :].min(initial=np.inf)
+            assert below[0, column] == pytest.approx(max(down - own, 0) / 8, rel=1e-4, abs=1e-4)
+            assert above[0, column] == pytest.approx(max(up - own, 0) / 8, rel=1e-4, abs=1e-4)
 
 
 def test_the_next_step_is_that_of_a_plain_search():
@@ -72,15 +72,18 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
 
 
 def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
+    """Margins err by a neper: one of two is as likely as a normal deviate of two, over that of none."""
     height = np.zeros((9, 40))
     height[:, 20:] = 6.0
-    sure = np.full(height.shape, np.inf)
-    assert np.all(with_steps(np.full(height.shape, 0.1), height, sure, sure, 2.0).other_side == 0.0)
-    margin = np.full(height.shape, np.log(2.0))
-    found, even = (with_steps(np.full(height.shape, 0.1), height, m, m, 2.0).other_side for m in (margin, 0 * margin))
-    odds, prior = found / (1 - found), even / (1 - even)
-    np.testing.assert_allclose(odds, prior / 2)
-    assert np.all(np.diff(prior[4, 20:]) <= 0)
+    own = np.full(height.shape, 0.1)
+    odds = []
+    for nepers in (0.0, 2.0, np.inf):
+        margin = np.full(height.shape, nepers)
+        chance = with_steps(own, height, margin, margin, 2.0).other_side
+        odds.append(chance / (1 - chance))
+    np.testing.assert_allclose(odds[1], odds[0] * norm.pdf(2.0) / norm.pdf(0.0))
+    assert np.all(odds[2] == 0.0)
+    assert np.all(np.diff(odds[0][4, 20:]) <= 0)
 
 
 def test_a_hillside_without_steps_has_no_other_side():

@@ -21,6 +21,7 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.ndimage import minimum_filter1d
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.compiled import compiled
@@ -85,23 +86,25 @@ def margins(
     total:
         Costs of the best paths to it, the sum over all directions.
     chosen:
-        The level of each cell.
+        The level of each cell; those within half a step are it as well, as the surface may pass through any of them.
     apart:
-        Levels of a step: nearer ones do not count. The margin is infinite where there are none as far away.
+        Levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
 
     """
     once, count = (total - (len(DIRECTIONS) - 1) * cost) / len(DIRECTIONS), total.shape[-1]
-    own = np.take_along_axis(once, chosen[..., None], axis=-1)
+    own = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
+    upward = np.minimum.accumulate(once, axis=-1)
+    downward = np.minimum.accumulate(once[..., ::-1], axis=-1)[..., ::-1]
+    lower, higher = chosen - apart, chosen + apart
+    below = np.where(lower >= 0, _at(upward, np.maximum(lower, 0)) - own, np.inf)
+    above = np.where(higher < count, _at(downward, np.minimum(higher, count - 1)) - own, np.inf)
+    return np.maximum(below, 0.0), np.maximum(above, 0.0)
 
-    def best(
-        costs: Float32[np.ndarray, "row column level"], level: Int[np.ndarray, "row column"]
-    ) -> Float[np.ndarray, "row column"]:
-        """Return the margin of the best level among the first `level` + 1."""
-        least = np.minimum.accumulate(costs, axis=-1)
-        found = np.take_along_axis(least, np.maximum(level, 0)[..., None], axis=-1)
-        return np.where(level >= 0, np.maximum(found - own, 0.0)[..., 0], np.inf)
 
-    return best(once, chosen - apart), best(once[..., ::-1], count - 1 - chosen - apart)
+def _at(
+    cost: Float32[np.ndarray, "row column level"], level: Int[np.ndarray, "row column"]
+) -> Float32[np.ndarray, "row column"]:
+    return np.asarray(np.take_along_axis(cost, level[..., None], axis=-1)[..., 0])
 
 
 # Passes over the pulses of a block: evidence from echoes, then also from visibility.

@@ -146,10 +146,11 @@ def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[
     return np.asarray(np.unique(part[row, column], return_inverse=True)[1].reshape(part.shape))
 
 
-# Odds that a cell a cell's width from a step is of its other side: that one mapped above it is of the ground below,
-# and that one mapped below is of what stands above. The map takes the highest of equal levels, so that it errs upward
-# more often. Frequencies over San Francisco and Florence, of six surveys (`docs/theory/uncertainty.md`).
-ODDS_BELOW, ODDS_ABOVE = 0.26, 0.13
+# Odds that a cell one cell from a step is of its other side, where the echoes leave it open: that one mapped above is of
+# the ground below, and that one mapped below of what stands above. The map takes the highest of equal levels, so that
+# it errs upward more often. Frequencies of six surveys of San Francisco and Florence, as are the fall with the distance
+# and that with the margin, as if it erred by one neper (`docs/theory/uncertainty.md`).
+ODDS_BELOW, ODDS_ABOVE = 0.23, 0.13
 # Distances at which steps are looked for, cells; how far around that the height beyond is, in distances, and least.
 DISTANCES_CELLS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 AROUND_DISTANCES, AROUND_CELLS = 2, 4
@@ -220,9 +221,9 @@ def with_steps(
 
     """
     away, drop_m = next_step(height_m, step_m)
-    down = ODDS_BELOW / away * np.exp(-below)
+    down = ODDS_BELOW / away * np.exp(-(below**2) / 2)
     away, rise_m = next_step(-height_m, step_m)
-    up = ODDS_ABOVE / away * np.exp(-above)
+    up = ODDS_ABOVE / away * np.exp(-(above**2) / 2)
     down, up = down / (1 + down + up), up / (1 + down + up)
     variance = down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2
     return SteppedUncertainty(np.sqrt(sigma_m**2 + variance), down + up)
