@@ -4,6 +4,7 @@ The odds of the other side of a step were chosen on San Francisco and Florence; 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -95,12 +96,11 @@ class Cells:
                 f"  {label:24s} {found.count:6d} inside {inside} %, RMS of z {found.rms_z:5.2f}, "
                 f"beyond 5 sigma {beyond:.2f} %, median sigma {np.median(self.sigma_m[cells]):.3f} m"
             )
-        for low, high in zip(CHANCES, CHANCES[1:], strict=False):
+        for low, high in pairwise(CHANCES):
             cells = (self.other_side > low) & (self.other_side <= high)
             if cells.any():
-                print(
-                    f"    stated {self.other_side[cells].mean():.4f}: wrong {self.gross[cells].mean():.4f} of {cells.sum()}"
-                )
+                stated, wrong = self.other_side[cells].mean(), self.gross[cells].mean()
+                print(f"    stated {stated:.4f}: wrong {wrong:.4f} of {cells.sum()}")
 
     @property
     def gross(self) -> Bool[np.ndarray, " cell"]:
@@ -114,7 +114,7 @@ def flown(scene: str, changes: dict[str, object]) -> Cells:
     place = grid.centres_m[cells.ravel()]
     aside = (np.arange(5) - 2) / 5 * grid.spacing_m
     top_m = float(truth.built.scene.bounds_m[1, 2]) + 10.0
-    within = np.stack([truth.built.caster.from_above(place + [x, y], top_m) for x in aside for y in aside])
+    within = np.stack([truth.built.caster.from_above(place + np.array([x, y]), top_m) for x in aside for y in aside])
     return Cells(
         error_m=survey.error.height_m[cells],
         sigma_m=survey.dem_sigma.height_m[cells],

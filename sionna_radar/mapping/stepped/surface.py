@@ -146,7 +146,7 @@ def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[
     return np.asarray(np.unique(part[row, column], return_inverse=True)[1].reshape(part.shape))
 
 
-# Odds that a cell one cell from a step is of its other side, where the echoes leave it open: that one mapped above is of
+# Odds that a cell next to a step is of its other side, where the echoes leave it open: that one mapped above is of
 # the ground below, and that one mapped below of what stands above. The map takes the highest of equal levels, so that
 # it errs upward more often. Frequencies of six surveys of San Francisco and Florence, as are the fall with the distance
 # and that with the margin, as if it erred by one neper (`docs/theory/uncertainty.md`).
