@@ -69,6 +69,7 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
     grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=24, rows=8)
     sigma = found.sigma_m(grid, np.ones(grid.shape, dtype=bool))
     assert sigma[3, 10] == pytest.approx(wrong.std(), rel=0.01)
+    assert sigma[3, 10] ** 2 - found.step_sigma_m[3, 10] ** 2 == pytest.approx(0.1**2)
 
 
 def test_what_the_echoes_say_against_another_level_makes_it_less_likely():

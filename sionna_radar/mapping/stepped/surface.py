@@ -161,10 +161,12 @@ class SteppedUncertainty:
     """Standard deviations of the cells of a stepped map.
 
     other_side: probability that a cell is of the other side of a step, above or below, and wrong by the whole step.
+    step_sigma_m: what that adds: without it is left the standard deviation of cells that are where the map has them.
     """
 
     cell_sigma_m: Float[np.ndarray, "row column"]
     other_side: Float[np.ndarray, "row column"]
+    step_sigma_m: Float[np.ndarray, "row column"]
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells; NaN elsewhere. The grid is that of the map."""
@@ -225,8 +227,8 @@ def with_steps(
     away, rise_m = next_step(-height_m, step_m)
     up = ODDS_ABOVE / away * np.exp(-(above**2) / 2)
     down, up = down / (1 + down + up), up / (1 + down + up)
-    variance = down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2
-    return SteppedUncertainty(np.sqrt(sigma_m**2 + variance), down + up)
+    step_sigma_m = np.sqrt(down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2)
+    return SteppedUncertainty(np.hypot(sigma_m, step_sigma_m), down + up, step_sigma_m)
 
 
 def next_step(
