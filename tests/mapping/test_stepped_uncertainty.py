@@ -9,7 +9,7 @@ from scipy.stats import norm
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.stepped.coarse_map import choose_levels, margins, path_costs
-from sionna_radar.mapping.stepped.surface import DISTANCES_CELLS, ODDS_ABOVE, ODDS_BELOW, next_step, with_steps
+from sionna_radar.mapping.stepped.surface import ABOVE_M, BELOW_M, DISTANCES_CELLS, next_step, with_steps
 
 
 def test_margins_of_a_row_are_those_of_a_plain_search():
@@ -37,7 +37,7 @@ def test_the_next_step_is_that_of_a_plain_search():
     """Of growing squares the first with a foot of a step below the cell; as deep as in one twice as wide."""
     rng = np.random.default_rng(3)
     height = np.round(rng.uniform(0, 1.5, (26, 31)) ** 8, 1)
-    away, depth_m = next_step(height, 1.2)
+    away, depth_m = next_step(height, 1.2, 0.5)
     place = np.argwhere(np.ones(height.shape, dtype=bool)).reshape(*height.shape, 2)
     foot = np.zeros(height.shape, dtype=bool)
     for i, j in product(range(26), range(31)):
@@ -46,9 +46,9 @@ def test_the_next_step_is_that_of_a_plain_search():
         apart = np.abs(place - [i, j]).max(axis=-1)
         lower = foot & (height[i, j] - height > 1.2)
         first = min((cells for cells in DISTANCES_CELLS if (lower & (apart <= cells)).any()), default=np.inf)
-        assert away[i, j] == first
+        assert away[i, j] == first / 2
         if np.isfinite(first):
-            reach = max(cells for cells in DISTANCES_CELLS if cells <= max(2 * first, 4))
+            reach = max(cells for cells in DISTANCES_CELLS if cells <= max(2 * first, 8))
             assert depth_m[i, j] == pytest.approx(height[i, j] - height[lower & (apart <= reach)].min())
         else:
             assert depth_m[i, j] == 0.0
@@ -59,9 +59,9 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
     height = np.zeros((8, 24))
     height[:, 8:16], height[:, 16:] = 6.0, 15.0
     level = np.zeros(height.shape)
-    found = with_steps(np.full(height.shape, 0.1), height, level, level, 2.0)
+    found = with_steps(np.full(height.shape, 0.1), height, level, level, 2.0, 1.0)
     # Columns of the middle roof: 6 m above the ground, three cells away, and 9 m below the other, six cells away.
-    down, up = ODDS_BELOW / 3, ODDS_ABOVE / 6
+    down, up = BELOW_M / 3, ABOVE_M / 6
     chance = np.array([down, up, 1.0]) / (1 + down + up)
     assert np.all(found.other_side[:, 10] == pytest.approx(chance[:2].sum()))
     rng = np.random.default_rng(1)
@@ -80,7 +80,7 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
     odds = []
     for nepers in (0.0, 2.0, np.inf):
         margin = np.full(height.shape, nepers)
-        chance = with_steps(own, height, margin, margin, 2.0).other_side
+        chance = with_steps(own, height, margin, margin, 2.0, 1.0).other_side
         odds.append(chance / (1 - chance))
     np.testing.assert_allclose(odds[1], odds[0] * norm.pdf(2.0) / norm.pdf(0.0))
     assert np.all(odds[2] == 0.0)
@@ -90,6 +90,6 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
 def test_a_hillside_without_steps_has_no_other_side():
     height = np.add.outer(np.zeros(30), 0.4 * np.arange(40))
     margin = np.zeros(height.shape)
-    found = with_steps(np.full(height.shape, 0.1), height, margin, margin, 1.2)
+    found = with_steps(np.full(height.shape, 0.1), height, margin, margin, 1.2, 1.0)
     assert np.all(found.other_side == 0.0)
     assert np.all(found.cell_sigma_m == pytest.approx(0.1))

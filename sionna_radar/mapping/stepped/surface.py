@@ -146,14 +146,16 @@ def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[
     return np.asarray(np.unique(part[row, column], return_inverse=True)[1].reshape(part.shape))
 
 
-# Odds that a cell next to a step is of its other side, where the echoes leave it open: that one mapped above is of
-# the ground below, and that one mapped below of what stands above. The map takes the highest of equal levels, so that
-# it errs upward more often. Frequencies of six surveys of San Francisco and Florence, as are the fall with the distance
-# and that with the margin, as if it erred by one neper (`docs/theory/uncertainty.md`).
-ODDS_BELOW, ODDS_ABOVE = 0.23, 0.13
-# Distances at which steps are looked for, cells; how far around that the height beyond is, in distances, and least.
-DISTANCES_CELLS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
-AROUND_DISTANCES, AROUND_CELLS = 2, 4
+# Lengths over whose distance from a step the odds are that a cell is of its other side, where the echoes leave it open:
+# of one mapped above that it is of the ground below, and of one mapped below that it is of what stands above. The map
+# takes the highest of equal levels, so that it errs upward more often. Frequencies of six surveys of San Francisco and
+# Florence, as are the fall with the distance and that with the margin, as if it erred by one neper
+# (`docs/theory/uncertainty.md`).
+BELOW_M, ABOVE_M = 0.23, 0.13
+# How far steps are looked for, m, and in which distances, cells; none was found to matter beyond.
+FARTHEST_M, DISTANCES_CELLS = 24.0, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
+# How deep a step is, is seen as far around a cell: so many distances, and at least so many metres.
+AROUND_DISTANCES, AROUND_M = 2, 4.0
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,7 @@ def with_steps(
     below: Float[np.ndarray, "row column"],
     above: Float[np.ndarray, "row column"],
     step_m: float,
+    spacing_m: float,
 ) -> SteppedUncertainty:
     """Return the uncertainty of a map from that within its parts, its heights, and the margins of its cells.
 
@@ -218,36 +221,39 @@ def with_steps(
         The map.
     below, above:
         By how many nepers each height is likelier than one a step below, and above it.
-    step_m:
-        Smallest height difference that counts as a step.
+    step_m, spacing_m:
+        Smallest height difference that counts as a step, and size of the cells.
 
     """
-    away, drop_m = next_step(height_m, step_m)
-    down = ODDS_BELOW / away * np.exp(-(below**2) / 2)
-    away, rise_m = next_step(-height_m, step_m)
-    up = ODDS_ABOVE / away * np.exp(-(above**2) / 2)
+    away_m, drop_m = next_step(height_m, step_m, spacing_m)
+    down = BELOW_M / away_m * np.exp(-(below**2) / 2)
+    away_m, rise_m = next_step(-height_m, step_m, spacing_m)
+    up = ABOVE_M / away_m * np.exp(-(above**2) / 2)
     down, up = down / (1 + down + up), up / (1 + down + up)
     step_sigma_m = np.sqrt(down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2)
     return SteppedUncertainty(np.hypot(sigma_m, step_sigma_m), down + up, step_sigma_m)
 
 
 def next_step(
-    height_m: Float[np.ndarray, "row column"], step_m: float
+    height_m: Float[np.ndarray, "row column"], step_m: float, spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return how far each cell is from the nearest foot of a step that lies a step below it, and how deep that is.
+    """Return how far each cell is from the nearest foot of a step that lies a step below it, and how deep that is, m.
 
-    The distance is in cells, one of `DISTANCES_CELLS`, infinite without such a foot; the depth in metres.
+    The distance is that of the ring of cells, one of `DISTANCES_CELLS`; infinite without such a foot.
     """
     foot = maximum_filter(height_m, 3, mode="nearest") - height_m > step_m
     foot_m = np.where(foot, height_m, np.inf)
-    away, depth_m = np.full(height_m.shape, np.inf), np.zeros(height_m.shape)
+    away_m, depth_m = np.full(height_m.shape, np.inf), np.zeros(height_m.shape)
     for cells in DISTANCES_CELLS:
+        reach_m = cells * spacing_m
+        if cells > 1 and reach_m > FARTHEST_M:
+            break
         below_m = height_m - minimum_filter(foot_m, 2 * cells + 1, mode="nearest")
         lower = below_m > step_m
-        away[lower] = np.minimum(away[lower], cells)
-        around = lower & (cells <= np.maximum(AROUND_DISTANCES * away, AROUND_CELLS))
+        away_m[lower] = np.minimum(away_m[lower], reach_m)
+        around = lower & (reach_m <= np.maximum(AROUND_DISTANCES * away_m, AROUND_M))
         depth_m[around] = below_m[around]
-    return away, depth_m
+    return away_m, depth_m
 
 
 @dataclass(frozen=True)
@@ -295,7 +301,7 @@ def step_surface(
     beams = FilledBeams(points, sightings)
     for number, plane in roofs.items():
         _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
-    uncertainty = with_steps(own_sigma, height, coarse.below, coarse.above, step_m)
+    uncertainty = with_steps(own_sigma, height, coarse.below, coarse.above, step_m, grid.spacing_m)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
 
 
