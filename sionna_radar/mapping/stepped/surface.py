@@ -301,7 +301,8 @@ def step_surface(
     beams = FilledBeams(points, sightings)
     for number, plane in roofs.items():
         _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
-    uncertainty = with_steps(own_sigma, height, coarse.below, coarse.above, step_m, grid.spacing_m)
+    # An error of a step is none within a part: a covariance that tells little may state more.
+    uncertainty = with_steps(np.minimum(own_sigma, step_m), height, coarse.below, coarse.above, step_m, grid.spacing_m)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
 
 
