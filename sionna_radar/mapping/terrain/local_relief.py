@@ -26,7 +26,7 @@ from math import comb
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import eigh
+from scipy.linalg import eigh, eigvalsh
 from scipy.spatial import KDTree
 from scipy.special import logsumexp
 
@@ -209,7 +209,7 @@ def _log_likelihood(
     sigma = np.maximum(measured.sigma_m[own], MIN_NOISE_M)
     noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
     rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
-    share, vector = eigh(contrast.T @ short @ contrast, contrast.T @ rest @ contrast, check_finite=False)
+    share, vector = _modes(contrast.T @ short @ contrast, contrast.T @ rest @ contrast)
     above = contrast.T @ measured.height_m[own]
     square = (vector.T @ above) ** 2
     total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)
@@ -218,6 +218,21 @@ def _log_likelihood(
     largest = np.sum(above**2) / np.sum(contrast * (unaveraged @ contrast))
     result[max(np.log(largest), 0.0) < LOG_SQUARES] = -np.inf
     return result
+
+
+def _modes(
+    short: Float[np.ndarray, "n n"], rest: Float[np.ndarray, "n n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    """Return the modes in which two covariances are both diagonal, the second one, and the first relative to it.
+
+    Rounding of tables may leave the second one slightly indefinite: it is raised by its least eigenvalue.
+    """
+    try:
+        share, vector = eigh(short, rest, check_finite=False)
+    except np.linalg.LinAlgError:
+        least = abs(float(eigvalsh(rest, check_finite=False)[0]))
+        share, vector = eigh(short, rest + 2 * least * np.eye(len(rest)), check_finite=False)
+    return share, vector
 
 
 def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: float) -> Float[np.ndarray, " node"]:

@@ -147,12 +147,18 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
 
 
 def other_side(dem: Raster | None, uncertainty: Uncertainty | None) -> dict[str, tuple[Raster | None, str]]:
-    """Return the raster of a `stepped` DEM's gross errors by name, with its description; nothing for other methods."""
+    """Return the rasters of a `stepped` DEM's gross errors by name, with descriptions; nothing for other methods."""
     if dem is None or not isinstance(uncertainty, SteppedUncertainty):
         return {}
-    probability = np.where(dem.filled, uncertainty.other_side, np.nan)
-    raster = Raster(grid=dem.grid, height_m=probability, quantity="probability")
-    return {"dem_other_side": (raster, "probability that the cell is of the other side of a step")}
+    probability, sigma_m = (
+        np.where(dem.filled, values, np.nan) for values in (uncertainty.other_side, uncertainty.step_sigma_m)
+    )
+    chance = Raster(grid=dem.grid, height_m=probability, quantity="probability")
+    sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
+    return {
+        "dem_other_side": (chance, "probability that the cell is of the other side of a step"),
+        "dem_sigma_step": (sigma, "standard deviation of the DEM height from the other side of steps"),
+    }
 
 
 def write_rasters(
