@@ -225,7 +225,7 @@ def _modes(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Return the modes in which two covariances are both diagonal, the second one, and the first relative to it.
 
-    Rounding of tables may leave the second one slightly indefinite: it is raised until its least eigenvalue is positive.
+    Rounding of tables may leave the second one slightly indefinite: it is raised until it is definite.
     """
     try:
         share, vector = eigh(short, rest, check_finite=False)
