@@ -81,9 +81,9 @@ class Cells:
         """Print shares in intervals by class, and of cells stated a probability how many are wrong."""
         classes = {
             "all": self.wall_m >= 0,
-            "within a cell of a wall": self.wall_m < 1,
-            "one to two cells": (self.wall_m >= 1) & (self.wall_m < 2),
-            "farther": self.wall_m >= 2,
+            "within a cell of a wall": self.wall_m <= 1,
+            "one to two cells": (self.wall_m > 1) & (self.wall_m <= 2),
+            "farther": self.wall_m > 2,
             "crossed by a wall": self.crossed,
             "not crossed": ~self.crossed,
         }
@@ -133,5 +133,5 @@ def test_stepped_maps_state_what_may_be_of_the_other_side(half):
     z = every.error_m / every.sigma_m
     assert np.sqrt(np.mean(z**2)) < 3
     assert np.mean(np.abs(z) > 5) < 0.012
-    assert np.mean(np.abs(z[every.wall_m < 1]) < 1.96) > 0.8
+    assert np.mean(np.abs(z[every.wall_m <= 1]) < 1.96) > 0.8
     assert every.gross.sum() < 1.5 * every.other_side.sum()

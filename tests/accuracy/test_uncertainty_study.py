@@ -110,7 +110,7 @@ def test_linear_maps_hold_within_eight_points():
 
 
 def test_stepped_maps_are_not_stated_too_well():
-    """FIGURES over 24 surveys of `buildings`, two minutes.
+    """93.1, 96.6, 98.8 and 98.9 % inside over 24 surveys of `buildings`, two minutes.
 
     The variance is that of a mixture: where a step may be, its 50 and 68 % intervals hold nearly all cells.
     """
@@ -168,7 +168,7 @@ def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
 
 
 def test_a_city_is_not_stated_too_well():
-    """90 % intervals hold 90 % at least: 94.1, 95.7, 97.4, 97.8 % were measured, and an RMS of z of 1.1."""
+    """90 % intervals hold 90 % at least: 92.9, 95.7, 97.4, 97.8 % were measured, and an RMS of z of 1.1."""
     changes = {"processing.echoes": "all", "processing.ranging": "centroid"}
     check = checked("san_francisco", ("stepped",), changes)["stepped"]
     assert check.cells.coverage["90"] > 0.9

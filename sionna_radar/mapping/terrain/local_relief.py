@@ -225,13 +225,14 @@ def _modes(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Return the modes in which two covariances are both diagonal, the second one, and the first relative to it.
 
-    Rounding of tables may leave the second one slightly indefinite: it is raised by its least eigenvalue.
+    Rounding of tables may leave the second one slightly indefinite: it is raised until it is definite.
     """
     try:
         share, vector = eigh(short, rest, check_finite=False)
     except np.linalg.LinAlgError:
-        least = abs(float(eigvalsh(rest, check_finite=False)[0]))
-        share, vector = eigh(short, rest + 2 * least * np.eye(len(rest)), check_finite=False)
+        values = eigvalsh(rest, check_finite=False)
+        lift = 2 * abs(values[0]) + len(rest) * np.finfo(float).eps * abs(values[-1])
+        share, vector = eigh(short, rest + lift * np.eye(len(rest)), check_finite=False)
     return share, vector
 
 
