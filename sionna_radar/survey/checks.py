@@ -221,7 +221,7 @@ def _over_hole(
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
 
 
-MAX_CHIRPS = 50_000_000
+MAX_CHIRPS = 30_000_000
 # Samples times zero-padding: the length of the Fourier transform of a chirp.
 MAX_SPECTRUM = 2**18
 # Most powers that an ordered-statistic CFAR sorts per spectrum.
