@@ -1,6 +1,6 @@
 """Make the numbers of the checks pages again, and say which moved.
 
-    uv run python examples/check_numbers.py             # all of them: about an hour on two cores
+    uv run python examples/check_numbers.py             # all of them: some twenty minutes on two cores
     uv run python examples/check_numbers.py plot_rain   # those of one example
     uv run python examples/check_numbers.py --record    # what is printed now becomes the record
 
