@@ -58,19 +58,22 @@ class SharedCache(FunctionCache):
 
     def __init__(self, function: Function) -> None:
         super().__init__(function)
-        self._lock = FileLock(f"{self._cache_file._index_path}.lock")
+        self._held: FileLock | None = None  # while this process compiles
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return compiled code for argument types; None if this process has to compile it."""
         machine_code = self._loaded(signature, target)
-        if machine_code is None and not self._lock.is_locked:
+        if machine_code is None and self._held is None:
+            lock = self._new_lock()
             try:
-                self._lock.acquire(timeout=MAX_WAIT_S)
+                lock.acquire(timeout=MAX_WAIT_S)
             except Timeout:  # the other process is suspended, or very slow
                 return None
             machine_code = self._loaded(signature, target)
-            if machine_code is not None:
-                self._lock.release()
+            if machine_code is None:
+                self._held = lock
+            else:
+                lock.release()
         return machine_code
 
     def save_overload(self, signature: Any, data: Any) -> None:
@@ -82,7 +85,9 @@ class SharedCache(FunctionCache):
 
     def give_up(self) -> None:
         """Let other processes compile the function; does nothing if this one has not begun to."""
-        self._lock.release()
+        if self._held is not None:
+            self._held.release()
+            self._held = None
 
     def holds_any(self) -> bool:
         """Return whether compiled code of the function exists for any types."""
@@ -90,12 +95,19 @@ class SharedCache(FunctionCache):
 
     def is_claimed(self) -> bool:
         """Return whether another process is compiling the function."""
+        if self._held is not None:
+            return False
+        lock = self._new_lock()
         try:
-            self._lock.acquire(blocking=False)
+            lock.acquire(blocking=False)
         except Timeout:
             return True
-        self._lock.release()
+        lock.release()
         return False
+
+    def _new_lock(self) -> FileLock:
+        # Not one for the life of the cache: a lock made before a fork cannot be taken in the child.
+        return FileLock(f"{self._cache_file._index_path}.lock")
 
     def _loaded(self, signature: Any, target: Any) -> Any:
         try:

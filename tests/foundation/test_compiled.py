@@ -1,5 +1,6 @@
 """Machine code where it cannot be kept, and what is said of compiling it."""
 
+import contextlib
 import gc
 import os
 import subprocess
@@ -93,9 +94,24 @@ def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
 def test_a_process_waits_for_another_that_compiles_the_same_function(monkeypatch):
     function = compiled(doubled)
     monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
-    other = FileLock(function._cache._lock.lock_file)
+    other = FileLock(function._cache._new_lock().lock_file)
     with other:
         assert function._cache.is_claimed()
         monkeypatch.setattr(module, "MAX_WAIT_S", 0.2)
         assert function(np.array([1.5])) == 3.0
+    assert not function._cache.is_claimed()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_forked_process_compiles_a_function_of_its_parent(monkeypatch):
+    """The command line forks once; whoever imported the package before it has made the caches of all its functions."""
+    function = compiled(doubled)
+    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
+    child = os.fork()
+    if child == 0:
+        status = 1
+        with contextlib.suppress(BaseException):
+            status = 0 if function(np.array([1.5])) == 3.0 else 2
+        os._exit(status)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     assert not function._cache.is_claimed()
