@@ -1,11 +1,12 @@
 """Sections that the pages of surveys, recordings and comparisons share: errors, maps and chirps of a result."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Inexact, Int
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
@@ -88,12 +89,12 @@ def errors_section(
     compared: ComparedDem,
     breakdown: Breakdown,
     check: UncertaintyCheck | None,
-    published: Sequence[Any] = (),
+    published: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     remark: str = "",
 ) -> dict[str, Any]:
     """Return the section on errors: statistics, classes of cells, and errors against stated ones.
 
-    published: entries with a name and statistics of other authors, which `remark` introduces.
+    published: statistics (m) of other authors by name and by field of `DemError`, which `remark` introduces.
     """
     named = {
         "lit_error": ("Lit cells", compared.lit_error),
@@ -105,13 +106,8 @@ def errors_section(
         "error_rows": [
             *(_error_row(key, name, error) for key, (name, error) in named.items() if error is not None),
             *(
-                [
-                    entry.name,
-                    *(number(getattr(entry, key, np.nan), form) for key, form in STATISTICS.values()),
-                    "-",
-                    "-",
-                ]
-                for entry in published
+                [name, *(number(figures.get(key, np.nan), form) for key, form in STATISTICS.values()), "-", "-"]
+                for name, figures in published.items()
             ),
         ],
         "paper": remark,
@@ -314,6 +310,12 @@ def chirps_that_fit(record: ChirpRecord | None) -> int:
     return max(1, MAX_CHIRP_BYTES // (2 * (samples + 2 * len(record.power))))
 
 
+def exponent_of(beat: Inexact[np.ndarray, "..."]) -> int:
+    """Return the power of ten, a multiple of three, that scales a signal to near one."""
+    largest = float(np.abs(beat).max(initial=0.0))
+    return 3 * int(np.floor(np.log10(largest) / 3)) if largest > 0 else 0
+
+
 def units_of(scenario: Scenario | None) -> tuple[str, str]:
     """Return the units of beat signals and of powers in decibels; None for a real recording."""
     if scenario is None:
@@ -334,7 +336,7 @@ def packed_chirps(
         return None
     beat = np.stack([record.beat for record in records])
     scale = np.maximum(np.abs(beat).max(axis=1), np.finfo(float).tiny)
-    exponent = 3 * int(np.floor(np.log10(scale.max()) / 3))
+    exponent = exponent_of(beat)
     parts = [beat.real, beat.imag] if np.iscomplexobj(beat) else [beat]
     power = np.stack([record.power for record in records])
     power_db, threshold_db = _levels(power), _levels(np.stack([record.threshold for record in records]))
