@@ -3,16 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Inexact, Int
+from jaxtyping import Float, Inexact, Int
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
 from sionna_radar.accuracy.compare import DemError, nmad
 from sionna_radar.accuracy.reference import ReferenceCheck
+from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Grid, Raster
@@ -41,35 +42,6 @@ STATISTICS = {
 }
 
 
-@runtime_checkable
-class ComparedDem(Protocol):
-    """A DEM's error, as a survey and the comparison of a recording hold it; see `Survey`."""
-
-    @property
-    def truth(self) -> Raster:
-        """The true surface."""
-
-    @property
-    def error(self) -> Raster:
-        """DEM minus truth."""
-
-    @property
-    def lit(self) -> Bool[np.ndarray, "row column"]:
-        """Cells that the main beam reached."""
-
-    @property
-    def dem_error(self) -> DemError:
-        """Statistics of all filled cells."""
-
-    @property
-    def lit_error(self) -> DemError:
-        """Statistics of lit cells."""
-
-    @property
-    def off_wall_error(self) -> DemError | None:
-        """Statistics of lit cells away from walls."""
-
-
 def colour_scales() -> dict[str, list[list[Any]]]:
     """Return the colour maps of the figures as plotly's lists of stops."""
     stops = np.linspace(0, 1, STOPS)
@@ -86,7 +58,7 @@ def frame_of_page(frame: Frame) -> dict[str, Any]:
 
 # ---------------------------------------------------------------------------------------------------------- errors
 def errors_section(
-    compared: ComparedDem,
+    compared: Comparison,
     breakdown: Breakdown,
     check: UncertaintyCheck | None,
     published: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
@@ -234,7 +206,7 @@ def maps_of(
     dem: Raster,
     sigma: Raster | None,
     points: Points,
-    compared: ComparedDem | None,
+    compared: Comparison | None,
     power_unit: str,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the maps of a DEM, and notes on omissions: truth and error if known, stated sigma and echo power.
