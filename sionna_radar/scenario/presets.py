@@ -28,6 +28,8 @@ def _places(left: Sequence[int], up: Sequence[int] | None = None) -> tuple[tuple
     return tuple((0.5 * (x - middle), 0.5 * y) for x, y in zip(left, up or (0,) * len(left), strict=True))
 
 
+# Four patches along the track, of the boards of Texas Instruments.
+PATCHES = {"kind": "array", "elements": (1, 4), "spacing_wavelengths": (0.5, 0.45), "element_exponent": 2.4}
 PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
         "rouveure_2017": Preset(
@@ -103,12 +105,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "sampling": "iq",
                 "transmit_power_dbm": 12.0,
                 "noise_figure_db": 15.0,
-                "antenna": {
-                    "kind": "array",
-                    "elements": (1, 4),
-                    "spacing_wavelengths": (0.5, 0.45),
-                    "element_exponent": 2.4,
-                },
+                "antenna": PATCHES,
                 "scan": {"mode": "fixed", "incidence_deg": 0.0},
                 "array": {
                     "transmitters_wavelengths": _places((0, 2, 4), (0, 1, 0)),
@@ -140,12 +137,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "sampling": "iq",
                 "transmit_power_dbm": 13.0,
                 "noise_figure_db": 13.0,
-                "antenna": {
-                    "kind": "array",
-                    "elements": (1, 4),
-                    "spacing_wavelengths": (0.5, 0.45),
-                    "element_exponent": 2.4,
-                },
+                "antenna": PATCHES,
                 "scan": {"mode": "fixed", "incidence_deg": 0.0},
                 "array": {
                     "transmitters_wavelengths": _places(

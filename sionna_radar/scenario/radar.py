@@ -110,8 +110,7 @@ class ArrayAntennaTable(AntennaParameters):
     def _one_description(self) -> ArrayAntennaTable:
         if (self.elements is None) == (self.path is None):
             raise refuse("elements", "give either elements = [columns, rows] or path = a CSV of elements")
-        default = type(self).model_fields["spacing_wavelengths"].default
-        if self.path is not None and (self.taper_db is not None or self.spacing_wavelengths != default):
+        if self.path is not None and self.changed("taper_db", "spacing_wavelengths"):
             raise refuse("path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them")
         return self
 

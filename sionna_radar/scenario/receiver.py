@@ -257,9 +257,8 @@ class ReceiverTable(Table):
     @model_validator(mode="after")
     def _consistent(self) -> ReceiverTable:
         for kind in ("high_pass", "anti_alias"):
-            order, default = getattr(self, f"{kind}_order"), type(self).model_fields[f"{kind}_order"].default
-            if getattr(self, f"{kind}_corner_hz") == 0 and order != default:
-                message = f"{order} has no effect without {kind}_corner_hz; give it"
+            if getattr(self, f"{kind}_corner_hz") == 0 and self.changed(f"{kind}_order"):
+                message = f"{getattr(self, f'{kind}_order')} has no effect without {kind}_corner_hz; give it"
                 raise refuse(f"{kind}_order", message)
         gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
         excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
@@ -353,11 +352,8 @@ class SecondReceiverTable(Table):
             raise refuse("receivers", "missing; give how many a row has, for example 8")
         if self.kind != "row" and self.receivers is not None:
             raise refuse("receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'")
-        if self.kind != "monopulse":
-            return self
-        defaults = {"baseline_wavelengths": None, "baseline_error_wavelengths": 0.0, "phase_error_deg": 0.0}
-        for name, default in defaults.items():
-            if getattr(self, name) != default:
+        for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):
+            if self.kind == "monopulse":
                 message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
                 raise refuse(name, message)
         return self
@@ -462,8 +458,7 @@ class LidarTable(Table):
 
     @model_validator(mode="after")
     def _of_light(self) -> LidarTable:
-        fields = type(self).model_fields
-        changed = [k for k in fields if k != "range_noise_m" and getattr(self, k) != fields[k].default]
+        changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))
         if changed and self.wavelength_nm is None:
             raise refuse(
                 changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"

@@ -5,8 +5,9 @@ The meaning of a key is the string under its field, or the field's description. 
 
 import inspect
 import re
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import tomli_w
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -16,6 +17,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import is_address, shown
 from sionna_radar.scenario.problems import translate
 
+Made = TypeVar("Made")
 # Bounds of all numbers: far beyond plausible values, and small enough that products and powers do not overflow.
 LARGEST, SMALLEST = 1e15, 1e-15
 LONGEST_PATH = 4096
@@ -82,6 +84,16 @@ class Table(BaseModel):
                 f"scenario.replace({{'...{name}': {value!r}}}) with the dotted key returns a changed copy"
             )
             raise AttributeError(message)
+
+    def to(self, kind: type[Made], **others: Any) -> Made:
+        """Return a dataclass: its fields that have names of this table have its values, and `others` the rest."""
+        same = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
+        return kind(**{name: getattr(self, name) for name in same if hasattr(self, name)}, **others)
+
+    def changed(self, *keys: str) -> list[str]:
+        """Return those of some keys that do not have their defaults."""
+        defaults: dict[str, Any] = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != defaults[key].default]
 
     def differing(self) -> dict[str, Any]:
         """Return the keys that differ from their defaults, and those that name a kind, in their JSON form."""

@@ -317,23 +317,11 @@ def _rough(
 ) -> RadarMaterial:
     permittivity = table_permittivity(table, carrier_hz)
     assert permittivity is not None  # checked with the scenario
-    surface = rough_surface.RoughSurface(
-        permittivity=permittivity,
-        rms_height_m=table.rms_height_m,
-        correlation_length_m=table.correlation_length_m,
-        frequency_hz=carrier_hz,
-        correlation=table.correlation,
-    )
+    surface = table.to(rough_surface.RoughSurface, permittivity=permittivity, frequency_hz=carrier_hz)
     vertical, horizontal = (model(surface=surface, polarization=p, **options) for p in "VH")
     return polarized_material(table, vertical, horizontal, carrier_hz, channel)
 
 
 def sionna_itu(table: SionnaItu, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return the material of a slab given in a scenario."""
-    slab = SionnaSlab(
-        itu_type=table.itu_type,
-        thickness_m=table.thickness_m,
-        scattering_coefficient=table.scattering_coefficient,
-        xpd_coefficient=table.xpd_coefficient,
-    )
-    return slab_material(slab, carrier_hz, channel)
+    return slab_material(table.to(SionnaSlab), carrier_hz, channel)
