@@ -9,15 +9,13 @@ from math import log10
 from types import MappingProxyType
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import from_db, to_db
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import RECEIVER_STAGES
-from sionna_radar.scenario.problems import nearest
-from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, one_of, refuse
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +63,6 @@ Place = Literal["leakage", "mixer", "interference", "noise", "filters", "convert
 Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
 
 
-def _published(name: str) -> str:
-    if name not in PHASE_NOISE:
-        raise refuse(
-            "", f"{shown(name)} is unknown; give one of {', '.join(PHASE_NOISE)}.{nearest(name, list(PHASE_NOISE))}"
-        )
-    return name
-
-
 class OscillatorTable(Table):
     """What the frequency of the sweep is besides ideal: echoes are mixed with the same sweep, which has gone on since.
 
@@ -83,7 +73,7 @@ class OscillatorTable(Table):
     """pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between them decibels are
     linear in the logarithm of the offset, below the first they go on as between the first two, beyond the last they
     stay."""
-    phase_noise_preset: Annotated[str, AfterValidator(_published)] | None = None
+    phase_noise_preset: Annotated[str, one_of(PHASE_NOISE)] | None = None
     """instead of it, that of a published oscillator."""
     quadratic_hz: Real = 0.0
     """error of frequency at both ends of the sweep that grows with the square of the time from its middle."""

@@ -5,6 +5,7 @@ The meaning of a key is the string under its field, or the field's description. 
 
 import inspect
 import re
+from collections.abc import Collection
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -15,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import is_address, shown
-from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.problems import translate, unknown
 
 Made = TypeVar("Made")
 # Bounds of all numbers: far beyond plausible values, and small enough that products and powers do not overflow.
@@ -32,6 +33,17 @@ def _not_vanishing(value: float) -> float:
     if value < SMALLEST:
         raise refuse("", f"{value:g} is refused: must be >= {SMALLEST:g}")
     return value
+
+
+def one_of(known: Collection[str]) -> AfterValidator:
+    """Return the check that a name is one of some known ones."""
+
+    def check(name: str) -> str:
+        if name not in known:
+            raise refuse("", unknown(name, list(known)))
+        return name
+
+    return AfterValidator(check)
 
 
 def _a_source(source: Any) -> Any:

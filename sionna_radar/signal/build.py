@@ -14,7 +14,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.receiver import ConverterTable, Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
+from sionna_radar.scenario.receiver import Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
 from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain
@@ -224,14 +224,10 @@ def build_converter(_: StageParameters, given: StageInputs) -> Converter:
         over_noise=None if table.full_scale_over_noise_db is None else from_db(table.full_scale_over_noise_db),
         headroom=None if table.agc_headroom_db is None else from_db(-table.agc_headroom_db / 2),
         offset=0.0 if table.dc_offset_db is None else from_db(table.dc_offset_db / 2),
-        imbalance=_imbalance(table),
+        imbalance=Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
+        if table.imbalanced
+        else None,
     )
-
-
-def _imbalance(table: ConverterTable) -> Imbalance | None:
-    if not table.imbalanced:
-        return None
-    return Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
 
 
 def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
