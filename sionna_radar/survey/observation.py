@@ -106,15 +106,12 @@ class Recorder(Protocol):
 
     def write(self, pulses: Pulses, seen: Observation) -> None:
         """Record a block of pulses."""
-        ...
 
     def finish(self, comparison: Comparison) -> None:
         """Write what is known after the flight, and close the file."""
-        ...
 
     def close(self) -> None:
         """Close an unfinished file."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,34 +175,27 @@ class Source(Protocol):
     @property
     def activity(self) -> str:
         """Name of the progress stage."""
-        ...
 
     @property
     def flight(self) -> PulseSequence:
         """The pulses."""
-        ...
 
     @property
     def bursts(self) -> Bursts | None:
         """The chirps of each pulse; None for one."""
-        ...
 
     @property
     def keeps_profiles(self) -> bool:
         """Whether the DEM method uses range profiles around the echoes."""
-        ...
 
     def document(self) -> Task:
         """Return the inputs from which a worker opens it, as JSON; PluginError for custom parts, which workers lack."""
-        ...
 
     def build_sensor(self) -> Sensor:
         """Return a new sensor."""
-        ...
 
     def tally(self) -> Tally | None:
         """Return an empty tally of true hits; None if the truth is unknown."""
-        ...
 
 
 @on_one_thread
