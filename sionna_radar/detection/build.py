@@ -9,7 +9,7 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.cfar import Cfar
-from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector
+from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector, VolumeOptions
 from sionna_radar.detection.expected_ground import ExpectedGround, rough_surface
 from sionna_radar.detection.ranging.estimators import RangeEstimator
 from sionna_radar.detection.ranging.plane_fit import beam_profile
@@ -136,6 +136,7 @@ def build_detector(
         analyser=analyser,
         cfar=cfar,
         kept=processing.echoes,
+        volume=processing.volume.to(VolumeOptions),
         estimator=estimator or build_range_estimator(processing),
         beam=beam,
         speckle_looks=speckle_looks,

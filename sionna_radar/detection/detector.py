@@ -6,7 +6,7 @@ range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
@@ -47,26 +47,18 @@ class Detections:
     profiles: Profiles
 
 
-@runtime_checkable
-class VolumeOptions(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class VolumeOptions:
     """Options of detection behind a volume; `scenario.processing.VolumeTable` says what each is."""
 
-    @property
-    def estimation_rounds(self) -> int: ...  # noqa: D102
-    @property
-    def smoothed_cells(self) -> int: ...  # noqa: D102
-    @property
-    def cells_before(self) -> int: ...  # noqa: D102
-    @property
-    def widths_before(self) -> float: ...  # noqa: D102
-    @property
-    def floor_share(self) -> float: ...  # noqa: D102
-    @property
-    def width_spread_nepers(self) -> float: ...  # noqa: D102
-    @property
-    def height_step_cells(self) -> float: ...  # noqa: D102
-    @property
-    def rain_rate_mm_per_h(self) -> float | None: ...  # noqa: D102
+    estimation_rounds: int
+    smoothed_cells: int
+    cells_before: int
+    widths_before: float
+    floor_share: float
+    width_spread_nepers: float
+    height_step_cells: float
+    rain_rate_mm_per_h: float | None
 
 
 @dataclass(frozen=True, kw_only=True)

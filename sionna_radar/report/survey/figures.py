@@ -52,7 +52,7 @@ from sionna_radar.report.drawing import (
     show_raster,
 )
 from sionna_radar.report.page.scene_data import points_to_draw
-from sionna_radar.report.page.sections import exponent_of, limit_of
+from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey.result import Survey
@@ -167,8 +167,6 @@ def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000
-# Half-width of a histogram, in NMADs, from which its scale is logarithmic.
-HEAVY_TAILS = 10
 LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 

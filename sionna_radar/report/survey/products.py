@@ -115,12 +115,8 @@ def _write_numbers(survey: Survey, directory: Path) -> None:
 
 
 def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
-    path, points, time_s, place = (
-        directory / f"points.{kind}",
-        survey.points,
-        survey.schedule.time_s,
-        survey.georeference,
-    )
+    path, place = directory / f"points.{kind}", survey.georeference
+    points, time_s = survey.points, survey.schedule.time_s
     match kind:
         case PointsFile.LAZ:
             write_laz(path, points, time_s, survey.prepared.measured, place)

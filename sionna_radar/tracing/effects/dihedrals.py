@@ -30,13 +30,11 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.effects.mirrors import PlaneMirror
+from sionna_radar.tracing.effects.mirrors import TOUCHING_M, PlaneMirror
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.
 MAX_TURN_RAD = float(np.deg2rad(3.0))
-# Faces that do not touch within this are no corner; it is the precision of the ray caster.
-TOUCHING_M = 0.02
 # Echoes weaker than this share of the dihedral's greatest field are left out.
 MIN_FIELD = 1e-3
 # Side lobes along the edge fade out where they are this share of it, from the first to the second.

@@ -7,7 +7,7 @@ ray random and makes the pulse's total power far less noisy than independent ray
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -65,19 +65,7 @@ def quantiles_of(cut: Cut) -> Float[np.ndarray, " quantile"]:
     return quantiles
 
 
-@runtime_checkable
-class BeamRays(Protocol):
-    """Draws directions inside a beam and around it."""
-
-    def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
-        """Return directions, densities per steradian, and which are valid.
-
-        unit: two columns of points in the unit square; in_beam: which rays follow the beam; the others are spread
-        evenly. beam_share: share of the former. Directions are three columns: ahead, left, up.
-        """
-
-
-def beam_rays(antenna: Antenna) -> BeamRays:
+def beam_rays(antenna: Antenna) -> "CutRays | GridRays":
     """Return the rays of an antenna."""
     return CutRays(antenna) if antenna.separable else GridRays(antenna.two_way)
 
@@ -90,7 +78,11 @@ class CutRays:
         self._quantiles = [mi.Float(q.astype(np.float32)) for q in cuts]
 
     def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
-        """Return directions, densities per steradian, and which are valid."""
+        """Return directions (ahead, left, up), densities per steradian, and which are valid.
+
+        unit: two columns of points in the unit square; in_beam: which rays follow the beam; the others are spread
+        evenly. beam_share: share of the former.
+        """
         wide = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*unit))
         cosines = [
             dr.select(in_beam, _quantile(q, t), w)
@@ -121,7 +113,7 @@ class GridRays:
         self._turn = [[dr.opaque(mi.Float, float(value)) for value in row] for row in turn]
 
     def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
-        """Return directions, densities per steradian, and which are valid."""
+        """Return directions, densities per steradian, and which are valid; see `CutRays.shoot`."""
         sphere = mi.warp.square_to_uniform_sphere(mi.Point2f(*unit))
         row = _cell(self._row_below, mi.UInt32(0), self._rows, unit[1])
         v = _within(self._row_below, self._up, row, row, unit[1])

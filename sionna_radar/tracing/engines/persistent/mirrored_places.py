@@ -34,14 +34,13 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import RadarMaterial, ScatteringParts, as_radar_material
-from sionna_radar.tracing.effects.mirrors import PlaneMirror, across_incidence, plane_mirrors
+from sionna_radar.tracing.effects.mirrors import TOUCHING_M, PlaneMirror, across_incidence, plane_mirrors
 from sionna_radar.tracing.engines.persistent.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Mirrors are looked for as far from the axis as either cut of the beam has this share of its peak.
 MIN_POWER = 1e-3
-# The float32 precision of the ray caster, and how far a ray starts from the mirror.
-TOUCHING_M = 0.02
+# How far a ray starts from the mirror.
 OFF_MIRROR_M = 0.002
 TABLE_SIZE = 2049
 # Points of a plane looked up in its outline at once.
