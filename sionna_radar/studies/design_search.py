@@ -109,7 +109,12 @@ class _Search:
         self.closed: dict[str, dict[str, float] | None] = {}
         self.models: dict[str, Surrogate] = {}
         sampler = qmc.Sobol(len(plan.space.keys), rng=self.rng)
-        self.pool = self._possible(plan.space.settings(sampler.random(POOL)))
+        sampled = plan.space.settings(sampler.random(POOL))
+        self.pool = self._possible(sampled)
+        for axis in plan.space.listed:
+            possible, tried = ([s[axis.key] for s in some] for some in (self.pool, sampled))
+            if never := [value for value in axis.values if value in tried and value not in possible]:
+                refuse(f"{axis.key} = {never[0]} cannot be flown with any of the other values; remove it", "--free")
         self.normal = self.rng.standard_normal((len(plan.results), DRAWS))
         self.checked: dict[str, Checked] = {}
 
@@ -150,12 +155,10 @@ class _Search:
             if not reason:
                 trials = [outcome for _, outcome in outcomes if isinstance(outcome, Trial)]
                 results = {name: worst(name, [trial.statistic(name) for trial in trials]) for name in STATISTICS}
-                missing = [name for name in self.plan.results if not np.isfinite(results[name])]
-                reason = (
-                    f"{missing[0]} is undefined: no cell of the map has a height, or none it asks for"
-                    if missing
-                    else ""
-                )
+                if missing := [name for name in self.plan.results if not np.isfinite(results[name])]:
+                    why = [text for trial in trials for text in trial.warnings]
+                    unfilled = "no cell of the map has a height, or none it asks for"
+                    reason = f"{missing[0]} is undefined: {next(iter(why), unfilled)}"
             method = outcomes[0][0].dem.map_method if outcomes else ""
             self.observations.append(
                 Observation(setting=setting, seed=seed, results=results, method=method, reason=reason)
@@ -179,14 +182,15 @@ class _Search:
         return [setting for setting in distinct.values() if self._closed(setting) is not None]
 
     def _closed(self, setting: Setting) -> dict[str, float] | None:
-        """Return quantities and keys of a setting by name; None if its scenario is refused."""
+        """Return quantities and keys of a setting by name; None if its scenario is refused, or one is undefined."""
         key = repr(setting)
         if key not in self.closed:
             try:
                 scenario = self.plan.scenarios(setting)[0]
                 names = [name for name in self.plan.names if name not in STATISTICS]
                 known = quantities_of(scenario, self.plan.area, [name for name in names if name in QUANTITIES])
-                self.closed[key] = {name: known[name] if name in known else key_value(scenario, name) for name in names}
+                values = {name: known[name] if name in known else key_value(scenario, name) for name in names}
+                self.closed[key] = values if all(map(np.isfinite, values.values())) else None
             except (ScenarioError, InputFileError):
                 self.closed[key] = None
         return self.closed[key]
@@ -542,10 +546,10 @@ class _Search:
         candidates = [*self._candidates(), best.setting]
         values = self.draws(candidates)
         objective = self.objectives(self.expected(candidates), len(candidates))[:, 0, 0]
-        flyable = self.flyable(candidates)
+        flyable = self.flyable(candidates) >= 0.5
 
         def least(relaxed: Mapping[int, float]) -> float:
-            sure = self.probability(values, len(candidates), relaxed) * flyable >= self.plan.confidence
+            sure = flyable & (self.probability(values, len(candidates), relaxed) >= self.plan.confidence)
             return float(objective[sure].min()) if sure.any() else np.nan
 
         now, found = least({}), list[Relaxation]()

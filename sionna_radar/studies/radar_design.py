@@ -17,7 +17,7 @@ from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.scenario.reference import dotted_keys
-from sionna_radar.studies.design import Setting, is_whole, parse_varied, refuse
+from sionna_radar.studies.design import Setting, is_whole, one_setting, parse_varied, refuse
 from sionna_radar.studies.quantities import (
     QUANTITIES,
     Area,
@@ -162,7 +162,8 @@ def plan_design(
     check_installed()
     costs, overrides = costs or Costs(), dict(overrides or {})
     listed, spans = parse_varied(free, "--free")
-    base = load_scenario(source, overrides)
+    # Only with a value of each free key: without one it may be incomplete.
+    base = load_scenario(source, overrides | one_setting(listed, spans))
     whole = frozenset(span.key for span in spans if is_whole(base, span.key))
     space = Space(spans, listed, whole)
     objectives = (
