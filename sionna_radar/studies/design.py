@@ -83,7 +83,7 @@ class Span:
 
 
 def one_setting(listed: Iterable[Axis], spans: Sequence[Span]) -> Setting:
-    """Return a setting: the first of listed values, and of each range a whole number if it holds one, or its low end."""
+    """Return the first of listed values, and of each range a whole number if it holds one, or its low end."""
     whole = {span.key: math.ceil(span.low) for span in spans}
     low = {span.key: span.low for span in spans if whole[span.key] > span.high}
     return {axis.key: axis.values[0] for axis in listed} | whole | low

@@ -274,8 +274,8 @@ LIDAR = "of a lidar"
 QUANTITIES: dict[str, Quantity] = {
     "aperture_m": Quantity(
         unit="m",
-        formula="longer side of the antenna: a Taylor line source of the narrower beamwidth; elements times spacing; or of "
-        "the box around all elements of radar.array",
+        formula="longer side of the antenna: a Taylor line source of the narrower beamwidth; elements times spacing; "
+        "or of the box around all elements of radar.array",
         value=_aperture_m,
         undefined=f"{LIDAR}, and of an antenna that is neither taylor nor an array given by its elements",
     ),
@@ -308,8 +308,8 @@ QUANTITIES: dict[str, Quantity] = {
     "swath_m": Quantity(
         unit="m",
         formula="whisk_broom 2 h tan(half swath); conical 2 h tan(incidence) sin(half swath); electronic 2 h "
-        "tan(half swath) / cos(incidence), or to a side, and fixed and side_looking: the half-power footprint across the "
-        "track; of radar.array that of its view, half_view_deg",
+        "tan(half swath) / cos(incidence), or to a side, and fixed and side_looking: the half-power footprint across "
+        "the track; of radar.array that of its view, half_view_deg",
         value=_swath_m,
         undefined=SWATH,
     ),

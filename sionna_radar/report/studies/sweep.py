@@ -58,7 +58,9 @@ HEADROOM = 1.06
 BESIDE_PT = 7.0
 # Minimum number of settings for a rank correlation.
 MIN_RANKED = 8
-MAX_LEGEND = 14
+# Rows of small multiples, and the longest line of the name beside one, in characters.
+MAX_ROWS = 24
+MAX_BESIDE = 18
 # Longest name in half the width of the figure, in characters.
 MAX_IN_HALF = 50
 # Characters of labels that fit side by side under one panel.
@@ -80,25 +82,24 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     """
     across = across or abscissa(sweep.axes)
     lines = _lines(sweep, across)
-    statistics = _panels(sweep)
+    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
+    trials = several if sweep.repeat > 1 else "one trial each"
+    if len(lines) > len(COLOURS):
+        return _small_multiples(sweep, across, lines, trials)
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True).ravel()
-    for axes, statistic in zip(panels, statistics, strict=True):
+    for axes, statistic in zip(panels, _panels(sweep), strict=True):
         for index, (title, cases) in enumerate(lines):
-            colour, marker = _style(index)
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
-            _draw_line(axes, across, cases, statistic, (title, colour, marker, shift), joined=_joined(sweep, across))
+            style = title, COLOURS[index], MARKERS[index], shift
+            _draw_line(axes, across, cases, statistic, style, joined=_joined(sweep, across))
         axes.set_ylabel(PANELS[statistic])
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-        _finish_ordinate(axes, sweep, statistic)
+        _finish_ordinates([axes], sweep, statistic)
         axes.set_title(_correlation(sweep, across, statistic), fontsize="small", loc="right")
     for axes in panels[2:]:
         _finish_abscissa(axes, across)
-    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
-    trials = several if sweep.repeat > 1 else "one trial each"
     figure.suptitle(f"{sweep.source}: elevation error\n{trials}", fontsize="medium", parse_math=False)
-    if 1 < len(lines) <= MAX_LEGEND:
+    if len(lines) > 1:
         handles, names = panels[0].get_legend_handles_labels()
         columns = 2 if max(map(len, names)) <= MAX_IN_HALF else 1
         texts = [fill(name, MAX_IN_HALF * 2 // columns) for name in names]
@@ -106,10 +107,31 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     return figure
 
 
-def _style(index: int) -> tuple[str, str]:
-    """Return a colour and a marker, unique for as many lines as there are pairs of them."""
-    turn, count = divmod(index, len(COLOURS))
-    return COLOURS[count], MARKERS[(count + turn) % len(MARKERS)]
+def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Case]]], trials: str) -> Figure:
+    """Draw each line in panels of its own, all others grey behind it; of many the `MAX_ROWS` with the least error."""
+    least = [min((c.mean("rms_m") for c in cases if c.trials), default=np.inf) for _, cases in lines]
+    shown = sorted(np.argsort(least, kind="stable")[:MAX_ROWS])
+    statistics, joined = _panels(sweep), _joined(sweep, across)
+    figure = ReportFigure(figsize=(9.0, 1.2 + 1.3 * len(shown)), layout="constrained")
+    panels = figure.subplots(len(shown), len(statistics), sharex=True, sharey="col")
+    for column, statistic in zip(panels.T, statistics, strict=True):
+        for place, axes in zip(shown, column, strict=True):
+            title, cases = lines[place]
+            for _, others in lines:
+                x = [_place(across, case.setting[across.key]) for case in others]
+                mean = [case.mean(statistic) for case in others]
+                axes.plot(x, mean, ls="-" if joined else "", marker=".", ms=2, lw=0.8, color="0.8", zorder=1)
+            _draw_line(axes, across, cases, statistic, (title, BLUE, "o", 0.0), joined=joined)
+        _finish_ordinates(column, sweep, statistic)
+        heading = f"{PANELS[statistic]}\n{_correlation(sweep, across, statistic)}".rstrip()
+        column[0].set_title(heading, fontsize="small")
+        _finish_abscissa(column[-1], across)
+    for place, axes in zip(shown, panels[:, 0], strict=True):
+        axes.set_ylabel(fill(lines[place][0], MAX_BESIDE), fontsize="small")
+    part = f"the {len(shown)} of {len(lines)} settings with the least RMS error" if len(shown) < len(lines) else ""
+    head = "; ".join(filter(None, [f"{sweep.source}: elevation error", part]))
+    figure.suptitle(f"{head}\n{trials}; grey: all other settings", fontsize="medium", parse_math=False)
+    return figure
 
 
 def _panels(sweep: Sweep) -> list[str]:
@@ -118,21 +140,25 @@ def _panels(sweep: Sweep) -> list[str]:
     return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
 
 
-def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
-    if statistic == "mean_m":
-        axes.axhline(0.0, color="black", lw=0.8)
-    if statistic == "coverage":
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
-    if statistic in SIZES:
-        sizes = np.array([case.mean(statistic) for case in sweep.cases])
-        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
-        if len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
+def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> None:
+    """Finish panels of one statistic that share their ordinate."""
+    top = max(axes.dataLim.y1 for axes in column)
+    sizes = np.array([case.mean(statistic) for case in sweep.cases])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    for axes in column:
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+        if statistic == "mean_m":
+            axes.axhline(0.0, color="black", lw=0.8)
+        if statistic == "coverage":
+            axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
+        if statistic in SIZES and len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
             axes.set_yscale("log", nonpositive="mask")
             axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
-        elif len(sizes):
-            axes.set_ylim(0.0, HEADROOM * axes.dataLim.y1)
+        elif statistic in SIZES and len(sizes):
+            axes.set_ylim(0.0, HEADROOM * top)
 
 
 def abscissa(axes: tuple[Axis, ...]) -> Axis:
