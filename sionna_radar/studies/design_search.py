@@ -35,6 +35,7 @@ from sionna_radar.studies.quantities import (
 from sionna_radar.studies.radar_design import (
     FLAT,
     RELAXED,
+    RESULTS,
     Checked,
     DesignPlan,
     Observation,
@@ -52,7 +53,7 @@ from sionna_radar.studies.surrogate import (
     improvement,
     pareto,
 )
-from sionna_radar.studies.sweep import STATISTICS, Trial, failure, label, trial_of, trial_task
+from sionna_radar.studies.sweep import Trial, failure, label, trial_of, trial_task
 from sionna_radar.survey.chain import run
 
 # Proposed at once, whatever the number of workers.
@@ -154,7 +155,7 @@ class _Search:
                     reason = reason or failure(outcome, scenario, 0)
             if not reason:
                 trials = [outcome for _, outcome in outcomes if isinstance(outcome, Trial)]
-                results = {name: worst(name, [trial.statistic(name) for trial in trials]) for name in STATISTICS}
+                results = {name: worst(name, [trial.statistic(name) for trial in trials]) for name in RESULTS}
                 if missing := [name for name in self.plan.results if not np.isfinite(results[name])]:
                     why = [text for trial in trials for text in trial.warnings]
                     unfilled = "no cell of the map has a height, or none it asks for"
@@ -187,7 +188,7 @@ class _Search:
         if key not in self.closed:
             try:
                 scenario = self.plan.scenarios(setting)[0]
-                names = [name for name in self.plan.names if name not in STATISTICS]
+                names = [name for name in self.plan.names if name not in RESULTS]
                 known = quantities_of(scenario, self.plan.area, [name for name in names if name in QUANTITIES])
                 values = {name: known[name] if name in known else key_value(scenario, name) for name in names}
                 self.closed[key] = values if all(map(np.isfinite, values.values())) else None
@@ -198,7 +199,7 @@ class _Search:
     def values(self, settings: Sequence[Setting], results: Numbers) -> Numbers:
         """Return all named values, (n, 1) or as the results (n, draw)."""
         closed = [self._closed(setting) or {} for setting in settings]
-        names = [name for name in self.plan.names if name not in STATISTICS]
+        names = [name for name in self.plan.names if name not in RESULTS]
         values = {name: np.array([[known.get(name, np.nan)] for known in closed]) for name in names} | results
         needed = all(name in values for name in self.plan.costs.needs)
         return values | (self.plan.costs.totals(values) if needed else {})
@@ -440,7 +441,7 @@ class _Search:
         flown = [o for o in self.observations if o.setting == setting and not o.reason]
         if len(flown) < 2:
             return None
-        results = {name: np.array([[o.results[name] for o in flown]]) for name in STATISTICS}
+        results = {name: np.array([[o.results[name] for o in flown]]) for name in RESULTS}
         used = {name: results[name] for name in self.plan.results}
         values = self.values([setting], used)
         standing = tuple(

@@ -37,6 +37,8 @@ from sionna_radar.survey.preparation import prepare
 # Relative change of the objective that counts as flat, and by which a limit is relaxed.
 FLAT, RELAXED = 0.05, 0.10
 MAX_SURVEYS = 2000
+# What a survey tells; errors over common cells take several ones.
+RESULTS = tuple(name for name in STATISTICS if name != "common_rms_m")
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class DesignPlan:
     @property
     def results(self) -> tuple[str, ...]:
         """Those of them that only a survey tells."""
-        return tuple(name for name in self.names if name in STATISTICS)
+        return tuple(name for name in self.names if name in RESULTS)
 
     def scenarios(self, setting: Mapping[str, Any], seed: int | None = None) -> list[Scenario]:
         """Return the scenarios of a setting; raises ScenarioError or InputFileError if one is refused."""
@@ -220,7 +222,7 @@ def _check_request(plan: DesignPlan) -> None:
 
 def _check_names(plan: DesignPlan) -> None:
     """Check all names against a setting in the middle of the space, which must be one that can be flown."""
-    known = [*STATISTICS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
+    known = [*RESULTS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
         check_names(part.names, known, f"{part.text!r}")
@@ -234,7 +236,7 @@ def _check_names(plan: DesignPlan) -> None:
     for name in plan.names:
         if name in QUANTITIES and not np.isfinite(quantities_of(scenarios[0], plan.area, (name,))[name]):
             refuse(f"is undefined here: {QUANTITIES[name].undefined}", name)
-        if name not in QUANTITIES and name not in STATISTICS:
+        if name not in QUANTITIES and name not in RESULTS:
             key_value(scenarios[0], name)
 
 

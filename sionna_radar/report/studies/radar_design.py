@@ -40,8 +40,8 @@ from sionna_radar.report.terminal import NONE, console, number, print_whole
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.quantities import QUANTITIES
-from sionna_radar.studies.radar_design import FLAT, RELAXED, Checked, DesignPlan, RadarDesign, Slice
-from sionna_radar.studies.sweep import STATISTICS, label, short
+from sionna_radar.studies.radar_design import FLAT, RELAXED, RESULTS, Checked, DesignPlan, RadarDesign, Slice
+from sionna_radar.studies.sweep import label, short
 
 MARKER = "design.json"
 # Designs listed in a terminal and on the page.
@@ -192,7 +192,7 @@ def survey_rows(design: RadarDesign) -> list[dict[str, Any]]:
     return [
         {key: one.setting[key] for key in design.plan.space.keys}
         | {"run_seed": one.seed, "dem.method": one.method}
-        | {name: _or_empty(one.results.get(name, np.nan)) for name in STATISTICS}
+        | {name: _or_empty(one.results.get(name, np.nan)) for name in RESULTS}
         | {"reason": one.reason}
         for one in design.observations
     ]
