@@ -7,7 +7,7 @@ nine tenths of the ground with half of that error, by which height, rotation and
 aluminium stands for the antenna; it grows with the square of the aperture. With SIONNA_RADAR_SMALL=1 in the environment
 the flights are short and few. The same from the command line, with costs of several components::
 
-    sionna-radar design hills --free radar.antenna.beamwidth_deg=1:8:log --free platform.altitude_m=30:60 \
+    sionna-radar design hills --free radar.antenna.beamwidth_deg=1:16:log --free platform.altitude_m=30:60 \
         --free radar.scan.rotation_rpm=60:240:log --free dem.method=linear,smooth --require "rms_m < 0.145" \
         --require "coverage > 0.9" --minimise mass_kg --costs examples/costs.toml
 """
@@ -27,7 +27,7 @@ COSTS = Costs.of({"antenna": {"mass_kg": "2700 * 0.005 * aperture_m ** 2"}, "mod
 plan = plan_design(
     "hills",
     [
-        "radar.antenna.beamwidth_deg=1:8:log",
+        "radar.antenna.beamwidth_deg=1:16:log",
         "platform.altitude_m=30:60",
         "radar.scan.rotation_rpm=60:240:log",
         "dem.method=linear,smooth",

@@ -59,7 +59,7 @@ BESIDE_PT = 7.0
 # Minimum number of settings for a rank correlation.
 MIN_RANKED = 8
 # Rows of small multiples, and the longest line of the name beside one, in characters.
-MAX_ROWS = 24
+MAX_MULTIPLES = 24
 MAX_BESIDE = 18
 # Longest name in half the width of the figure, in characters.
 MAX_IN_HALF = 50
@@ -108,9 +108,9 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
 
 
 def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Case]]], trials: str) -> Figure:
-    """Draw each line in panels of its own, all others grey behind it; of many the `MAX_ROWS` with the least error."""
+    """Draw each line in panels of its own, all others grey behind it; of many the `MAX_MULTIPLES` with the least error."""
     least = [min((c.mean("rms_m") for c in cases if c.trials), default=np.inf) for _, cases in lines]
-    shown = sorted(np.argsort(least, kind="stable")[:MAX_ROWS])
+    shown = sorted(np.argsort(least, kind="stable")[:MAX_MULTIPLES])
     statistics, joined = _panels(sweep), _joined(sweep, across)
     figure = ReportFigure(figsize=(9.0, 1.2 + 1.3 * len(shown)), layout="constrained")
     panels = figure.subplots(len(shown), len(statistics), sharex=True, sharey="col")
@@ -122,7 +122,7 @@ def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Cas
                 mean = [case.mean(statistic) for case in others]
                 axes.plot(x, mean, ls="-" if joined else "", marker=".", ms=2, lw=0.8, color="0.8", zorder=1)
             _draw_line(axes, across, cases, statistic, (title, BLUE, "o", 0.0), joined=joined)
-        _finish_ordinates(column, sweep, statistic)
+        _finish_ordinates(list(column), sweep, statistic)
         heading = f"{PANELS[statistic]}\n{_correlation(sweep, across, statistic)}".rstrip()
         column[0].set_title(heading, fontsize="small")
         _finish_abscissa(column[-1], across)
