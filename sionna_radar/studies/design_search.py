@@ -27,11 +27,7 @@ from sionna_radar.foundation.randomness import Stream
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.design import Setting, refuse
-from sionna_radar.studies.quantities import (
-    QUANTITIES,
-    key_value,
-    quantities_of,
-)
+from sionna_radar.studies.quantities import QUANTITIES, key_value, quantities_of
 from sionna_radar.studies.radar_design import (
     FLAT,
     RELAXED,
@@ -47,12 +43,7 @@ from sionna_radar.studies.radar_design import (
     standing_of,
     worst,
 )
-from sionna_radar.studies.surrogate import (
-    Surrogate,
-    flown_probability,
-    improvement,
-    pareto,
-)
+from sionna_radar.studies.surrogate import Surrogate, flown_probability, improvement, pareto
 from sionna_radar.studies.sweep import Trial, failure, label, trial_of, trial_task
 from sionna_radar.survey.chain import run
 
@@ -238,10 +229,15 @@ class _Search:
         self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
     ) -> Float[np.ndarray, " n"]:
         """Return the probability that all requirements hold, over the draws."""
-        holds = np.ones((settings, 1), dtype=bool)
-        for margin in self.margins(values, relaxed):
-            holds = holds & (margin > 0)
-        return np.asarray(holds.mean(axis=1))
+        return np.asarray(self.holds(values, settings, relaxed).mean(axis=1))
+
+    def holds(
+        self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
+    ) -> Bool[np.ndarray, "n draw"]:
+        """Return whether all requirements hold in each draw."""
+        return np.logical_and.reduce(
+            np.broadcast_arrays(np.ones((settings, 1), dtype=bool), *(m > 0 for m in self.margins(values, relaxed)))
+        )
 
     def flyable(self, settings: Sequence[Setting]) -> Float[np.ndarray, " n"]:
         flown = [not o.reason for o in self.observations]
@@ -293,9 +289,7 @@ class _Search:
     ) -> Float[np.ndarray, " n"]:
         """Return the expected improvement with all requirements met; or how likely they are, if none is known to be."""
         values = self.draws(candidates, models)
-        holds = np.ones((len(candidates), 1), dtype=bool)
-        for margin in self.margins(values):
-            holds = holds & (margin > 0)
+        holds = self.holds(values, len(candidates))
         objectives = self.objectives(values, len(candidates))
         reached, met = self._reached(flown, models)
         if not met.any():
@@ -388,26 +382,21 @@ class _Search:
         """Return the Pareto front of flown settings by the models, which pool all surveys; by the first objective."""
         flown = list({repr(o.setting): o.setting for o in self.observations if not o.reason}.values())
         values = self.draws(flown)
-        chance = self.probability(values, len(flown))
-        chance = np.array(
-            [
-                self.checked[repr(s)].probability if repr(s) in self.checked else c
-                for s, c in zip(flown, chance, strict=True)
-            ]
-        )
-        sure = chance >= self.plan.confidence
+        chance = [
+            self.checked[repr(s)].probability if repr(s) in self.checked else c
+            for s, c in zip(flown, self.probability(values, len(flown)), strict=True)
+        ]
+        sure = np.array(chance) >= self.plan.confidence
         if not sure.any():
             return []
         expected = self.expected(flown)
         objective = self.objectives(expected, len(flown))[:, 0]
         kept = {tuple(point) for point in pareto(objective[sure])}
-        signs = [o.sign for o in self.plan.objectives]
         found = []
         for number in np.flatnonzero(sure):
-            point = tuple(objective[number])
-            if point not in kept:
+            if tuple(objective[number]) not in kept:
                 continue
-            reached = tuple(float(s * v) for s, v in zip(signs, point, strict=True))
+            reached = tuple(float(o.sign * v) for o, v in zip(self.plan.objectives, objective[number], strict=True))
             checked = self.checked.get(repr(flown[number]))
             found.append(replace(checked or self._expected_standing(flown[number]), objectives=reached))
         return sorted(found, key=lambda one: one.objectives[0])
@@ -556,12 +545,9 @@ class _Search:
         now, found = least({}), list[Relaxation]()
         for number, requirement in enumerate(self.plan.requirements):
             relaxed, without = least({number: RELAXED}), least({number: np.inf})
-            saving = (now - relaxed) / abs(now) if now else np.nan
-            found.append(
-                Relaxation(
-                    requirement=requirement.text, relaxed=sign * relaxed, without=sign * without, saving=float(saving)
-                )
-            )
+            saving = float((now - relaxed) / abs(now)) if now else np.nan
+            limits = {"relaxed": sign * relaxed, "without": sign * without}
+            found.append(Relaxation(requirement=requirement.text, saving=saving, **limits))
         return tuple(found)
 
     def _sensitivity(self) -> dict[str, dict[str, float]]:

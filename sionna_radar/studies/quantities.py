@@ -94,8 +94,7 @@ def _array(scenario: Scenario) -> ArrayTable | None:
     return scenario.radar.array if scenario.sensor == "mimo" else None
 
 
-def _aperture_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _aperture_m(scenario: Scenario, _area: Area | None = None) -> float:
     antenna, wavelength = scenario.radar.antenna, speed_of_light / scenario.radar.carrier_hz
     if scenario.sensor == "lidar":
         return NAN
@@ -138,12 +137,11 @@ def _turns(scan: ScanParameters) -> TypeGuard[ScanTable]:
     return isinstance(scan, ScanTable) and scan.mode in ("whisk_broom", "conical")
 
 
-def _pulses_per_s(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _pulses_per_s(scenario: Scenario, _area: Area | None = None) -> float:
     return scenario.radar.mean_rate_hz * (2 if scenario.radar.sweep == "triangular" else 1) * _duty(scenario)
 
 
-def _samples_per_s(scenario: Scenario, area: Area | None) -> float:
+def _samples_per_s(scenario: Scenario, _area: Area | None = None) -> float:
     radar = scenario.radar
     parts = 2 if radar.sampling == "iq" else 1
     table = radar.second_receiver
@@ -152,16 +150,15 @@ def _samples_per_s(scenario: Scenario, area: Area | None) -> float:
         receivers = len(array.receivers_wavelengths)
     if scenario.sensor == "lidar":
         return NAN
-    return _pulses_per_s(scenario, area) * radar.samples_per_chirp * parts * receivers
+    return _pulses_per_s(scenario) * radar.samples_per_chirp * parts * receivers
 
 
-def _data_rate_mbps(scenario: Scenario, area: Area | None) -> float:
+def _data_rate_mbps(scenario: Scenario, _area: Area | None = None) -> float:
     bits = scenario.radar.receiver.converter.bits or STORED_BITS
-    return 1e-6 * bits * _samples_per_s(scenario, area)
+    return 1e-6 * bits * _samples_per_s(scenario)
 
 
-def _transmit_power_w(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _transmit_power_w(scenario: Scenario, _area: Area | None = None) -> float:
     power_dbm, array = scenario.radar.transmit_power_dbm, _array(scenario)
     if power_dbm is None or scenario.sensor == "lidar":
         return NAN
@@ -177,8 +174,7 @@ def _flight(scenario: Scenario) -> tuple[float, float]:
     return platform.altitude_m, platform.speed_mps
 
 
-def _swath_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _swath_m(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (height, _) = scenario.radar.scan, _flight(scenario)
     if not isinstance(scan, ScanTable | ElectronicScanTable):
         return NAN
@@ -201,12 +197,11 @@ def _looks_aside(scan: ScanParameters) -> bool:
     return scan.look != "forward" if isinstance(scan, ElectronicScanTable) else scan.mode == "side_looking"
 
 
-def _area_per_hour_km2(scenario: Scenario, area: Area | None) -> float:
-    return 3600e-6 * _swath_m(scenario, area) * _flight(scenario)[1]
+def _area_per_hour_km2(scenario: Scenario, _area: Area | None = None) -> float:
+    return 3600e-6 * _swath_m(scenario) * _flight(scenario)[1]
 
 
-def _line_gap_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _line_gap_m(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (_, speed) = scenario.radar.scan, _flight(scenario)
     if isinstance(scan, ElectronicScanTable):
         return speed / scan.scans_per_s
@@ -217,8 +212,7 @@ def _line_gap_m(scenario: Scenario, area: Area | None) -> float:
     return speed * 60 / scan.rotation_rpm if _turns(scan) else speed / scenario.radar.mean_rate_hz
 
 
-def _dwell_s(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _dwell_s(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (height, speed) = scenario.radar.scan, _flight(scenario)
     if isinstance(scan, ElectronicScanTable):
         return 1 / (scan.beams * scan.scans_per_s)
@@ -236,14 +230,6 @@ def _dwell_s(scenario: Scenario, area: Area | None) -> float:
     return along / speed
 
 
-def _lines(scenario: Scenario, area: Area | None) -> float:
-    return _covering(scenario, area)[0]
-
-
-def _flying_time_s(scenario: Scenario, area: Area | None) -> float:
-    return _covering(scenario, area)[1]
-
-
 def _covering(scenario: Scenario, area: Area | None) -> tuple[float, float]:
     """Return the number of lines and the time over an area; without one those of the scenario's own cruise.
 
@@ -251,11 +237,11 @@ def _covering(scenario: Scenario, area: Area | None) -> tuple[float, float]:
     """
     platform, (height, speed) = scenario.platform, _flight(scenario)
     if area is not None:
-        swath, scan = _swath_m(scenario, None), scenario.radar.scan
+        swath, scan = _swath_m(scenario), scenario.radar.scan
         if not swath > 0:
             return NAN, NAN
         incidence = 0.0 if _looks_aside(scan) else math.radians(getattr(scan, "incidence_deg", 0.0))
-        lines, length = lines_over(area.size_m, height, swath, incidence, area.overlap, _line_gap_m(scenario, None))
+        lines, length = lines_over(area.size_m, height, swath, incidence, area.overlap, _line_gap_m(scenario))
         return float(lines), length / speed
     if platform.log is not None:
         return NAN, NAN
@@ -322,13 +308,13 @@ QUANTITIES: dict[str, Quantity] = {
     "lines": Quantity(
         unit="1",
         formula="flight lines over --area, side / (swath_m (1 - overlap)), as `plan` lays them; or of the own flight",
-        value=_lines,
+        value=lambda scenario, area: _covering(scenario, area)[0],
         undefined=SWATH,
     ),
     "flying_time_s": Quantity(
         unit="s",
         formula="length of the lines over --area and of the ways between them / speed; or of the scenario's own cruise",
-        value=_flying_time_s,
+        value=lambda scenario, area: _covering(scenario, area)[1],
         undefined=SWATH,
     ),
     "line_gap_m": Quantity(

@@ -41,6 +41,7 @@ from sionna_radar.studies.design import Axis
 from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, short
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
+SINGLE = "one trial each"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = {
     "rms_m": "RMS error of lit cells (m)",
@@ -82,8 +83,7 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     """
     across = across or abscissa(sweep.axes)
     lines = _lines(sweep, across)
-    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
-    trials = several if sweep.repeat > 1 else "one trial each"
+    trials = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials" if sweep.repeat > 1 else SINGLE
     if len(lines) > len(COLOURS):
         return _small_multiples(sweep, across, lines, trials)
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
@@ -108,7 +108,7 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
 
 
 def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Case]]], trials: str) -> Figure:
-    """Draw each line in panels of its own, all others grey behind it; of many the `MAX_MULTIPLES` with the least error."""
+    """Draw each line in panels of its own, all others grey behind it; of many `MAX_MULTIPLES`, of least error."""
     least = [min((c.mean("rms_m") for c in cases if c.trials), default=np.inf) for _, cases in lines]
     shown = sorted(np.argsort(least, kind="stable")[:MAX_MULTIPLES])
     statistics, joined = _panels(sweep), _joined(sweep, across)
@@ -118,19 +118,16 @@ def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Cas
         for place, axes in zip(shown, column, strict=True):
             title, cases = lines[place]
             for _, others in lines:
-                x = [_place(across, case.setting[across.key]) for case in others]
-                mean = [case.mean(statistic) for case in others]
-                axes.plot(x, mean, ls="-" if joined else "", marker=".", ms=2, lw=0.8, color="0.8", zorder=1)
+                points = [(_place(across, case.setting[across.key]), case.mean(statistic)) for case in others]
+                axes.plot(*np.transpose(points), ls="-" if joined else "", marker=".", ms=2, lw=0.8, color="0.8")
             _draw_line(axes, across, cases, statistic, (title, BLUE, "o", 0.0), joined=joined)
         _finish_ordinates(list(column), sweep, statistic)
-        heading = f"{PANELS[statistic]}\n{_correlation(sweep, across, statistic)}".rstrip()
-        column[0].set_title(heading, fontsize="small")
+        column[0].set_title(f"{PANELS[statistic]}\n{_correlation(sweep, across, statistic)}".rstrip(), fontsize="small")
         _finish_abscissa(column[-1], across)
     for place, axes in zip(shown, panels[:, 0], strict=True):
         axes.set_ylabel(fill(lines[place][0], MAX_BESIDE), fontsize="small")
-    part = f"the {len(shown)} of {len(lines)} settings with the least RMS error" if len(shown) < len(lines) else ""
-    head = "; ".join(filter(None, [f"{sweep.source}: elevation error", part]))
-    figure.suptitle(f"{head}\n{trials}; grey: all other settings", fontsize="medium", parse_math=False)
+    head = f"{sweep.source}: elevation error, {len(shown)} of {len(lines)} settings (grey: all)"
+    figure.suptitle(f"{head}\n{trials}", fontsize="medium", parse_math=False)
     return figure
 
 
@@ -328,12 +325,6 @@ def table_text(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def costs_of(text: str) -> list[dict[str, float]]:
-    """Return the costs of each survey of a `runs.csv`, in order; raises ValueError or KeyError for other text."""
-    rows = csv.DictReader(io.StringIO(text, newline=""))
-    return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
-
-
 def write_runs_parquet(path: Path, sweep: Sweep) -> None:
     """Write the table as Parquet; a varied key is numeric if all its values are, otherwise text.
 
@@ -514,9 +505,7 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
 
     Of the quantities in closed form those are shown that differ between cases.
     """
-    trials = (
-        f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
-    )
+    trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     table = Table(title=title, title_justify="left")
     for axis in result.axes:
@@ -526,13 +515,9 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
         table.add_column(HEADINGS[statistic], justify="right")
     rows = ranked(result, ranking)
     varied = {axis.key for axis in result.axes}
-    names = [
-        name
-        for name in (rows[0][1] if rows else ())
-        if (name == "method" and METHOD not in varied)
-        or (name not in COLUMNS and name != "method")
-        or (name in COLUMNS and len({judged[name] for _, judged in rows if judged[name] == judged[name]}) > 1)
-    ]
+    same = [n for n in COLUMNS if len({judged[n] for _, judged in rows if judged[n] == judged[n]}) < 2]
+    hidden = {*same, *(["method"] if METHOD in varied else [])}
+    names = [name for name in (rows[0][1] if rows else ()) if name not in hidden]
     for name in names:
         table.add_column("DEM method" if name == "method" else name, justify="right")
     for case, judged in rows[:MAX_ROWS]:
@@ -586,9 +571,10 @@ def read_sweep(folder: Path) -> Sweep:
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:
-    """Return the costs of the surveys from `runs.csv`; empty without that table."""
+    """Return the costs of each survey from `runs.csv`, in order; empty without that table."""
     table = folder / RUNS_CSV
-    return costs_of(read_text(table, "sweep =", REMEDY)) if table.exists() else []
+    rows = csv.DictReader(io.StringIO(read_text(table, "sweep =", REMEDY) if table.exists() else "", newline=""))
+    return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
 def _case(document: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:
