@@ -8,7 +8,7 @@ aluminium stands for the antenna; it grows with the square of the aperture. With
 the flights are short and few. The same from the command line, with costs of several components::
 
     sionna-radar design hills --free radar.antenna.beamwidth_deg=1:16:log --free platform.altitude_m=30:60 \
-        --free radar.scan.rotation_rpm=60:240:log --free dem.method=linear,smooth --require "rms_m < 0.145" \
+        --free radar.scan.rotation_rpm=120:240:log --free dem.method=linear,smooth --require "rms_m < 0.145" \
         --require "coverage > 0.9" --minimise mass_kg --costs examples/costs.toml
 """
 
@@ -29,7 +29,7 @@ plan = plan_design(
     [
         "radar.antenna.beamwidth_deg=1:16:log",
         "platform.altitude_m=30:60",
-        "radar.scan.rotation_rpm=60:240:log",
+        "radar.scan.rotation_rpm=120:240:log",
         "dem.method=linear,smooth",
     ],
     minimise=["mass_kg"],

@@ -8,8 +8,8 @@ both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are short 
 
     sionna-radar design rain --set radar.transmit_power_dbm=7 --set weather.rain_rate_mm_per_h=10 \
         --worst-of weather.rain_rate_mm_per_h=0 --free radar.antenna.beamwidth_deg=1:4:log \
-        --free platform.altitude_m=25:60 --free platform.speed_mps=5:40 --require "rms_m < 0.3" \
-        --require "coverage > 0.7" --maximise area_per_hour_km2
+        --free platform.altitude_m=25:60 --free platform.speed_mps=5:20 --require "rms_m < 0.15" \
+        --require "coverage > 0.7" --require "aperture_m < 0.12" --maximise area_per_hour_km2
 """
 
 # %%
@@ -24,9 +24,9 @@ SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per
 # %%
 plan = plan_design(
     "rain",
-    ["radar.antenna.beamwidth_deg=1:4:log", "platform.altitude_m=25:60", "platform.speed_mps=5:40"],
+    ["radar.antenna.beamwidth_deg=1:4:log", "platform.altitude_m=25:60", "platform.speed_mps=5:20"],
     maximise=["area_per_hour_km2"],
-    require=["rms_m < 0.3", "coverage > 0.4" if SMALL else "coverage > 0.7"],
+    require=["rms_m < 0.15", "coverage > 0.4" if SMALL else "coverage > 0.7", "aperture_m < 0.12"],
     overrides={
         "radar.transmit_power_dbm": 7.0,
         "weather.rain_rate_mm_per_h": 10.0,

@@ -426,7 +426,7 @@ def check_names(names: Sequence[str], known: Sequence[str], option: str) -> None
     for name in names:
         if name not in known:
             message = f"{name} is no key of a scenario and no named quantity.{nearest(name, list(known))}"
-            _refuse(option, f"{message} `sionna-radar design --help` lists the quantities")
+            _refuse(option, f"{message} `sionna-radar design --help` lists them; --costs adds yours, as mass_kg")
 
 
 def _parsed(text: str, option: str) -> ast.expr:
