@@ -2,9 +2,9 @@
 Mapping through rain at half of the power
 =========================================
 
-The scene `rain` transmits 10 dBm. With half of it, 7 dBm, in clear air and through 10 mm/h: which beam, height and
-speed still map most of the ground, and how much of it in an hour? Every setting is flown in both, and the worse of
-both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. From the command line::
+The scene `rain` transmits 10 dBm. With half of it, 7 dBm, in clear air and through 10 mm/h, and with an antenna hardly
+larger than that of 2 deg: which beam, height and speed map most ground in an hour with an error below 0.15 m? Every
+setting is flown in both, and the worse of both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. From the command line::
 
     sionna-radar design rain --set radar.transmit_power_dbm=7 --set weather.rain_rate_mm_per_h=10 \
         --worst-of weather.rain_rate_mm_per_h=0 --free radar.antenna.beamwidth_deg=1:4:log \
@@ -40,4 +40,6 @@ design = run_design(plan)
 print_design(design)
 
 # %%
+# Flown in full, it is 9.4 km2 an hour with 1.9 deg, from 59 m at 18 m/s; the error binds, and so does the antenna.
+# Faster, at 20 m/s, the error is 0.154 m.
 draw_slices(design).savefig("design_rain.png", dpi=150)
