@@ -4,7 +4,8 @@ Mapping through rain at half of the power
 
 The scene `rain` transmits 10 dBm. With half of it, 7 dBm, in clear air and through 10 mm/h, and with an antenna hardly
 larger than that of 2 deg: which beam, height and speed map most ground in an hour with an error below 0.15 m? Every
-setting is flown in both, and the worse of both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. From the command line::
+setting is flown in both, and the worse of both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are
+short and few. From the command line::
 
     sionna-radar design rain --set radar.transmit_power_dbm=7 --set weather.rain_rate_mm_per_h=10 \
         --worst-of weather.rain_rate_mm_per_h=0 --free radar.antenna.beamwidth_deg=1:4:log \
