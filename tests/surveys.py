@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sionna_radar.accuracy.compare import difference, summarise
+from sionna_radar.accuracy.truth import compare_dem
 from sionna_radar.flight.build import flight_plan, plan_track
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
 from sionna_radar.flight.trajectory import plan_trajectory
@@ -111,7 +111,6 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
     dem_height = truth.height_m + rng.normal(0.05, 0.2, grid.shape)
     dem_height[EMPTY_PATCH] = np.nan
     dem = Raster(grid=grid, height_m=dem_height)
-    error = difference(dem, truth)
     track = plan_track(scenario.platform, (-0.2 * size_m, 0.0))
     trajectory = plan_trajectory(flight_plan(scenario.platform), track, ground_m)
     vertices, faces = mesh_of(truth)
@@ -132,12 +131,7 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
         paths=512 * len(prepared),
         points=ground_points(prepared.flight, grid, rng),
         dem=dem,
-        truth=truth,
-        error=error,
-        lit=np.ones(grid.shape, dtype=bool),
-        dem_error=summarise(error, np.ones(grid.shape, dtype=bool)),
-        lit_error=summarise(error, np.ones(grid.shape, dtype=bool)),
-        off_wall_error=None,
+        **vars(compare_dem(dem, truth, np.ones(grid.shape, dtype=bool), None)),
         chirp=make_record(scenario, rng),
         timing_s={"tracing": 1.5, "total": 2.25},
         peak_memory_mb=512.5,
@@ -150,13 +144,10 @@ def make_empty(survey: Survey) -> Survey:
     nothing = np.zeros(0, dtype=int)
     columns = ("pulse", "number", "position_m", "origin_m", "range_m", "range_sigma_m", "power", "echo_snr_db")
     dem = replace(survey.dem, height_m=np.full(survey.dem.grid.shape, np.nan))
-    error = difference(dem, survey.truth)
     return replace(
         survey,
         points=replace(points, **{name: getattr(points, name)[nothing] for name in columns}),
         dem=dem,
-        error=error,
-        dem_error=summarise(error, np.ones(dem.grid.shape, dtype=bool)),
-        lit_error=summarise(error, np.ones(dem.grid.shape, dtype=bool)),
+        **vars(compare_dem(dem, survey.truth, np.ones(dem.grid.shape, dtype=bool), None)),
         chirp=replace(chirp, echo_range_m=chirp.range_m[nothing], echo_power=chirp.power[nothing]),
     )

@@ -67,9 +67,14 @@ CLEAR_M = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A DEM against the truth; see `Survey` for the fields.
+    """A DEM against the truth.
 
+    truth, error: rasters on the DEM's grid; error is DEM minus truth.
+    lit: cells with a true height that the main beam reached.
+    dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
+    off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
     beside_wall: cells within half a footprint of a wall; None where there are no walls.
+    overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
     """
 
     truth: Raster

@@ -15,6 +15,8 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import (
+    SCENARIO,
+    TEAM,
     ApplyShiftOption,
     BackendOption,
     BlockOption,
@@ -28,7 +30,7 @@ from sionna_radar.cli.session import (
     ReportOption,
     ResumeOption,
     Session,
-    command_on_a_scenario,
+    command,
     complete_key,
     log_to_stderr,
     progress_shown,
@@ -59,11 +61,11 @@ def demo(
 ) -> None:
     """Simulate a survey of San Francisco, and write its results and figures."""
     log_to_stderr(quiet)
-    session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet, resume=resume)
+    session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
     _fly(session, None, map_coordinates, report)
 
 
-@command_on_a_scenario(team=True)
+@command(*SCENARIO, *TEAM)
 def run_command(
     session: Session,
     block_size: BlockOption = None,
@@ -146,7 +148,7 @@ def _fly(
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
-@command_on_a_scenario(team=True)
+@command(*SCENARIO, *TEAM)
 def crosscheck(
     session: Session,
 ) -> None:
@@ -173,7 +175,7 @@ def crosscheck(
     )
 
 
-@command_on_a_scenario(team=True)
+@command(*SCENARIO, *TEAM)
 def budget(
     session: Session,
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
@@ -218,7 +220,7 @@ def _rms_limit(text: str) -> float:
     return limit_m
 
 
-@command_on_a_scenario(team=True)
+@command(*SCENARIO, *TEAM)
 def sweep(
     session: Session,
     vary: Annotated[
@@ -297,7 +299,7 @@ def sweep(
     )
 
 
-@command_on_a_scenario(team=True)
+@command(*SCENARIO, *TEAM)
 def design(
     session: Session,
     free: Annotated[
@@ -394,8 +396,8 @@ def merge(
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, read_sweep, write_sweep
     from sionna_radar.studies.sweep import merge_shards
 
-    session = Session.of("merge", output, None, None, None, quiet)
-    session.produce(
+    log_to_stderr(quiet)
+    Session(scenario="merge", output=output, quiet=quiet).produce(
         lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
         suffix="",
         marker=MARKER,
@@ -413,7 +415,7 @@ def _tell_failures(result: "Sweep") -> int:
     return 1 if result.failed else 0
 
 
-@command_on_a_scenario()
+@command(*SCENARIO)
 def link(
     session: Session,
     incidence: Annotated[
@@ -450,7 +452,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
         raise ScenarioError([Problem(option, message)], "command line") from error
 
 
-@command_on_a_scenario()
+@command(*SCENARIO)
 def image(session: Session) -> None:
     """Simulate a side-looking scenario; write its slant-range image and, with persistent speckle, the focused one."""
     from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
@@ -466,7 +468,7 @@ def image(session: Session) -> None:
     )
 
 
-@command_on_a_scenario()
+@command(*SCENARIO)
 def range_doppler(
     session: Session,
     chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,

@@ -9,21 +9,17 @@ import typer
 
 from sionna_radar.cli.session import (
     MAX_REFERENCE_BYTES,
+    RECORDING,
+    TEAM,
     ApplyShiftOption,
     BlockOption,
     MapOption,
     MeasuredHeights,
-    OutputOption,
-    QuietOption,
     ReferenceOption,
     ReferenceSigmaOption,
     ReportOption,
-    ResumeOption,
-    SchedulerOption,
     Session,
-    SetFileOption,
-    SetOption,
-    WorkersOption,
+    command,
 )
 from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
@@ -110,21 +106,16 @@ def with_the_results(kinds: list[str], directory: Path) -> Iterator[dict[str, Pa
         yield {kind: folder / f"{kind}.nc" for kind in kinds}
 
 
+@command(*RECORDING, *TEAM)
 def process_command(
+    session: Session,
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A netCDF file of beat signals.")],
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
     reference: ReferenceOption = None,
     reference_sigma: ReferenceSigmaOption = 0.0,
     apply_shift: ApplyShiftOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    quiet: QuietOption = False,
 ) -> None:
     """Process recorded or measured beat signals into ranges, points and a DEM."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
@@ -136,7 +127,6 @@ def process_command(
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
     page = Report.PAGE if report else Report.NONE
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
-    session = Session.of(str(recording), output, set_, set_file, None, quiet, resume=resume, team=(workers, scheduler))
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
         with session.team() as team:
@@ -155,7 +145,9 @@ def process_command(
     )
 
 
+@command(*RECORDING)
 def twin_command(
+    session: Session,
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="As for `process`, with poses.")],
     terrain: Annotated[
         Path | None,
@@ -167,11 +159,7 @@ def twin_command(
             "--base", metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."
         ),
     ] = None,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
     report: ReportOption = True,
-    quiet: QuietOption = False,
 ) -> None:
     """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
     from sionna_radar.report.files.contents import Report
@@ -179,7 +167,6 @@ def twin_command(
     from sionna_radar.studies.twin import run_twin
 
     page = Report.PAGE if report else Report.NONE
-    session = Session.of(str(recording), output, set_, set_file, None, quiet)
     session.produce(
         lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
         suffix="_twin",
@@ -190,7 +177,9 @@ def twin_command(
     )
 
 
+@command(*RECORDING)
 def calibrate_command(
+    session: Session,
     recordings: Annotated[
         list[Path],
         typer.Argument(
@@ -230,11 +219,7 @@ def calibrate_command(
             help="Standard deviation of the place and height of all of it, m.",
         ),
     ] = 0.0,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
     report: ReportOption = True,
-    quiet: QuietOption = False,
 ) -> None:
     """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
     from sionna_radar.foundation.input_file import regular_file
@@ -246,7 +231,6 @@ def calibrate_command(
     names, priors = parse_errors(estimate or [], prior or [])
     if reference is not None:
         regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
-    session = Session.of(str(recordings[0]), output, set_, set_file, None, quiet)
     session.produce(
         lambda _: run_calibration(
             recordings,

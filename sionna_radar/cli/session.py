@@ -5,7 +5,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -69,9 +69,9 @@ class MeasuredHeights:
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """One call of a command on a scenario.
+    """One call of a command on a scenario, a recording or another subject.
 
-    scenario: a file, or the name of a shipped one.
+    scenario: a file, or the name of a shipped scenario; names the default output folder.
     output: output folder; None: named after the scenario.
     overrides: values by dotted keys.
     quiet: print nothing but errors.
@@ -81,40 +81,13 @@ class Session:
     """
 
     scenario: str
-    output: Path | None
-    overrides: dict[str, object]
+    output: Path | None = None
+    overrides: dict[str, object] = field(default_factory=dict)
     quiet: bool = False
     network: bool = False
     resume: bool = False
     workers: int | None = None
     scheduler: str | None = None
-
-    @staticmethod
-    def of(
-        scenario: str,
-        output: Path | None,
-        assignments: list[str] | None,
-        files: list[Path] | None,
-        seed: int | None,
-        quiet: bool,
-        *,
-        network: bool = False,
-        resume: bool = False,
-        team: tuple[int | None, str | None] = (None, None),
-    ) -> "Session":
-        """Return the session of a command line."""
-        log_to_stderr(quiet)
-        overrides = overrides_of(assignments, files, seed)
-        return Session(
-            scenario=scenario,
-            output=output,
-            overrides=overrides,
-            quiet=quiet,
-            network=network,
-            resume=resume,
-            workers=team[0],
-            scheduler=team[1],
-        )
 
     @contextmanager
     def reach(self) -> Iterator[None]:
@@ -210,17 +183,6 @@ class Session:
             if not self.quiet:
                 typer.echo(f"the result of this run is in {shown(directory)} already; nothing to do")
             raise typer.Exit(code)
-
-
-def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
-    """Return overrides by dotted key; assignments take precedence over files."""
-    from sionna_radar.scenario.overrides import parse_overrides, read_overrides
-
-    overrides: dict[str, Any] = {}
-    for file in files or []:
-        overrides |= read_overrides(file)
-    overrides |= parse_overrides(assignments or [])
-    return overrides if seed is None else {**overrides, "seed": seed}
 
 
 @contextmanager
@@ -372,7 +334,7 @@ SchedulerOption = Annotated[
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
-def on_a_scenario(
+def session_of(
     scenario: ScenarioArgument,
     output: OutputOption = None,
     set_: SetOption = None,
@@ -385,31 +347,56 @@ def on_a_scenario(
     backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> Session:
-    """Return the session of a command that works on a scenario."""
-    team = (workers, scheduler)
-    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=team)
+    """Return the session of a command line; --set takes precedence over --set-file."""
+    from sionna_radar.scenario.overrides import parse_overrides, read_overrides
+
+    del backend  # chosen by the option's callback
+    log_to_stderr(quiet)
+    overrides: dict[str, Any] = {}
+    for file in set_file or []:
+        overrides |= read_overrides(file)
+    overrides |= parse_overrides(set_ or [])
+    return Session(
+        scenario=scenario,
+        output=output,
+        overrides=overrides if seed is None else {**overrides, "seed": seed},
+        quiet=quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
 
 
-# Options of commands that support workers and resuming.
+# Shared options of commands that simulate a scenario, that read a recording, and that have workers and resume.
+SCENARIO = ("scenario", "output", "set_", "set_file", "seed", "network", "backend", "quiet")
+RECORDING = ("output", "set_", "set_file", "quiet")
 TEAM = ("workers", "scheduler", "resume")
 
 
-def command_on_a_scenario(*, team: bool = False) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator: a command takes a `Session` first, and has the options of `on_a_scenario` beside its own.
+def command(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: a command takes a `Session` first, and has these options of `session_of` beside its own.
 
-    Options are listed in `--help` as: scenario and output, those of the command, the others. Those of `TEAM` only
-    with `team`.
+    Options are listed in `--help` as: scenario and output, those of the command, the others. Without a scenario the
+    session has the name of the command's own first argument.
     """
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        shared = [o for o in inspect.signature(on_a_scenario).parameters.values() if team or o.name not in TEAM]
-        _, *own = inspect.signature(command).parameters.values()
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        shared = [o for o in inspect.signature(session_of).parameters.values() if o.name in names]
+        _, *own = inspect.signature(function).parameters.values()
 
-        @wraps(command)
+        @wraps(function)
         def called(**values: Any) -> None:
-            command(on_a_scenario(**{option.name: values.pop(option.name) for option in shared}), **values)
+            given = {option.name: values.pop(option.name) for option in shared}
+            if "scenario" not in given:
+                subject = values[own[0].name]
+                given["scenario"] = str(subject[0] if isinstance(subject, list) else subject)
+            function(session_of(**given), **values)
 
-        options = [*shared[:2], *own, *shared[2:]]
+        count = sum(option.name in ("scenario", "output") for option in shared)
+        options = [*shared[:count], *own, *shared[count:]]
+        if "scenario" not in names:
+            options = [own[0], *(option for option in options if option is not own[0])]
         called.__dict__["__signature__"] = inspect.Signature(options)
         called.__annotations__ = {option.name: option.annotation for option in options}
         return called

@@ -8,21 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.session import (
+    RECORDING,
     ApplyShiftOption,
     MapOption,
     MeasuredHeights,
-    NetworkOption,
-    OutputOption,
     QuietOption,
     ReferenceOption,
     ReferenceSigmaOption,
-    ScenarioArgument,
-    SeedOption,
     Session,
-    SetFileOption,
-    SetOption,
+    command,
     log_to_stderr,
-    overrides_of,
     progress_shown,
 )
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
@@ -121,12 +116,9 @@ def _plan_calibration(base: str | None, output: Path, area: str | None, sampling
     typer.echo(f"scenarios in {shown(files[0])} and {shown(files[1])}; fly both with `run --record signals`")
 
 
+@command("scenario", "set_", "set_file", "seed", "network")
 def validate(
-    scenario: ScenarioArgument,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
+    session: Session,
     every: Annotated[bool, typer.Option("--all", help="Print every key, those with their defaults too.")] = False,
 ) -> None:
     """Check a scenario with its terrain and flight, and print what differs from the defaults."""
@@ -134,7 +126,6 @@ def validate(
     from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
 
-    session = Session.of(scenario, None, set_, set_file, seed, quiet=False, network=network)
     checked = session.load()
     with session.reach():
         prepared = prepare(checked)
@@ -144,8 +135,8 @@ def validate(
     grid, (start_s, end_s) = prepared.mapper.grid, prepared.flight.trajectory.cruise_s()
     warnings = f"{len(prepared.warnings)} warning{'s' if len(prepared.warnings) != 1 else ''}"
     typer.echo(
-        f"# {scenario} can be flown: {len(prepared):,} pulses in {end_s - start_s:.1f} s, DEM of {grid.columns} x "
-        f"{grid.rows} cells of {grid.spacing_m:g} m, {warnings}"
+        f"# {session.scenario} can be flown: {len(prepared):,} pulses in {end_s - start_s:.1f} s, "
+        f"DEM of {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m, {warnings}"
     )
 
 
@@ -204,20 +195,17 @@ def doctor() -> None:
     typer.echo("one ray traced correctly")
 
 
+@command("scenario", "set_", "set_file")
 def fit(
-    scenario: ScenarioArgument,
+    session: Session,
     material: Annotated[str, typer.Option("--material", metavar="NAME", help="A material of the scenario.")],
     from_deg: Annotated[float, typer.Option(help="Least incidence angle of the fit.")] = 20.0,
     to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
 ) -> None:
     """Fit a constant gamma to a material; print its residual and where the fit fails."""
-    from sionna_radar.scenario import load_scenario
     from sionna_radar.studies.crosscheck import TOLERANCE_DB, fit_material
 
-    log_to_stderr()
-    result = fit_material(load_scenario(scenario, overrides_of(set_, set_file, None)), material, from_deg, to_deg)
+    result = fit_material(session.load(), material, from_deg, to_deg)
     typer.echo(f"{material}: gamma = {result.gamma_db:.2f} dB over {from_deg:g} to {to_deg:g} deg")
     typer.echo(f"residual {result.rms_db:.2f} dB RMS over the span\n")
     typer.echo("incidence (deg)  sigma0 (dB)  residual (dB)")
@@ -229,8 +217,9 @@ def fit(
         typer.echo(f"  {failure}")
 
 
+@command("scenario", *RECORDING)
 def fit_materials_command(
-    scenario: ScenarioArgument,
+    session: Session,
     levels: Annotated[
         Path | None,
         typer.Option(
@@ -265,10 +254,6 @@ def fit_materials_command(
         typer.Option("--level-sigma-db", metavar="DB", min=0.0, help="Error of each level beside speckle, dB."),
     ] = 0.0,
     pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses traced, without --levels.")] = 2000,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
     from sionna_radar.report.studies.material_fit import MARKER, print_materials, write_materials
@@ -277,7 +262,6 @@ def fit_materials_command(
     from sionna_radar.survey.preparation import prepare
 
     priors, given = parse_priors(prior or []), None if levels is None else Levels.from_csv(levels)
-    session = Session.of(scenario, output, set_, set_file, None, quiet)
     loaded = session.load()
     session.produce(
         lambda _: fit_materials(
@@ -336,9 +320,10 @@ def schema() -> None:
     typer.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
 
 
+@command("output", "quiet")
 def log_command(
+    session: Session,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, .gpx or .csv.")],
-    output: OutputOption = None,
     over: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
     ] = None,
@@ -348,14 +333,13 @@ def log_command(
     start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
     stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
     gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
-    quiet: QuietOption = False,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
     from sionna_radar.report.studies.flights import MARKER, print_log, write_log
     from sionna_radar.studies.log_inspection import inspect_log
 
     ground = _ground(over, terrain)
-    Session.of(str(file), output, None, None, None, quiet).produce(
+    session.produce(
         lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
         suffix="_log",
         marker=MARKER,
@@ -375,31 +359,27 @@ def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None
     return load_scenario(over).terrain if over is not None else None
 
 
+@command("scenario", "set_", "set_file", "network", "quiet")
 def show(
-    scenario: ScenarioArgument,
+    session: Session,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page; default NAME_show.html.")
     ] = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    network: NetworkOption = False,
     map_coordinates: MapOption = True,
-    quiet: QuietOption = False,
 ) -> None:
     """Draw the scene, the flight and its footprints as an interactive 3-D page, without tracing."""
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.page.show import PAGE_FILE, show_page
     from sionna_radar.survey.preparation import prepare
 
-    session = Session.of(scenario, None, set_, set_file, None, quiet, network=network)
-    name = Path(scenario).stem
+    name = Path(session.scenario).stem
     path = PAGE_FILE.check(output or Path(f"{name}_show.html"))
     checked = session.load()
     with session.reach():
         prepared = prepare(checked)
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     PAGE_FILE.write(path, show_page(prepared, name, coordinates))
-    if not quiet:
+    if not session.quiet:
         typer.echo(f"page in {shown(path)}")
 
 

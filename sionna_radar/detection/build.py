@@ -23,7 +23,7 @@ from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
 from sionna_radar.scenario.receiver import ArrayTable
-from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.table import Table
 from sionna_radar.signal.analog_filters import HighPass
 
@@ -42,16 +42,14 @@ def build_angle_estimator(
     if array is None:
         return None
     if frames is not None:
-        return ArrayEstimator(
+        return frames.to(
+            ArrayEstimator,
             analyser=replace(detector.analyser, zero_padding=1),
             array=array.calibrated,
-            rate_window=frames.rate_window,
             min_range_m=processing.min_range_m,
             false_alarm_probability=processing.cfar.false_alarm_probability,
             dynamic_range_db=processing.dynamic_range_db,
             half_view_rad=float(np.deg2rad(frames.half_view_deg)),
-            average_cells=frames.average_cells,
-            max_sigma_m=frames.max_sigma_m,
             strongest=processing.echoes != "all",
         )
     width_az, width_el = antenna.beamwidths_rad
@@ -87,8 +85,7 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
 
 def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
     """Return the range estimator of a scenario."""
-    estimator: RangeEstimator = RANGE_ESTIMATORS.entry(table.ranging)(table.ranging_parameters)
-    require(estimator, RangeEstimator, str(RANGE_ESTIMATORS.entry(table.ranging)))
+    estimator: RangeEstimator = RANGE_ESTIMATORS.build(table.ranging, RangeEstimator, table.ranging_parameters)
     return estimator
 
 
@@ -132,16 +129,7 @@ def build_detector(
     if table.guard < shared[-1]:
         message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
         raise ScenarioError([Problem("processing.cfar.guard", message)])
-    cfar = Cfar(
-        kind=table.kind,
-        guard=table.guard,
-        training=table.training,
-        false_alarm_probability=table.false_alarm_probability,
-        rank=table.rank,
-        stride=processing.zero_padding,
-        correlation=correlation,
-        looks=processing.average.powers,
-    )
+    cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     beam = None if antenna is None else beam_profile(antenna, response)
     return Detector(

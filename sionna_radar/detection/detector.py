@@ -177,7 +177,7 @@ class Detector:
         noise = spans.noise[spans.row, spans.peak]
         return Echoes(
             pulse=pulse[spans.row],
-            number=_number_within(spans.row),
+            number=number_within(spans.row),
             range_m=ranges.range_m,
             range_sigma_m=ranges.sigma_m,
             power=peak_power,
@@ -302,7 +302,7 @@ def _first_of_row(row: Int[np.ndarray, " span"], candidate: Bool[np.ndarray, " s
     return mask
 
 
-def _number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
+def number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
     """Return 0, 1, ... for the entries of each group of equal values in a sorted column."""
     return np.arange(len(row)) - np.searchsorted(row, row, side="left")
 

@@ -42,9 +42,6 @@ def remedy_of(error: OSError) -> str:
 @contextmanager
 def staged(parent: Path) -> Iterator[Path]:
     """Yield a new staging folder inside a folder, and remove it afterwards with all its contents."""
-    # Slow to import, and not needed by all commands.
-    from filelock import FileLock
-
     folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
     lock = FileLock(folder / STAGING_LOCK)
     try:
@@ -58,8 +55,6 @@ def staged(parent: Path) -> Iterator[Path]:
 
 def abandoned(parent: Path) -> Iterator[Path]:
     """Yield the staging folders inside a folder whose processes have ended; each is removed afterwards."""
-    from filelock import FileLock, Timeout
-
     for folder in sorted(parent.glob(f"{PREFIX}*")):
         try:
             if folder.is_symlink() or not (folder / OWNER).is_file():

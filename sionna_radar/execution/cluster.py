@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -284,8 +285,11 @@ class DaskWorkers:
         at_hand = None if shared is None or not tasks else self._sent(shared)
         try:
             while True:
-                for number, task in _first(waiting, self.count - len(running)):
-                    future = self._submit(json.dumps(task), json.dumps(given), at_hand)
+                for number, task in islice(waiting, max(0, self.count - len(running))):
+                    key = f"sionna-radar-{uuid4().hex}"
+                    future = self.client.submit(
+                        perform, json.dumps(task), json.dumps(given), at_hand, key=key, pure=False
+                    )
                     running[future] = number
                     future.add_done_callback(finished.put)
                 if not running:
@@ -295,10 +299,6 @@ class DaskWorkers:
         finally:
             for future in running:
                 future.cancel(reason="the study has ended")
-
-    def _submit(self, task: str, given: str, shared: "Future | None") -> "Future":
-        key = f"sionna-radar-{uuid4().hex}"
-        return self.client.submit(perform, task, given, shared, key=key, pure=False)
 
     def _sent(self, shared: bytes) -> "Future":
         """Return the shared payload as a dask task, so that dask recreates it if the worker that holds it is lost."""
@@ -328,11 +328,6 @@ class DaskWorkers:
                     told = True
                     if not self._worker_count():
                         logger.warning("the cluster has no worker any more; waiting for one")
-
-
-def _first(waiting: Iterator[tuple[int, Task]], count: int) -> Iterator[tuple[int, Task]]:
-    for _, item in zip(range(count), waiting, strict=False):
-        yield item
 
 
 def _result(future: "Future") -> bytes | Failure:

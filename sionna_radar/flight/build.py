@@ -61,8 +61,7 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
 
 def build_scan(table: ScanParameters) -> Scan:
     """Return the scan of a scenario."""
-    scan: Scan = SCANS.entry(table.mode)(table)
-    require(scan, Scan, str(SCANS.entry(table.mode)))
+    scan: Scan = SCANS.build(table.mode, Scan, table)
     return scan
 
 
@@ -82,23 +81,13 @@ def rotating_scan(table: ScanTable) -> RotatingScan:
 
 def side_looking_scan(table: ScanTable) -> SideLookingScan:
     """Return the scan of a scenario's table."""
-    return SideLookingScan(
-        side=table.side,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        stabilised=table.stabilised,
-    )
+    return table.to(SideLookingScan, incidence_rad=float(np.deg2rad(table.incidence_deg)))
 
 
 def electronic_scan(table: ElectronicScanTable) -> ElectronicScan:
     """Return the scan of a scenario's table."""
-    return ElectronicScan(
-        look=table.look,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        half_swath_rad=float(np.deg2rad(table.half_swath_deg)),
-        beams=table.beams,
-        scans_per_s=table.scans_per_s,
-        stabilised=table.stabilised,
-    )
+    incidence_rad, half_swath_rad = np.deg2rad([table.incidence_deg, table.half_swath_deg]).tolist()
+    return table.to(ElectronicScan, incidence_rad=incidence_rad, half_swath_rad=half_swath_rad)
 
 
 @registers(NAVIGATIONS, "[platform.navigation]")
@@ -258,26 +247,21 @@ def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Rout
 def flight_plan(platform: Platform) -> FlightPlan:
     """Return the heights and speeds of a planned flight."""
     altitude_m, speed_mps = platform.planned
-    return FlightPlan(
+    return platform.to(
+        FlightPlan,
         altitude_m=altitude_m,
         speed_mps=speed_mps,
         follows_terrain=platform.height == "terrain_following",
-        follow_length_m=platform.follow_length_m,
         vertical=platform.profile == "full",
-        climb_rate_mps=platform.climb_rate_mps,
-        descent_rate_mps=platform.descent_rate_mps,
-        acceleration_mps2=platform.acceleration_mps2,
-        takeoff_height_m=platform.takeoff_height_m,
     )
 
 
 def build_wind(table: WindTable) -> Wind:
     """Return the wind of a scenario."""
-    return Wind(
-        speed_mps=table.speed_mps,
+    return table.to(
+        Wind,
         from_rad=float(np.deg2rad(table.from_deg)),
         gust_mps=INTENSITY * table.speed_mps if table.gust_mps is None else table.gust_mps,
-        crab=table.crab,
         attitude_s=table.attitude_response_s,
         position_s=table.position_response_s,
     )
@@ -299,13 +283,7 @@ def _course(platform: Platform) -> Course:
     radius_m = turn_radius_m(platform)
     if platform.lines is not None:
         lead_m = platform.roll_in_s * platform.planned[1] / 2 if radius_m is not None else 0.0
-        lines = SurveyLines(
-            count=platform.lines.count,
-            spacing_m=platform.lines.spacing_m,
-            length_m=platform.lines.length_m,
-            centre_m=platform.lines.centre_m or (0.0, 0.0),
-            crossing=platform.lines.crossing,
-        )
+        lines = platform.lines.to(SurveyLines, centre_m=platform.lines.centre_m or (0.0, 0.0))
         return lines_track(lines, float(np.deg2rad(platform.heading_deg)), radius_m, lead_m)
     track = plan_track(platform)
     return track if radius_m is None else rounded_track(track.waypoints_m, radius_m)
@@ -325,13 +303,9 @@ UNIT = (1.0, 1.0, 1.0)
 
 def build_errors(table: CalibrationTable) -> InstrumentErrors:
     """Return the known errors of an instrument from their table."""
-    roll, pitch, heading = np.deg2rad(table.mounting_deg)
-    return InstrumentErrors(
-        mounting_rad=(float(roll), float(pitch), float(heading)),
+    return table.to(
+        InstrumentErrors,
+        mounting_rad=_radians(table.mounting_deg),
         squint_rad=float(np.deg2rad(table.squint_deg)),
-        lever_arm_m=table.lever_arm_m,
-        datum_m=table.datum_m,
-        range_bias_m=table.range_bias_m,
         range_scale=table.range_scale_ppm * 1e-6,
-        time_offset_s=table.time_offset_s,
     )

@@ -289,9 +289,10 @@ class RecordedRoute:
     def _warnings(self, heights: str) -> tuple[str, ...]:
         messages = []
         if self.height == "datum" and self.log.on_map:
+            level = "an unknown level" if self.log.datum == "unknown" else self.log.datum
             messages.append(
-                f"{KEY}: {heights}, without a change of datum (they count from {_from(self.log)}); set log_height or "
-                "log_shift if the summary's heights above ground are not those flown"
+                f"{KEY}: {heights}, without a change of datum (they count from {level}); set log_height or log_shift "
+                "if the summary's heights above ground are not those flown"
             )
         if self.log.attitudes is None:
             messages.append(f"{KEY}: it has no attitude; the aircraft is level, and heads where it moves")
@@ -321,10 +322,6 @@ class RecordedRoute:
             "longest_step_s": float(np.diff(self.clean.positions.time_s).max()),
             "notes": [*self.log.notes, *self.clean.notes],
         }  # fmt: skip
-
-
-def _from(log: FlightLog) -> str:
-    return "an unknown level" if log.datum == "unknown" else log.datum
 
 
 def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:

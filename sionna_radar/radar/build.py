@@ -19,7 +19,7 @@ from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
 from sionna_radar.scenario.receiver import ArrayTable
-from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.registry import Builder, registers
 
 
 @registers(ANTENNAS, "[radar.antenna]")
@@ -50,9 +50,7 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 def build_antenna(table: AntennaParameters) -> Antenna:
     """Return the antenna of a scenario."""
-    entry = ANTENNAS.entry(table.kind)
-    antenna: Antenna = entry(table)
-    require(antenna, Antenna, str(entry))
+    antenna: Antenna = ANTENNAS.build(table.kind, Antenna, table)
     return antenna
 
 

@@ -109,11 +109,10 @@ class VegetationTable(Table):
             raise refuse("height_m", "give either height_m or path, not both and not neither")
         if self.polygon_m is None and self.path is None:
             raise refuse("polygon_m", "missing; give the corners of the stand's outline")
-        if self.path is None and self.least_height_m != type(self).model_fields["least_height_m"].default:
+        if self.path is None and self.changed("least_height_m"):
             raise refuse("least_height_m", f"{self.least_height_m:g} has no effect without path; give it")
-        for name in ("classes", "cloud_spacing_m"):
-            if not self.of_cloud and getattr(self, name) != type(self).model_fields[name].default:
-                raise refuse(name, "has no effect without a point cloud; remove it, or give one as path")
+        for name in () if self.of_cloud else self.changed("classes", "cloud_spacing_m"):
+            raise refuse(name, "has no effect without a point cloud; remove it, or give one as path")
         return self
 
     @property

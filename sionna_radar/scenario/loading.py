@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
 from sionna_radar.foundation.errors import UNNAMED, InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, regular_file, shown, why_not
-from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_paths
+from sionna_radar.foundation.input_file import is_address, regular_file, shown, why_not
+from sionna_radar.scenario.overrides import apply_overrides, give_way, read_toml, resolve_paths
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario
@@ -74,13 +74,7 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     """
     # A copy: the caller's tables must not change.
     path, overrides = find_scenario(path_or_name), copy.deepcopy(dict(overrides or {}))
-    try:
-        data = parse_toml(read_text(path, "scenario", "give a TOML file"))
-    except ValueError as error:
-        if isinstance(error, InputFileError):
-            raise
-        message = f"{shown(path)}: not valid TOML: {error}; correct the file at that place"
-        raise InputFileError(message) from error
+    data = read_toml(path, "scenario", "give a TOML file")
     apply_overrides(data, overrides)
     if path in shipped_scenarios().values():
         give_way(data, overrides)

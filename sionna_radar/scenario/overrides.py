@@ -110,6 +110,16 @@ def _is_a_word(text: str) -> bool:
     return len(text) <= LONGEST_ASSIGNMENT and not word.startswith(("[", "{", '"', "'")) and not word.isdecimal()
 
 
+def read_toml(path: Path, name: str, remedy: str) -> dict[str, Any]:
+    """Return the tables of a file, which `name` asked for; InputFileError if it cannot be read, or is not TOML."""
+    text = read_text(path, name, remedy)
+    try:
+        return parse_toml(text)
+    except ValueError as error:
+        message = f"{shown(path)}: not valid TOML: {error}; correct the file at that place"
+        raise InputFileError(message) from error
+
+
 def read_overrides(path: Path) -> dict[str, Any]:
     """Return the values of a TOML file by their dotted keys: its tables are merged into the scenario's, lists replace.
 
@@ -117,13 +127,7 @@ def read_overrides(path: Path) -> dict[str, Any]:
 
     Raises InputFileError where the file cannot be read, is not TOML, or names a key with a dot in it.
     """
-    try:
-        data = parse_toml(read_text(path, "--set-file", "give a TOML file of scenario tables"))
-    except ValueError as error:
-        if isinstance(error, InputFileError):
-            raise
-        message = f"{shown(path)}: not valid TOML: {error}; correct the file at that place"
-        raise InputFileError(message) from error
+    data = read_toml(path, "--set-file", "give a TOML file of scenario tables")
     resolve_paths(data, path.parent)
     flat: dict[str, Any] = {}
     _flatten(data, "", flat, path)

@@ -220,7 +220,7 @@ class Platform(Table):
 
     @model_validator(mode="after")
     def _one_flight(self) -> Platform:
-        planned, recorded = self._given(*PLANNED_KEYS), self._given(*OF_A_LOG)
+        planned, recorded = self.changed(*PLANNED_KEYS), self.changed(*OF_A_LOG)
         if self.log is not None and planned:
             raise refuse("log", f"contradicts {', '.join(planned)}; give the one or the other")
         if self.log is None and recorded:
@@ -231,10 +231,10 @@ class Platform(Table):
 
     @model_validator(mode="after")
     def _one_track(self) -> Platform:
-        conflicts = self._given("start_m", "length_m", "heading_deg")
+        conflicts = self.changed("start_m", "length_m", "heading_deg")
         if self.waypoints_m and conflicts:
             raise refuse("waypoints_m", f"contradicts {', '.join(conflicts)}; give the one or the other")
-        line_conflicts = self._given("start_m", "length_m", "waypoints_m")
+        line_conflicts = self.changed("start_m", "length_m", "waypoints_m")
         if self.lines is not None and line_conflicts:
             raise refuse("lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other")
         if len(self.waypoints_m) == 1:
@@ -250,11 +250,6 @@ class Platform(Table):
                 f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it",
             )
         return self
-
-    def _given(self, *keys: str) -> list[str]:
-        """Return the keys among some that do not have their defaults."""
-        fields: dict[str, Any] = type(self).model_fields
-        return [key for key in keys if getattr(self, key) != fields[key].default]
 
     @property
     def planned(self) -> tuple[float, float]:

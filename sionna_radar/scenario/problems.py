@@ -131,13 +131,13 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
     tables: list[type[BaseModel]] = [model]
     for part in parents:
         fields = [_allowed(t.model_fields[part]) for t in tables if part in t.model_fields]
-        tagged = [t for t in tables if part in _tags(t)]
+        tagged = [t for t in tables if part in _tag_values(t, "kind", "model")]
         tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
     full_key = ".".join(map(str, error["loc"]))
-    owners = [t for t in tables if wrong_key in t.model_fields and _tag_values(t)]
+    owners = [t for t in tables if wrong_key in t.model_fields and _tag_values(t, "kind", "mode")]
     if owners:  # of another part that may stand in the same place
-        names = " or ".join(repr(value) for table in owners for value in _tag_values(table))
-        return f" It belongs to {_tag_of(owners[0])} = {names}."
+        names = " or ".join(repr(value) for table in owners for value in _tag_values(table, "kind", "mode"))
+        return f" It belongs to {'kind' if 'kind' in owners[0].model_fields else 'mode'} = {names}."
     elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == wrong_key and key != full_key]
     if parents[:1] == ["materials"]:  # of another model, which may stand in the same place
         elsewhere = [key for key in elsewhere if not key.startswith("materials.")]
@@ -146,19 +146,9 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
     return nearest(str(wrong_key), [name for table in tables for name in table.model_fields if name != wrong_key])
 
 
-def _tag_of(table: type[BaseModel]) -> str:
-    return "kind" if "kind" in table.model_fields else "mode"
-
-
-def _tag_values(table: type[BaseModel]) -> tuple[Any, ...]:
-    """Return the names by which a scenario selects a table of parameters."""
-    field = table.model_fields.get("kind") or table.model_fields.get("mode")
-    return get_args(field.annotation) if field else ()
-
-
-def _tags(table: type[BaseModel]) -> tuple[Any, ...]:
-    """Return the values that select a table among others in its place."""
-    field = table.model_fields.get("kind") or table.model_fields.get("model")
+def _tag_values(table: type[BaseModel], *tags: str) -> tuple[Any, ...]:
+    """Return the values of the first of some keys that a table has, which select it among others in its place."""
+    field = next((table.model_fields[tag] for tag in tags if tag in table.model_fields), None)
     return get_args(field.annotation) if field else ()
 
 

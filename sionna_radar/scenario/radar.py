@@ -9,20 +9,18 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
-from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable, SecondReceiverTable
-from sionna_radar.scenario.table import InputPath, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, Real, Table, one_of, refuse
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 
@@ -110,8 +108,7 @@ class ArrayAntennaTable(AntennaParameters):
     def _one_description(self) -> ArrayAntennaTable:
         if (self.elements is None) == (self.path is None):
             raise refuse("elements", "give either elements = [columns, rows] or path = a CSV of elements")
-        default = type(self).model_fields["spacing_wavelengths"].default
-        if self.path is not None and (self.taper_db is not None or self.spacing_wavelengths != default):
+        if self.path is not None and self.changed("taper_db", "spacing_wavelengths"):
             raise refuse("path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them")
         return self
 
@@ -172,16 +169,10 @@ class ScanTable(ScanParameters):
 MIN_CORNER = 1e-9
 
 
-def _published(name: str) -> str:
-    if name not in PRESETS:
-        raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
-    return name
-
-
 class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
-    preset: Annotated[str, AfterValidator(_published)] | None = None
+    preset: Annotated[str, one_of(PRESETS)] | None = None
     """a published radar, whose figures stand where none are given; `sionna-radar presets` lists them."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
     """frequency in the middle of the sweep."""

@@ -9,15 +9,13 @@ from math import log10
 from types import MappingProxyType
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import from_db, to_db
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import RECEIVER_STAGES
-from sionna_radar.scenario.problems import nearest
-from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, one_of, refuse
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +63,6 @@ Place = Literal["leakage", "mixer", "interference", "noise", "filters", "convert
 Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
 
 
-def _published(name: str) -> str:
-    if name not in PHASE_NOISE:
-        raise refuse(
-            "", f"{shown(name)} is unknown; give one of {', '.join(PHASE_NOISE)}.{nearest(name, list(PHASE_NOISE))}"
-        )
-    return name
-
-
 class OscillatorTable(Table):
     """What the frequency of the sweep is besides ideal: echoes are mixed with the same sweep, which has gone on since.
 
@@ -83,7 +73,7 @@ class OscillatorTable(Table):
     """pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between them decibels are
     linear in the logarithm of the offset, below the first they go on as between the first two, beyond the last they
     stay."""
-    phase_noise_preset: Annotated[str, AfterValidator(_published)] | None = None
+    phase_noise_preset: Annotated[str, one_of(PHASE_NOISE)] | None = None
     """instead of it, that of a published oscillator."""
     quadratic_hz: Real = 0.0
     """error of frequency at both ends of the sweep that grows with the square of the time from its middle."""
@@ -257,9 +247,8 @@ class ReceiverTable(Table):
     @model_validator(mode="after")
     def _consistent(self) -> ReceiverTable:
         for kind in ("high_pass", "anti_alias"):
-            order, default = getattr(self, f"{kind}_order"), type(self).model_fields[f"{kind}_order"].default
-            if getattr(self, f"{kind}_corner_hz") == 0 and order != default:
-                message = f"{order} has no effect without {kind}_corner_hz; give it"
+            if getattr(self, f"{kind}_corner_hz") == 0 and self.changed(f"{kind}_order"):
+                message = f"{getattr(self, f'{kind}_order')} has no effect without {kind}_corner_hz; give it"
                 raise refuse(f"{kind}_order", message)
         gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
         excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
@@ -353,11 +342,8 @@ class SecondReceiverTable(Table):
             raise refuse("receivers", "missing; give how many a row has, for example 8")
         if self.kind != "row" and self.receivers is not None:
             raise refuse("receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'")
-        if self.kind != "monopulse":
-            return self
-        defaults = {"baseline_wavelengths": None, "baseline_error_wavelengths": 0.0, "phase_error_deg": 0.0}
-        for name, default in defaults.items():
-            if getattr(self, name) != default:
+        for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):
+            if self.kind == "monopulse":
                 message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
                 raise refuse(name, message)
         return self
@@ -462,8 +448,7 @@ class LidarTable(Table):
 
     @model_validator(mode="after")
     def _of_light(self) -> LidarTable:
-        fields = type(self).model_fields
-        changed = [k for k in fields if k != "range_noise_m" and getattr(self, k) != fields[k].default]
+        changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))
         if changed and self.wavelength_nm is None:
             raise refuse(
                 changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"

@@ -176,16 +176,9 @@ class Registry:
             raise PluginError(message)
 
         def add(build: Builder) -> Builder:
-            self._add(
-                Entry(
-                    kind=self.kind,
-                    name=name,
-                    parameters=parameters,
-                    build=build,
-                    origin=_origin(build),
-                    facts=facts,
-                )
-            )
+            origin = _origin(build)
+            entry = Entry(kind=self.kind, name=name, parameters=parameters, build=build, origin=origin, facts=facts)
+            self._add(entry)
             return build
 
         return add
@@ -206,6 +199,13 @@ class Registry:
         if name not in self._entries:
             load_plugins()
         return self._entries[name]
+
+    def build(self, name: str, protocol: Any, parameters: Table | None, *given: Any) -> Any:
+        """Return the part of a name; PluginError where it cannot be built, or lacks members of the protocol."""
+        entry = self.entry(name)
+        part = entry(parameters, *given)
+        require(part, protocol, str(entry))
+        return part
 
     def __contains__(self, name: object) -> bool:
         if name in self._entries or name in self._ours:

@@ -5,8 +5,10 @@ The meaning of a key is the string under its field, or the field's description. 
 
 import inspect
 import re
+from collections.abc import Collection
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import tomli_w
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -14,8 +16,9 @@ from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import is_address, shown
-from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.problems import translate, unknown
 
+Made = TypeVar("Made")
 # Bounds of all numbers: far beyond plausible values, and small enough that products and powers do not overflow.
 LARGEST, SMALLEST = 1e15, 1e-15
 LONGEST_PATH = 4096
@@ -30,6 +33,17 @@ def _not_vanishing(value: float) -> float:
     if value < SMALLEST:
         raise refuse("", f"{value:g} is refused: must be >= {SMALLEST:g}")
     return value
+
+
+def one_of(known: Collection[str]) -> AfterValidator:
+    """Return the check that a name is one of some known ones."""
+
+    def check(name: str) -> str:
+        if name not in known:
+            raise refuse("", unknown(name, list(known)))
+        return name
+
+    return AfterValidator(check)
 
 
 def _a_source(source: Any) -> Any:
@@ -82,6 +96,16 @@ class Table(BaseModel):
                 f"scenario.replace({{'...{name}': {value!r}}}) with the dotted key returns a changed copy"
             )
             raise AttributeError(message)
+
+    def to(self, kind: type[Made], **others: Any) -> Made:
+        """Return a dataclass: its fields that have names of this table have its values, and `others` the rest."""
+        same = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
+        return kind(**{name: getattr(self, name) for name in same if hasattr(self, name)}, **others)
+
+    def changed(self, *keys: str) -> list[str]:
+        """Return those of some keys that do not have their defaults."""
+        defaults: dict[str, Any] = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != defaults[key].default]
 
     def differing(self) -> dict[str, Any]:
         """Return the keys that differ from their defaults, and those that name a kind, in their JSON form."""

@@ -190,8 +190,7 @@ class PointsTerrain(CoveredTerrain):
 
     @model_validator(mode="after")
     def _percentile_is_used(self) -> PointsTerrain:
-        default = type(self).model_fields["percentile"].default
-        if self.statistic != "percentile" and self.percentile != default:
+        if self.statistic != "percentile" and self.changed("percentile"):
             raise refuse("percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it")
         return self
 
@@ -214,9 +213,9 @@ class MeshTerrain(CoveredTerrain, MeshFile):
 
     @model_validator(mode="after")
     def _placed_once(self) -> MeshTerrain:
-        for key in ("position_m", "heading_deg", "scale", "centre"):
-            if self.crs is not None and getattr(self, key) != type(self).model_fields[key].default:
-                raise refuse(key, "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs")
+        placed = self.changed("position_m", "heading_deg", "scale", "centre")
+        if self.crs is not None and placed:
+            raise refuse(placed[0], "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs")
         return self
 
 

@@ -15,7 +15,6 @@ from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.world import World
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.objects import Building, PointTarget, RotorTable, TargetMesh
 from sionna_radar.scenario.parts import MATERIALS, TERRAINS
@@ -102,7 +101,7 @@ def build_scene(
             ground_material=land.ground_material,
             georeference=land.georeference,
             vegetation=vegetation_of(
-                [_stand(table) for table in scenario.vegetation],
+                [table.to(Stand) for table in scenario.vegetation],
                 land.ground_m,
                 window_m,
                 partial(plant_heights, land.georeference, land.ground_m),
@@ -218,10 +217,7 @@ def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:
 
 def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
     datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
-    items = [
-        StandingMesh(source=mesh_source(item), position_m=item.position_m, on_ground=item.on_ground)
-        for item in scenario.objects
-    ]
+    items = [item.to(StandingMesh, source=mesh_source(item)) for item in scenario.objects]
     return build_objects(items, land.ground_m, datum_m)
 
 
@@ -229,7 +225,7 @@ def _footprints(scenario: Scenario, land: Landscape, inputs: TerrainInputs) -> t
     if not scenario.footprints:
         return ()
     frame = frame_of(land.georeference)
-    files = [OutlineFile(**table.model_dump()) for table in scenario.footprints]
+    files = [table.to(OutlineFile) for table in scenario.footprints]
     built = [build_footprints(file, i, frame, inputs.window_m, land.ground_m) for i, file in enumerate(files)]
     return tuple(surface for surfaces in built for surface in surfaces)
 
@@ -290,15 +286,8 @@ def target_of(
 
 
 def _rotor(table: RotorTable) -> Rotor:
-    return Rotor(
-        offset_m=table.offset_m,
-        axis=AXES[table.axis],
-        radius_m=table.radius_m,
-        turns_per_s=table.rotation_rpm / 60,
-        blades=table.blades,
-        points=table.points,
-        rcs_m2=from_db(table.rcs_dbsm),
-    )
+    turns_per_s, rcs_m2 = table.rotation_rpm / 60, from_db(table.rcs_dbsm)
+    return table.to(Rotor, axis=AXES[table.axis], turns_per_s=turns_per_s, rcs_m2=rcs_m2)
 
 
 def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
@@ -308,9 +297,4 @@ def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 def box_of(table: Building) -> Box:
     """Return the box of a building: an entry of a scenario's `buildings`."""
-    heading_rad = float(np.deg2rad(table.heading_deg))
-    return Box(position_m=table.position_m, size_m=table.size_m, heading_rad=heading_rad, material=table.material)
-
-
-def _stand(table: VegetationTable) -> Stand:
-    return Stand(of_cloud=table.of_cloud, **table.model_dump())
+    return table.to(Box, heading_rad=float(np.deg2rad(table.heading_deg)))

@@ -14,8 +14,8 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.receiver import ConverterTable, Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
-from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.receiver import Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
+from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain
 from sionna_radar.signal.converter import Converter, Imbalance
@@ -71,16 +71,10 @@ def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Cal
 
 # Samples over which a signal fades in and out; residual of a filter's transient when sampling begins.
 FADE_SAMPLES, SETTLED = 64, 1e-4
-
-
 # Largest guard, in sweeps.
 LONGEST_GUARD = 2
-
-
 # Points per sample before an anti-alias filter, and its largest power response at the edge of their band.
 OVERSAMPLINGS, PASSED = (2, 4, 8), 1e-4
-
-
 # Points per sample with interference of other radars.
 CROSSING = 4
 
@@ -101,9 +95,7 @@ def build_chain(
     stages = []
     for slot in ORDER:
         chosen = radar.receiver.stages.get(slot) or StageParameters(stage=slot)
-        stage: ReceiverStage = RECEIVER_STAGES.entry(chosen.stage)(chosen, inputs)
-        require(stage, ReceiverStage, str(RECEIVER_STAGES.entry(chosen.stage)))
-        stages.append(stage)
+        stages.append(RECEIVER_STAGES.build(chosen.stage, ReceiverStage, chosen, inputs))
     oversampling = _oversampling(inputs)
     return Chain(
         stages=tuple(stages),
@@ -232,14 +224,10 @@ def build_converter(_: StageParameters, given: StageInputs) -> Converter:
         over_noise=None if table.full_scale_over_noise_db is None else from_db(table.full_scale_over_noise_db),
         headroom=None if table.agc_headroom_db is None else from_db(-table.agc_headroom_db / 2),
         offset=0.0 if table.dc_offset_db is None else from_db(table.dc_offset_db / 2),
-        imbalance=_imbalance(table),
+        imbalance=Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
+        if table.imbalanced
+        else None,
     )
-
-
-def _imbalance(table: ConverterTable) -> Imbalance | None:
-    if not table.imbalanced:
-        return None
-    return Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
 
 
 def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
@@ -325,19 +313,7 @@ def lidar_receiver(
     reflectivity = None
     if table.reflectivities:
         reflectivity = np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
-    return LidarReceiver(
-        returns=table.returns,
-        ground_reflectivity=table.ground_reflectivity,
-        least_reflectivity=table.least_reflectivity,
-        clear_range_m=table.clear_range_m,
-        near_range_m=table.near_range_m,
-        pulse_ns=table.pulse_ns,
-        aperture_mm=table.aperture_mm,
-        divergence_mrad=table.divergence_mrad,
-        air=air,
-        seed=seed,
-        reflectivity=reflectivity,
-    )
+    return table.to(LidarReceiver, air=air, seed=seed, reflectivity=reflectivity)
 
 
 def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:
@@ -357,17 +333,7 @@ def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) ->
 
     """
     points = None if table.sweep_error is None else read_sweep_error(table.sweep_error)
-    error = SweepError(
-        duration_s=whole_s,
-        quadratic_hz=table.quadratic_hz,
-        cubic_hz=table.cubic_hz,
-        sinusoidal_hz=table.sinusoidal_hz,
-        sinusoidal_periods=table.sinusoidal_periods,
-        settling_hz=table.settling_hz,
-        settling_time_s=table.settling_time_s,
-        middle_s=middle_s,
-        points=points,
-    )
+    error = table.to(SweepError, duration_s=whole_s, middle_s=middle_s, points=points)
     return Oscillator(
         error=error if table.bent else None,
         noise=PhaseNoise(table.levels_dbc_hz) if table.levels_dbc_hz else None,
@@ -387,5 +353,5 @@ def build_high_pass(table: ReceiverTable) -> HighPass | None:
     rising = table.range_gain
     if table.high_pass_corner_hz == 0 and rising is None:
         return None
-    gain = None if rising is None else RangeGain(from_hz=rising.from_hz, to_hz=rising.to_hz, order=rising.order)
+    gain = None if rising is None else rising.to(RangeGain)
     return HighPass(corner_hz=table.high_pass_corner_hz, order=table.high_pass_order, range_gain=gain)

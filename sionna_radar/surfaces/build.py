@@ -55,7 +55,7 @@ from sionna_radar.surfaces.permittivity import (
     water_permittivity,
     wet_snow_permittivity,
 )
-from sionna_radar.surfaces.radar_material import Channel, Mirror, RadarMaterial, typical_cross_polar
+from sionna_radar.surfaces.radar_material import Channel, Mirror, RadarMaterial, as_radar_material, typical_cross_polar
 from sionna_radar.surfaces.sionna_slab import SionnaSlab, slab_material
 
 
@@ -153,7 +153,7 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
         try:
             model = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
             check_backscatter(model, f"materials.{name}: {MATERIALS.entry(table.model)}")
-            built[name] = model if isinstance(model, RadarMaterial) else _alike(model, channel_of(radar))
+            built[name] = as_radar_material(model, channel_of(radar))
         except RadarError:
             raise
         except ValueError as error:
@@ -187,11 +187,6 @@ def check_backscatter(model: object, what: str) -> None:
     if sigma0.shape != incidence_rad.shape or not np.all(np.isfinite(sigma0) & (sigma0 >= 0)):
         message = f"{what}: sigma0 at 0, 30 and 60 deg is {sigma0}; return a finite ratio, not negative, for each angle"
         raise PluginError(message)
-
-
-def _alike(model: Backscatter, channel: Channel) -> RadarMaterial:
-    """Return a custom model as a material with equal V and H."""
-    return RadarMaterial(vertical=model, horizontal=model, cross_polar=typical_cross_polar(channel), channel=channel)
 
 
 def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float) -> list[str]:
@@ -317,23 +312,11 @@ def _rough(
 ) -> RadarMaterial:
     permittivity = table_permittivity(table, carrier_hz)
     assert permittivity is not None  # checked with the scenario
-    surface = rough_surface.RoughSurface(
-        permittivity=permittivity,
-        rms_height_m=table.rms_height_m,
-        correlation_length_m=table.correlation_length_m,
-        frequency_hz=carrier_hz,
-        correlation=table.correlation,
-    )
+    surface = table.to(rough_surface.RoughSurface, permittivity=permittivity, frequency_hz=carrier_hz)
     vertical, horizontal = (model(surface=surface, polarization=p, **options) for p in "VH")
     return polarized_material(table, vertical, horizontal, carrier_hz, channel)
 
 
 def sionna_itu(table: SionnaItu, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return the material of a slab given in a scenario."""
-    slab = SionnaSlab(
-        itu_type=table.itu_type,
-        thickness_m=table.thickness_m,
-        scattering_coefficient=table.scattering_coefficient,
-        xpd_coefficient=table.xpd_coefficient,
-    )
-    return slab_material(slab, carrier_hz, channel)
+    return slab_material(table.to(SionnaSlab), carrier_hz, channel)

@@ -194,11 +194,12 @@ class RadarMaterial:
         return reflected
 
 
-def as_radar_material(backscatter: Backscatter) -> RadarMaterial:
+def as_radar_material(backscatter: Backscatter, channel: Channel = "VV") -> RadarMaterial:
     """Return a backscatter model as a material with equal V and H, unless it is already a material."""
     if isinstance(backscatter, RadarMaterial):
         return backscatter
-    return RadarMaterial(vertical=backscatter, horizontal=backscatter)
+    cross_polar = typical_cross_polar(channel)
+    return RadarMaterial(vertical=backscatter, horizontal=backscatter, cross_polar=cross_polar, channel=channel)
 
 
 def typical_cross_polar(channel: Channel) -> float:

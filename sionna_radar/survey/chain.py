@@ -113,6 +113,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     for recorder in recorders:
         recorder.finish(comparison)
     return Survey(
+        **vars(comparison),
         prepared=prepared,
         paths=hits.paths,
         points=points,
@@ -126,13 +127,6 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
             prepared.local.processing.doppler_correction,
         ),
         uncertainty=estimate.uncertainty,
-        truth=comparison.truth,
-        error=comparison.error,
-        lit=comparison.lit,
-        dem_error=comparison.dem_error,
-        lit_error=comparison.lit_error,
-        off_wall_error=comparison.off_wall_error,
-        overhang=comparison.overhang,
         chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
         warnings=survey_warnings(prepared, observed, points, comparison.lit_error, estimate),
         sensor=sensor,

@@ -251,8 +251,11 @@ def check_limits(
         With the field, its value and a value that works.
 
     """
-    checks = [_chirps(scenario, route), _spectrum(scenario), _ranked(scenario), _steps(scenario, route.length_m)]
-    checks += [
+    checks = [
+        _chirps(scenario, route),
+        _spectrum(scenario),
+        _ranked(scenario),
+        _steps(scenario, route.length_m),
         _reach(chirp),
         _nearest(scenario, chirp),
         _shift(route.speed_mps, chirp),

@@ -104,32 +104,23 @@ class CustomParts:
 
     def described(self) -> dict[str, str]:
         """Return descriptions of the custom parts, by the keys of the scenario that they replace."""
-        return described(
-            antenna=self.antenna,
-            parts={
-                "platform": self.flight,
-                "radar.scan": self.scan,
-                "platform.navigation": self.navigation,
-                "terrain": self.terrain,
-                **{f"materials.{name}": model for name, model in self.materials.items()},
-                "tracing.engine": self.engine,
-                "sensor": self.sensor,
-                "processing.ranging": self.range_estimator,
-                "dem.method": self.dem_method,
-            },
-        )
-
-
-def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
-    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
-    words = {}
-    if antenna is not None:
-        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
-        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
-    for key, part in parts.items():
-        if part is not None:
-            words[key] = _name(part)
-    return words
+        parts = {
+            "radar.antenna": self.antenna,
+            "platform": self.flight,
+            "radar.scan": self.scan,
+            "platform.navigation": self.navigation,
+            "terrain": self.terrain,
+            **{f"materials.{name}": model for name, model in self.materials.items()},
+            "tracing.engine": self.engine,
+            "sensor": self.sensor,
+            "processing.ranging": self.range_estimator,
+            "dem.method": self.dem_method,
+        }
+        words = {key: _name(part) for key, part in parts.items() if part is not None}
+        if self.antenna is not None:
+            azimuth, elevation = np.rad2deg(self.antenna.beamwidths_rad)
+            words["radar.antenna"] += f", half-power beam {azimuth:.3g} x {elevation:.3g} deg"
+        return words
 
 
 def _name(made: object) -> str:

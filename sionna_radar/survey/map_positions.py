@@ -1,5 +1,8 @@
 """Transforming map positions of a scenario into the local frame of its terrain."""
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import ProjError
@@ -11,8 +14,10 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.scenario import NO_PLACE_ON_THE_MAP
-from sionna_radar.scenario.table import Point2
+from sionna_radar.scenario.table import Point2, Table
 from sionna_radar.scene.terrains.build import map_frame
+
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 def in_local_frame(scenario: Scenario) -> Scenario:
@@ -32,6 +37,16 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         raise ScenarioError([Problem("coordinates", message)])
     moving = _Moving(_crs(scenario.coordinates), frame)
     platform = scenario.platform
+
+    def outlines(name: str, tables: Sequence[AnyTable], key: str) -> tuple[AnyTable, ...]:
+        """Return entries of the scenario's array `name` with the places of their `key` moved, where they have any."""
+        return tuple(
+            table.model_copy(update={key: tuple(moving(f"{name}.{i}.{key}", p) for p in getattr(table, key))})
+            if getattr(table, key)
+            else table
+            for i, table in enumerate(tables)
+        )
+
     waypoints = [moving(f"platform.waypoints_m.{i}", point) for i, point in enumerate(platform.waypoints_m)]
     start = platform.start_m and moving("platform.start_m", platform.start_m)
     lines = platform.lines
@@ -39,28 +54,9 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         lines = lines.model_copy(update={"centre_m": moving("platform.lines.centre_m", lines.centre_m)})
     terrain = scenario.terrain
     if isinstance(terrain, CoveredTerrain):
-        cover = tuple(
-            polygon.model_copy(
-                update={"polygon_m": tuple(moving(f"terrain.cover.{i}.polygon_m", p) for p in polygon.polygon_m)}
-            )
-            for i, polygon in enumerate(terrain.cover)
-        )
-        terrain = terrain.model_copy(update={"cover": cover})
-    vegetation = tuple(
-        stand.model_copy(
-            update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)}
-            if stand.polygon_m
-            else {}
-        )
-        for i, stand in enumerate(scenario.vegetation)
-    )
-    targets = tuple(
-        target.model_copy(
-            update={"waypoints_m": tuple(moving(f"targets.{i}.waypoints_m", p) for p in target.waypoints_m)}
-        )
-        for i, target in enumerate(scenario.targets)
-    )
-    scenario = scenario.model_copy(update={"targets": targets})
+        terrain = terrain.model_copy(update={"cover": outlines("terrain.cover", terrain.cover, "polygon_m")})
+    vegetation = outlines("vegetation", scenario.vegetation, "polygon_m")
+    scenario = scenario.model_copy(update={"targets": outlines("targets", scenario.targets, "waypoints_m")})
     objects = {
         name: tuple(
             entry.model_copy(

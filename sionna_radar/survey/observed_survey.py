@@ -123,7 +123,7 @@ def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) ->
             yield from pieces_here(make, count, steps)
             return
         scenario = prepared.scenario.model_dump_json() if distributed else ""
-        tasks = {key_of_tile(number): {"scenario": scenario, "tile": number} for number in range(count)}
+        tasks = {f"tile {number} of the map": {"scenario": scenario, "tile": number} for number in range(count)}
         means = execution if distributed else Execution(checkpoints=execution.checkpoints)
         work = tile_task if distributed else lambda task: _content_of(make(task["tile"]))
         shared = observed.packed() if distributed else None
@@ -133,7 +133,8 @@ def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) ->
                 raise result.error()
             found[key] = result
         for key in tasks:
-            yield _piece_of(found.pop(key))
+            content = found.pop(key)
+            yield None if content == NOTHING else Piece.unpacked(content)
 
     return each
 
@@ -153,14 +154,5 @@ def _tiles_of(scenario: str, observed: bytes) -> Tiles:
     return tiles
 
 
-def key_of_tile(number: int) -> str:
-    """Return the key of a tile among the checkpoints of its survey."""
-    return f"tile {number} of the map"
-
-
 def _content_of(piece: Piece | None) -> bytes:
     return NOTHING if piece is None else piece.packed()
-
-
-def _piece_of(content: bytes) -> Piece | None:
-    return None if content == NOTHING else Piece.unpacked(content)

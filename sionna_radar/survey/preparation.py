@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int
+from jaxtyping import Inexact, Int
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
@@ -158,6 +158,7 @@ class Prepared:
     def engine_inputs(self) -> EngineInputs:
         """Return the inputs of tracing engines."""
         sampled = self.flight.sample(SAMPLED_PULSES)
+        position_m, reach_m = sampled.true.position_m, self.receiver.chirp.max_range_m
         return EngineInputs(
             tracing=self.local.tracing,
             scene=self.scene.scene,
@@ -166,7 +167,7 @@ class Prepared:
             chirp=self.receiver.chirp,
             seed=self.local.seed,
             caster=self.scene.caster,
-            region_m=region_in_reach_m(sampled, self.receiver.chirp),
+            region_m=np.array([position_m.min(axis=0) - reach_m, position_m.max(axis=0) + reach_m]),
             looks=sampled_beams(sampled, self.scene),
         )
 
@@ -319,12 +320,12 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
     local = in_local_frame(scenario)
     radar = _radar(local, custom, shared)
     route = custom.flight or _route(scenario, local, radar)
-    processing = _processing(local, radar, route, custom)
+    detector, angle = _processing(local, radar, route, custom)
     advance()
     world = _world(local, route.window_m(radar.chirp.max_range_m), custom, shared)
     flight = _flight(local, radar, route, world, custom)
     advance()
-    mapper = _map(local, radar, processing, world, flight, custom)
+    mapper = _map(local, radar, detector, world, flight, custom)
     receiver = _receiver(local, radar, world, flight)
     advance()
     place, expected = world.scene.georeference, local.processing.expected_ground
@@ -337,11 +338,11 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
         flown=flight.flown,
         flight=flight.schedule,
         receiver=receiver,
-        detector=processing.detector,
+        detector=detector,
         expected_ground=build_expected_ground(expected, flight.flown.altitude_m, radar.antenna, mapper.grid, place),
         mapper=mapper,
         custom=custom,
-        angle=processing.angle,
+        angle=angle,
         module=radar.module,
         bursts=flight.bursts,
         ground_extent_m=_mapped_extent_m(local, flight),
@@ -399,13 +400,9 @@ def _route(scenario: Scenario, local: Scenario, radar: _Radar) -> Route:
     return route
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Processing:
-    detector: Detector
-    angle: AngleEstimator | ArrayEstimator | None
-
-
-def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomParts) -> _Processing:
+def _processing(
+    local: Scenario, radar: _Radar, route: Route, custom: CustomParts
+) -> tuple[Detector, AngleEstimator | ArrayEstimator | None]:
     """Return the processing of echoes; ScenarioError where the nominal range is beyond its sampled beat."""
     if local.processing.calibration is not None:
         message = "is of recordings; give the errors of a simulated flight as platform.navigation, and leave this out"
@@ -422,8 +419,7 @@ def _processing(local: Scenario, radar: _Radar, route: Route, custom: CustomPart
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, radar.scan, radar.chirp, route.duration_s)
     frames = local.radar.array if local.sensor == "mimo" else None
-    angle = build_angle_estimator(local.processing, detector, radar.antenna, radar.module, frames)
-    return _Processing(detector=detector, angle=angle)
+    return detector, build_angle_estimator(local.processing, detector, radar.antenna, radar.module, frames)
 
 
 def _world(local: Scenario, window_m: Extent, custom: CustomParts, shared: World) -> BuiltScene:
@@ -466,7 +462,7 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
 
 
 def _map(
-    local: Scenario, radar: _Radar, processing: _Processing, world: BuiltScene, flight: _FlightOver, custom: CustomParts
+    local: Scenario, radar: _Radar, detector: Detector, world: BuiltScene, flight: _FlightOver, custom: CustomParts
 ) -> Mapper:
     """Return the mapper; ScenarioError for a grid that is too large, or a method without the profiles it requires."""
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flight.flown, radar.scan)
@@ -476,7 +472,7 @@ def _map(
         max_gap_m,
         # The points of an array lie at single places.
         radar.antenna if local.sensor not in ("lidar", "mimo") else None,
-        processing.detector.analyser,
+        detector.analyser,
         local.processing.doppler_correction,
         custom.dem_method,
         speckle_memory(local),
@@ -507,7 +503,10 @@ def _receiver(local: Scenario, radar: _Radar, world: BuiltScene, flight: _Flight
         hits = flight.hits
         warn_of_folded(radar.sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
     warn_of_posting(world.posting_m, flight.hits.range_m, radar.antenna.beamwidths_rad)
-    echo = _reference_echo(flight.flown.altitude_m, radar.antenna, radar.chirp, world, radar.scan.incidence_rad)
+    # What `radar.snr_db` counts from: the co-polar echo of level ground, whatever the receiver's polarization.
+    ground = as_radar_material(world.scene.materials[world.scene.ground_material]).co_polar
+    altitude_m, incidence_rad = flight.flown.altitude_m, radar.scan.incidence_rad
+    echo = plane_echo(radar.antenna, ground, radar.chirp.wavelength_m, altitude_m, incidence_rad)
     return Receiver(
         sweeps=radar.sweeps,
         transmit_power_w=transmit_power_w(local.radar),
@@ -542,20 +541,6 @@ def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     return max(2 * scenario.dem.spacing_m, spacing_m)
 
 
-def _reference_echo(
-    altitude_m: float, antenna: Antenna, chirp: Chirp, built: BuiltScene, incidence_rad: float
-) -> float:
-    """Return the echo of level ground at the flight's height, over the sent power: what `radar.snr_db` counts from."""
-    return plane_echo(
-        antenna,
-        # The noise is set against the co-polar echo, whatever the receiver's polarization.
-        as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
-        chirp.wavelength_m,
-        altitude_m,
-        incidence_rad,
-    )
-
-
 def pulse_rate_hz(scenario: Scenario) -> float:
     """Return the pulses a second without pauses: chirps, or the frames of an array."""
     array = scenario.radar.array
@@ -572,12 +557,6 @@ def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation
         navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
         stagger=scenario.radar.stagger,
     )
-
-
-def region_in_reach_m(sampled: Pulses, chirp: Chirp) -> Float[np.ndarray, "2 3"]:
-    """Return the lowest and highest corner of the box that a survey can see, by pulses spread over it."""
-    position = sampled.true.position_m
-    return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
 
 
 def sampled_beams(pulses: Pulses, built: BuiltScene) -> SampledBeams:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.breakdown import Breakdown, CanopyReading, break_down, read_canopy
-from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
@@ -23,7 +22,6 @@ from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
-from sionna_radar.scene.ground_cover import Overhang
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -69,24 +67,20 @@ class _ComparedWithReference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey(_ComparedWithReference):
-    """The result of a survey, with the prepared survey it was made from.
+class Survey(_ComparedWithReference, Comparison):
+    """The result of a survey, with the prepared survey it was made from, and the comparison of its DEM with the truth.
 
     prepared: scene, flight, receiver and mapper, for further analysis.
     paths: number of traced paths.
     points: the located echoes.
-    dem, truth, error: rasters on one grid; error is DEM minus truth.
+    dem: on the grid of the comparison.
     dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
         both None for a method that tells nothing of its errors.
     dem_sigma_navigation: standard deviation of each cell due to stated navigation errors, which neighbouring cells
     share; None if none are stated.
-    lit: cells with a true height that the main beam reached.
-    dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
-    off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
     warnings: what degrades the result.
-    overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
     sensor: kept so that single pulses can be simulated again; None if the survey ran on workers.
     no_echo: empty lit cells illuminated by pulses without any echo, as over calm water.
     saturation: what the converter of the receiver clipped; None without a full scale.
@@ -106,12 +100,6 @@ class Survey(_ComparedWithReference):
     paths: int
     points: Points
     dem: Raster
-    truth: Raster
-    error: Raster
-    lit: Bool[np.ndarray, "row column"]
-    dem_error: DemError
-    lit_error: DemError
-    off_wall_error: DemError | None
     chirp: ChirpRecord | None
     timing_s: dict[str, float] = field(default_factory=dict)
     peak_memory_mb: float = float("nan")
@@ -119,7 +107,6 @@ class Survey(_ComparedWithReference):
     dem_sigma_navigation: Raster | None = None
     uncertainty: Uncertainty | None = None
     warnings: tuple[str, ...] = ()
-    overhang: Overhang | None = None
     sensor: Sensor | None = None
     no_echo: Bool[np.ndarray, "row column"] | None = None
     saturation: Saturation | None = None
@@ -153,6 +140,8 @@ class Survey(_ComparedWithReference):
     @cached_property
     def breakdown(self) -> Breakdown:
         """DEM errors by checkpoint, terrain class and view, and their variogram; computed on first use."""
+        off_wall, reading = self.off_wall_error, self.canopy_reading
+        lit, filled = self.lit_error.count, self.dem_error.count
         return break_down(
             error=self.error,
             truth=self.truth,
@@ -160,20 +149,11 @@ class Survey(_ComparedWithReference):
             points=self.points,
             walls=self.prepared.truth.walls,
             seed=self.scenario.seed,
-            covered={"walls and what is beside them": self._beside_walls, "plants": self._among_plants},
+            covered={
+                "walls and what is beside them": 0.0 if off_wall is None or lit == 0 else 1 - off_wall.count / lit,
+                "plants": 0.0 if reading is None or filled == 0 else reading.count / filled,
+            },
         )
-
-    @property
-    def _beside_walls(self) -> float:
-        """Share of the lit cells within half a footprint of a wall."""
-        off = self.off_wall_error
-        return 0.0 if off is None or self.lit_error.count == 0 else 1 - off.count / self.lit_error.count
-
-    @property
-    def _among_plants(self) -> float:
-        """Share of the filled cells with plants."""
-        reading = self.canopy_reading
-        return 0.0 if reading is None or self.dem_error.count == 0 else reading.count / self.dem_error.count
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:

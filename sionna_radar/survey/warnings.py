@@ -4,7 +4,6 @@ import logging
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
@@ -202,16 +201,18 @@ def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | No
     return (f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it",)
 
 
-def burst_warnings(
-    chirps: int, turn_rad: Float[np.ndarray, " pulse"], beamwidths_rad: tuple[float, float]
-) -> tuple[str, ...]:
-    """Return the warning about beams that turn while the chirps of a pulse are averaged.
-
-    chirps: of a pulse; turn_rad: by which the beam turns from its first chirp to its last.
-    """
-    width_rad = min(beamwidths_rad)
+def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
+    """Return the warning about beams that turn while the chirps of a pulse are averaged."""
+    chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.antenna.beamwidths_rad)
+    if chirps == 1 or len(prepared) < 2:
+        return ()
+    here = prepared.flight.sample(WARNED_PULSES).index
+    here = here[here + 1 < len(prepared)]
+    ahead, next_ahead = (prepared.flight.pulses(index).measured.boresight for index in (here, here + 1))
+    to_next = np.arccos(np.clip(np.einsum("pi,pi->p", ahead, next_ahead), -1, 1))
+    turn_rad = to_next * (chirps - 1) / chirps
     turned = turn_rad > TURNED_WIDTHS_WARNED * width_rad
-    if chirps == 1 or np.mean(turned) <= TURNED_SHARE_WARNED:
+    if np.mean(turned) <= TURNED_SHARE_WARNED:
         return ()
     turn_deg, width_deg = np.rad2deg([np.median(turn_rad[turned]), width_rad])
     return (
@@ -364,14 +365,3 @@ def _louder(prepared: Prepared) -> str:
         return LOUDER.get(prepared.local.sensor, LOUDER["radar"])
     key = "bits" if radar.receiver.converter.full_scale_dbm is None else "gain_db"
     return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
-
-
-def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
-    chirps = prepared.local.processing.average.chirps
-    if chirps == 1 or prepared.antenna is None or len(prepared) < 2:
-        return ()
-    here = prepared.flight.sample(WARNED_PULSES).index
-    here = here[here + 1 < len(prepared)]
-    ahead, next_ahead = (prepared.flight.pulses(index).measured.boresight for index in (here, here + 1))
-    to_next = np.arccos(np.clip(np.einsum("pi,pi->p", ahead, next_ahead), -1, 1))
-    return burst_warnings(chirps, to_next * (chirps - 1) / chirps, prepared.antenna.beamwidths_rad)

@@ -13,7 +13,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scenario.parts import ENGINES
-from sionna_radar.scenario.registry import Builder, registers, require
+from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
@@ -149,8 +149,7 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
 def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     """Return the engine named in a scenario."""
-    engine: Engine = ENGINES.entry(table.engine)(table.engine_parameters, given)
-    require(engine, Engine, str(ENGINES.entry(table.engine)))
+    engine: Engine = ENGINES.build(table.engine, Engine, table.engine_parameters, given)
     return engine
 
 
@@ -218,16 +217,9 @@ def rain_map_of(table: WeatherTable) -> RainMap | None:
     field, cell = table.rain_field, table.rain_cell
     uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0
     if field is not None and uneven:
-        parts.append(
-            RainField(
-                mean_mm_per_h=table.rain_rate_mm_per_h,
-                correlation_m=field.correlation_m,
-                spread_db=field.spread_db,
-                seed=field.seed,
-            )
-        )
+        parts.append(field.to(RainField, mean_mm_per_h=table.rain_rate_mm_per_h))
     if cell is not None and cell.peak_mm_per_h > 0:
-        parts.append(RainCell(centre_m=cell.centre_m, radius_m=cell.radius_m, peak_mm_per_h=cell.peak_mm_per_h))
+        parts.append(cell.to(RainCell))
     if not parts:
         return None
     return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)

@@ -62,22 +62,14 @@ def rain_clutter_power(
     """
     require_not_negative("reflectivity_per_m", reflectivity_per_m)
     require_not_negative("specific_attenuation_db_per_km", specific_attenuation_db_per_km)
-    _require_cells(range_edges_m)
-    nepers_per_m = _two_way_nepers_per_m(specific_attenuation_db_per_km)
+    if len(range_edges_m) < 2 or range_edges_m[0] <= 0 or np.any(np.diff(range_edges_m) <= 0):
+        message = "range_edges_m must increase and be positive: the echo grows without bound towards the antenna"
+        raise ValidityError(message)
+    nepers_per_m = NEPERS_PER_M * specific_attenuation_db_per_km
     beyond_per_m = expn(2, nepers_per_m * range_edges_m) / range_edges_m
     constant = peak_gain**2 * wavelength_m**2 * two_way_beam_sr * reflectivity_per_m / (4.0 * math.pi) ** 3
     cells: Float[np.ndarray, " cell"] = constant * (beyond_per_m[:-1] - beyond_per_m[1:])
     return cells
-
-
-def _two_way_nepers_per_m(specific_attenuation_db_per_km: float) -> float:
-    return NEPERS_PER_M * specific_attenuation_db_per_km
-
-
-def _require_cells(range_edges_m: Float[np.ndarray, " edge"]) -> None:
-    if len(range_edges_m) < 2 or range_edges_m[0] <= 0 or np.any(np.diff(range_edges_m) <= 0):
-        message = "range_edges_m must increase and be positive: the echo grows without bound towards the antenna"
-        raise ValidityError(message)
 
 
 # Kinematic viscosity of water, m2/s: 1.79e-6 at 0 deg C, 1.31e-6 at 10, 1.00e-6 at 20 (standard tables); at 10 deg C.

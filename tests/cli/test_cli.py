@@ -10,8 +10,8 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 import rasterio
-from rasterio import Affine
 
+from elevation_files import from_origin, write_heights
 from flight_logs import flown, regular, write_csv
 from sionna_radar.foundation.errors import WorkersLostError
 
@@ -153,10 +153,8 @@ def test_own_dem_of_1_m_in_utm(cli, tmp_path):
     size, west, north = 300, 500_000.0, 5_040_000.0
     column, row = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
     height = 850 + 0.05 * column - 0.03 * row + 2 * np.sin(column / 20)
-    path = tmp_path / "utm.tif"
-    profile = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": "float32"}
-    with rasterio.open(path, "w", crs="EPSG:32631", transform=Affine(1, 0, west, 0, -1, north), **profile) as file:
-        file.write(height.astype(np.float32), 1)
+    corner = from_origin(west, north, 1.0, 1.0)
+    path = write_heights(tmp_path / "utm.tif", height.astype(np.float32), corner, "EPSG:32631")
     done = cli("run", "own_dem", "--set", f"terrain.path={path}", "-o", tmp_path / "out", "-q")
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import rasterio
 from pyproj import CRS, Transformer
-from rasterio import Affine
 
 from beams import make_antenna, make_chirp
+from elevation_files import from_origin, write_heights
 from flights import make_pulses
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.build import build_detector, build_expected_ground
@@ -27,15 +27,10 @@ EVERYWHERE = np.array([-np.inf, np.inf])
 
 def geotiff(folder, height_m, *, west_m=-500.0, north_m=500.0, spacing_m=25.0, crs=None):
     """Write heights as a GeoTIFF whose north-west corner is given."""
-    path = folder / "rough.tif"
-    rows, columns = height_m.shape
-    shape = {"width": columns, "height": rows, "count": 1, "dtype": "float32"}
-    transform = Affine(spacing_m, 0.0, west_m, 0.0, -spacing_m, north_m)
+    corner = from_origin(west_m, north_m, spacing_m, spacing_m)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        with rasterio.open(path, "w", driver="GTiff", transform=transform, crs=crs, **shape) as file:
-            file.write(height_m.astype("float32"), 1)
-    return path
+        return write_heights(folder / "rough.tif", height_m.astype("float32"), corner, crs)
 
 
 def expected(antenna, *, place=None, **table):

@@ -6,10 +6,9 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-import rasterio
 from pyproj import CRS
-from rasterio import Affine
 
+from elevation_files import from_origin, write_heights
 from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
 from sionna_radar.foundation.errors import RadarError
@@ -35,13 +34,10 @@ def las(path: Path) -> Path:
 
 def raster(path: Path) -> Path:
     heights = np.random.default_rng(1).normal(50, 3, size=(20, 30)).astype(np.float32)
-    driver = {".tif": "GTiff", ".asc": "AAIGrid"}[path.suffix]
-    more = {"compress": "deflate"} if driver == "GTiff" else {}
-    where = Affine(5.0, 0.0, 690_000.0, 0.0, -5.0, 5_330_000.0)
-    profile = {"driver": driver, "count": 1, "dtype": "float32", "height": 20, "width": 30, "transform": where}
-    with rasterio.open(path, "w", crs="EPSG:32632" if driver == "GTiff" else None, **profile, **more) as file:
-        file.write(heights, 1)
-    return path
+    corner = from_origin(690_000.0, 5_330_000.0, 5.0, 5.0)
+    if path.suffix == ".asc":
+        return write_heights(path, heights, corner, None, driver="AAIGrid")
+    return write_heights(path, heights, corner, compress="deflate")
 
 
 def read_points(path: Path) -> Raster:

@@ -1,13 +1,12 @@
 """Splitting the ground by polygons and by a raster of classes."""
 
 import tomllib
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import pytest
-import rasterio
-from rasterio import Affine
 
+from elevation_files import from_origin, write_heights
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
 from sionna_radar.scene.build import build_scene
@@ -19,18 +18,7 @@ EVERYWHERE = (-500.0, -500.0, 500.0, 500.0)
 FOREST = {"materials.forest": {"terrain_class": "forest", "model": "constant_gamma"}}
 
 
-def from_origin(west: float, north: float, width: float, height: float) -> Affine:
-    return Affine(width, 0.0, west, 0.0, -height, north)
-
-
-def write_classes(path: Path, values: np.ndarray, transform, crs=None) -> Path:
-    """Write a raster of class values, its first row in the north."""
-    with rasterio.open(
-        path, "w", driver="GTiff", dtype=values.dtype, count=1, height=values.shape[0], width=values.shape[1],
-        transform=transform, crs=crs,
-    ) as file:  # fmt: skip
-        file.write(values, 1)
-    return path
+write_classes = partial(write_heights, crs=None)
 
 
 def area_of(surfaces, material) -> float:
@@ -90,7 +78,7 @@ def test_a_class_raster_in_degrees_over_real_ground(tmp_path):
     values = np.full((400, 400), 3, dtype=np.int16)
     values[:, 200:] = 5
     corner = from_origin(longitude - 200 * step, latitude + 200 * step, step, step)
-    path = write_classes(tmp_path / "classes.tif", values, corner, "EPSG:4326")
+    path = write_classes(tmp_path / "classes.tif", values, corner, crs="EPSG:4326")
     point = np.random.default_rng(1).uniform(-400, 400, (500, 2))
     found = classes_at(ClassRaster(path=path, materials={3: "forest"}), point, georeference)
     there, _ = to_degrees.transform(east + point[:, 0], north + point[:, 1])
@@ -103,7 +91,7 @@ def test_a_class_raster_in_degrees_over_real_ground(tmp_path):
 def test_rasters_that_cannot_be_placed_are_refused(tmp_path):
     values = np.ones((4, 4), dtype=np.uint8)
     plain = write_classes(tmp_path / "plain.tif", values, from_origin(0.0, 40.0, 10.0, 10.0))
-    placed = write_classes(tmp_path / "placed.tif", values, from_origin(0.0, 40.0, 10.0, 10.0), "EPSG:32616")
+    placed = write_classes(tmp_path / "placed.tif", values, from_origin(0.0, 40.0, 10.0, 10.0), crs="EPSG:32616")
     far = write_classes(tmp_path / "far.tif", values, from_origin(9000.0, 40.0, 10.0, 10.0))
     (tmp_path / "text.tif").write_text("no raster")
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import rasterio
 import trimesh
 from pyproj import Transformer
 
+from elevation_files import UTM, from_origin, write_heights
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
@@ -20,7 +20,6 @@ from sionna_radar.survey.map_positions import in_local_frame
 WINDOW = (-500.0, -500.0, 500.0, 500.0)
 FLAT = {"kind": "flat", "size_m": [200.0, 200.0]}
 HILLS = {"kind": "hills", "size_m": [120.0, 120.0], "spacing_m": 2.0, "filter_sigma_m": 15.0}
-UTM = "EPSG:32632"
 FOREST = {"forest": {"model": "constant_gamma", "gamma_db": -12.0}}
 
 
@@ -83,11 +82,8 @@ def test_an_object_on_a_slope_stands_on_the_lowest_ground_in_its_outline(tmp_pat
 
 def test_heights_without_ground_are_those_of_the_terrain(tmp_path):
     """A raster's local heights count from a base; an object's from the raster's datum."""
-    with rasterio.open(
-        tmp_path / "dem.tif", "w", driver="GTiff", width=40, height=40, count=1, dtype="float32", crs=UTM,
-        transform=rasterio.Affine(5, 0, 450_000, 0, -5, 5_000_000),
-    ) as file:  # fmt: skip
-        file.write(np.full((40, 40), 1234.0, dtype="float32"), 1)
+    level = np.full((40, 40), 1234.0, dtype="float32")
+    write_heights(tmp_path / "dem.tif", level, from_origin(450_000, 5_000_000, 5, 5))
     box = write(tmp_path / "box.ply", [(0, 0, 0), (2, 3, 4)])
     thing = {"path": box, "position_m": [0.0, 0.0, 1250.0], "on_ground": False}
     built = build({"kind": "raster", "path": str(tmp_path / "dem.tif")}, objects=[thing])

@@ -6,8 +6,8 @@ from typing import Any
 import jaxtyping
 import numpy as np
 import pytest
-import rasterio
 
+from elevation_files import from_origin, write_heights
 from sionna_radar import Raster, load_scenario, prepare, run
 from sionna_radar.foundation.errors import InputFileError, PluginError, ScenarioError
 from sionna_radar.mapping.mapper import MICRORELIEF_M
@@ -22,13 +22,9 @@ HEIGHT_M = np.repeat(NORTHWARD_M[:, None] / 20, 101, axis=1)
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    path = tmp_path / "slope.tif"
     half_m = SPACING_M * 101 / 2
-    shape: dict[str, Any] = {"width": 101, "height": 101, "count": 1, "dtype": "float64", "driver": "GTiff"}
-    place = rasterio.Affine(SPACING_M, 0, 690_000 - half_m, 0, -SPACING_M, 5_330_000 + half_m)
-    with rasterio.open(path, "w", crs="EPSG:32632", transform=place, **shape) as opened:
-        opened.write(np.flipud(HEIGHT_M), 1)
-    return path
+    corner = from_origin(690_000 - half_m, 5_330_000 + half_m, SPACING_M, SPACING_M)
+    return write_heights(tmp_path / "slope.tif", np.flipud(HEIGHT_M), corner)
 
 
 def slope_of(terrain: Any) -> np.ndarray:

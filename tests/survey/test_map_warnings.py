@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 import trimesh
 
+from elevation_files import from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.presets import PRESETS
@@ -124,20 +124,8 @@ def test_ground_near_the_greatest_range_is_told_of_where_the_shift_adds(sweep):
 def grid_file(path: Path, posting_m: float) -> Path:
     count = round(600 / posting_m) + 1
     height_m = 3 * np.sin(np.arange(count) * posting_m / 40)[None] * np.ones((count, 1))
-    place = rasterio.Affine(posting_m, 0, 690_000 - posting_m / 2, 0, -posting_m, 5_330_600 + posting_m / 2)
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        width=count,
-        height=count,
-        count=1,
-        dtype="float32",
-        crs="EPSG:32632",
-        transform=place,
-    ) as file:
-        file.write(height_m.astype("float32"), 1)
-    return path
+    corner = from_origin(690_000 - posting_m / 2, 5_330_600 + posting_m / 2, posting_m, posting_m)
+    return write_heights(path, height_m.astype("float32"), corner)
 
 
 def test_ground_without_detail_below_the_footprint_is_told(tmp_path):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import rasterio
 from pyproj import CRS, Transformer
-from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
 
+from elevation_files import from_origin, write_heights
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, MapCells
 from sionna_radar.report.survey.products import write_survey
@@ -30,11 +30,7 @@ def write_file(path: Path, cell_m: float = 1.0, crs: str = "EPSG:32632", span_m:
     cells = round(span_m / cell_m)
     noise = gaussian_filter(np.random.default_rng(0).normal(size=(cells, cells)), 15 / cell_m, mode="wrap")
     height = (300 + 2 * noise / noise.std()).astype(np.float32)
-    transform = Affine(cell_m, 0.0, WEST, 0.0, -cell_m, NORTH)
-    profile = {"driver": "GTiff", "dtype": "float32", "count": 1, "height": cells, "width": cells}
-    with rasterio.open(path, "w", crs=crs, transform=transform, **profile) as file:
-        file.write(height, 1)
-    return path
+    return write_heights(path, height, from_origin(WEST, NORTH, cell_m, cell_m), crs)
 
 
 def scenario_over(path: Path, **tables: dict[str, object]) -> Scenario:

@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
 
 from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_strips
-from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.detector import Detector, number_within
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.flight.pulses import Pose
@@ -153,7 +153,7 @@ class AngleEstimator:
         usable = directions.usable & self._strong(stretches)
         return Echoes(
             pulse=pulse[stretches.row[usable]],
-            number=_number_within(stretches.row[usable]),
+            number=number_within(stretches.row[usable]),
             range_m=stretches.range_m[usable],
             range_sigma_m=stretches.range_sigma_m[usable],
             power=stretches.peak_power[usable],
@@ -277,8 +277,3 @@ class Directions:
     cosines: Float[np.ndarray, "point 2"]
     sigma_rad: Float[np.ndarray, " point"]
     usable: Bool[np.ndarray, " point"]
-
-
-def _number_within(row: Int[np.ndarray, " point"]) -> Int[np.ndarray, " point"]:
-    """Return 0, 1, ... for the entries of each group of equal values in a sorted column."""
-    return np.arange(len(row)) - np.searchsorted(row, row, side="left")

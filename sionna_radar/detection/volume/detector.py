@@ -118,7 +118,8 @@ class ThroughVolume:
         heights = _heights(pulses, sweep)
         tracked = track(evidence, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
-        accepted = _accepted(tracked, self.detector.cfar.false_alarm_probability)
+        strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
+        accepted = strong & (tracked.probability >= MIN_PROBABILITY)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
@@ -407,9 +408,3 @@ def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:
     pose = pulses.measured
     shift_m = sweep.doppler_range_m(pose.boresight_range_rate_mps)
     return AxisHeights(position_m=pose.position_m, boresight=pose.boresight, shift_m=shift_m)
-
-
-def _accepted(tracked: Tracked, false_alarm_probability: float) -> Bool[np.ndarray, " pulse"]:
-    strong = tracked.evidence > -np.log(false_alarm_probability)
-    accepted: Bool[np.ndarray, " pulse"] = strong & (tracked.probability >= MIN_PROBABILITY)
-    return accepted

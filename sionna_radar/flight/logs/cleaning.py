@@ -5,7 +5,7 @@ second, quaternions of either sign, attitudes that begin later or end earlier th
 Rejected: a clock that runs backward, gaps, jumps, implausible turns, a stationary vehicle.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
 
@@ -139,12 +139,7 @@ def _in_order(
     unique: Bool[np.ndarray, " n"] = np.append(np.diff(time_s[order]) > 0, True)[: len(order)]
     if not unique.all() and name:
         notes.append(f"{np.sum(~unique):,} {name} have the time of the next one, and are left out")
-    return _taken(stream, order[unique])
-
-
-def _taken(stream: Stream, rows: Int[np.ndarray, " m"]) -> Stream:
-    changed = {key: value[rows] for key, value in vars(stream).items() if isinstance(value, np.ndarray)}
-    return replace(stream, **changed)
+    return stream.rows(order[unique])
 
 
 def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[Finding]:

@@ -22,9 +22,8 @@ from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, source_of, spreads_of
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, attitudes_of, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 
@@ -248,11 +247,7 @@ def _attitudes(columns: dict[str, Float[np.ndarray, " n"]]) -> Attitudes | None:
         unit = quaternion[finite] / np.linalg.norm(quaternion[finite], axis=1)[:, None]
         return Attitudes(source=",".join(QUATERNION), time_s=columns["time_s"][finite], quaternion=unit)
     if EULER[0] in columns:
-        euler = _stacked(columns, EULER)
-        finite = np.isfinite(euler).all(axis=1)
-        turned = Rotation.from_euler("ZYX", euler[finite][:, ::-1], degrees=True).as_quat() if finite.any() else None
-        if turned is not None:
-            return Attitudes(source=",".join(EULER), time_s=columns["time_s"][finite], quaternion=turned)
+        return attitudes_of(",".join(EULER), columns["time_s"], _stacked(columns, EULER)[:, ::-1], degrees=True)
     return None
 
 

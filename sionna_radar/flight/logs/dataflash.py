@@ -12,9 +12,17 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, running_rms, source_of, spreads_of
+from sionna_radar.flight.logs.log import (
+    Attitudes,
+    FlightLog,
+    Positions,
+    Spreads,
+    attitudes_of,
+    innovations_of,
+    source_of,
+    spreads_of,
+)
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 
@@ -176,10 +184,9 @@ def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:
         table = tables.get(name)
         if table is not None and {"Roll", "Pitch", "Yaw"} <= set(table) and len(table["Roll"]):
             euler = np.column_stack([table[key] for key in ("Yaw", "Pitch", "Roll")])
-            finite = np.isfinite(euler).all(axis=1)
-            if finite.any():
-                turned = Rotation.from_euler("ZYX", euler[finite], degrees=True).as_quat()
-                return Attitudes(source=name, time_s=table["TimeUS"][finite] * 1e-6, quaternion=turned)
+            attitudes = attitudes_of(name, table["TimeUS"] * 1e-6, euler, degrees=True)
+            if attitudes is not None:
+                return attitudes
     return None
 
 
@@ -192,9 +199,7 @@ def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
         table = tables.get(name)
         keys = ("IPE", "IPN", "IPD", "IVE", "IVN", "IVD")
         if table is not None and set(keys) <= set(table) and len(table["IPE"]) > 1:
-            time_s = table["TimeUS"] * 1e-6
-            size = [running_rms(time_s, np.column_stack([table[k] for k in group])) for group in (keys[:3], keys[3:])]
-            return spreads_of(f"{name} innovations", time_s, *size)
+            return innovations_of(f"{name} innovations", table["TimeUS"] * 1e-6, table, keys)
     table = tables.get("GPA", {})
     if {"HAcc", "VAcc", "SAcc"} <= set(table) and len(table["HAcc"]) > 1:
         # A horizontal figure combines both axes.

@@ -11,73 +11,64 @@ projection. Both are taken where the flight is, as the derivative of the project
 velocities (both) and headings (the convergence).
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from pyproj import CRS, Geod
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
 
 Datum = Literal["mean sea level", "unknown", "take-off"]
+# Not `Self`, which the checks of array shapes in the tests cannot resolve.
+AnyStream = TypeVar("AnyStream", bound="Stream")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Positions:
+class Stream:
+    """Columns of one source of a log, by their times."""
+
+    source: str
+    time_s: Float[np.ndarray, " n"]
+
+    def rows(self: AnyStream, chosen: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> AnyStream:
+        """Return some of the rows, by mask or number."""
+        columns = {name: column for name, column in vars(self).items() if isinstance(column, np.ndarray)}
+        return replace(self, **{name: column[chosen] for name, column in columns.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Positions(Stream):
     """Positions and their source.
 
     place: degrees and metres, or metres; see the module.
     velocity_mps: None where the source has none.
     """
 
-    source: str
-    time_s: Float[np.ndarray, " n"]
     place: Float[np.ndarray, "n 3"]
     velocity_mps: Float[np.ndarray, "n 3"] | None = None
 
-    def rows(self, wanted: Bool[np.ndarray, " n"]) -> "Positions":
-        """Return some of the rows."""
-        velocity = None if self.velocity_mps is None else self.velocity_mps[wanted]
-        return replace(self, time_s=self.time_s[wanted], place=self.place[wanted], velocity_mps=velocity)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Attitudes:
+class Attitudes(Stream):
     """Attitudes as unit quaternions (x, y, z, w) from body to north-east-down."""
 
-    source: str
-    time_s: Float[np.ndarray, " n"]
     quaternion: Float[np.ndarray, "n 4"]
-
-    def rows(self, wanted: Bool[np.ndarray, " n"]) -> "Attitudes":
-        """Return some of the rows."""
-        return replace(self, time_s=self.time_s[wanted], quaternion=self.quaternion[wanted])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spreads:
+class Spreads(Stream):
     """Standard deviations stated by a log, or estimated from its innovations.
 
     position_m, velocity_mps: east, north, up; attitude_rad: roll, pitch, heading. NaN where unknown.
     """
 
-    source: str
-    time_s: Float[np.ndarray, " n"]
     position_m: Float[np.ndarray, "n 3"]
     velocity_mps: Float[np.ndarray, "n 3"]
     attitude_rad: Float[np.ndarray, "n 3"]
-
-    def rows(self, wanted: Bool[np.ndarray, " n"]) -> "Spreads":
-        """Return some of the rows."""
-        return replace(
-            self,
-            time_s=self.time_s[wanted],
-            position_m=self.position_m[wanted],
-            velocity_mps=self.velocity_mps[wanted],
-            attitude_rad=self.attitude_rad[wanted],
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +125,27 @@ def spreads_of(
         velocity_mps=nan_rows if velocity_mps is None else velocity_mps,
         attitude_rad=nan_rows if attitude_rad is None else attitude_rad,
     )
+
+
+def attitudes_of(
+    source: str, time_s: Float[np.ndarray, " n"], euler: Float[np.ndarray, "n 3"], *, degrees: bool
+) -> Attitudes | None:
+    """Return attitudes from heading, pitch and roll, where all are finite; None without any."""
+    finite = np.isfinite(euler).all(axis=1)
+    if not finite.any():
+        return None
+    quaternion = Rotation.from_euler("ZYX", euler[finite], degrees=degrees).as_quat()
+    return Attitudes(source=source, time_s=time_s[finite], quaternion=quaternion)
+
+
+def innovations_of(
+    source: str, time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]], keys: Sequence[str]
+) -> Spreads:
+    """Return the running RMS of innovations: columns of position east, north and up, and of velocity."""
+    position_m, velocity_mps = (
+        running_rms(time_s, np.column_stack([columns[key] for key in group])) for group in (keys[:3], keys[3:])
+    )
+    return spreads_of(source, time_s, position_m, velocity_mps)
 
 
 def running_rms(

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, source_of, spreads_of
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, attitudes_of, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 
@@ -195,11 +194,7 @@ def _attitudes(tables: Mapping[int, Columns]) -> Attitudes | None:
     if table is None:
         return None
     euler = np.column_stack([table[key] for key in ("yaw", "pitch", "roll")])
-    finite = np.isfinite(euler).all(axis=1)
-    if not finite.any():
-        return None
-    turned = Rotation.from_euler("ZYX", euler[finite]).as_quat()
-    return Attitudes(source=NAMES[ATTITUDE], time_s=table["time_s"][finite], quaternion=turned)
+    return attitudes_of(NAMES[ATTITUDE], table["time_s"], euler, degrees=False)
 
 
 def _spreads(tables: Mapping[int, Columns]) -> Spreads | None:

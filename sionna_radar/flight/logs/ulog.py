@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, running_rms, source_of, spreads_of
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, innovations_of, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
 
@@ -123,6 +123,12 @@ def _positions(tables: Mapping[str, Columns], label: str) -> tuple[Positions, bo
     raise InputFileError(message)
 
 
+def _times_s(table: Columns) -> Float[np.ndarray, " n"]:
+    """Return the times of samples, or those of logging where they are not known."""
+    time_us = table.get("timestamp_sample", table["timestamp"])
+    return np.where(time_us > 0, time_us, table["timestamp"]) * 1e-6
+
+
 def _of(
     source: str,
     table: Columns,
@@ -130,9 +136,7 @@ def _of(
     velocity_mps: Float[np.ndarray, "n 3"] | None,
     valid: Bool[np.ndarray, " n"],
 ) -> Positions:
-    time_s = table.get("timestamp_sample", table["timestamp"])
-    time_s = np.where(time_s > 0, time_s, table["timestamp"]) * 1e-6
-    return Positions(source=source, time_s=time_s, place=position, velocity_mps=velocity_mps).rows(valid)
+    return Positions(source=source, time_s=_times_s(table), place=position, velocity_mps=velocity_mps).rows(valid)
 
 
 def _velocity(table: Columns, keys: tuple[str, str, str]) -> Float[np.ndarray, "n 3"] | None:
@@ -219,13 +223,10 @@ def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:
     quaternion = np.column_stack([table[key] for key in keys])
     norm = np.linalg.norm(quaternion, axis=1)
     valid = np.isfinite(norm) & (np.abs(norm - 1) < 0.1)
-    time_s = table.get("timestamp_sample", table["timestamp"])
-    time_s = np.where(time_s > 0, time_s, table["timestamp"])[valid] * 1e-6
-    return (
-        Attitudes(source="vehicle_attitude", time_s=time_s, quaternion=quaternion[valid] / norm[valid][:, None])
-        if valid.any()
-        else None
-    )
+    if not valid.any():
+        return None
+    unit = quaternion[valid] / norm[valid][:, None]
+    return Attitudes(source="vehicle_attitude", time_s=_times_s(table)[valid], quaternion=unit)
 
 
 def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
@@ -247,9 +248,7 @@ def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
     ):
         table = tables.get(topic)
         if table is not None and set(keys) <= set(table):
-            time_s = table["timestamp"] * 1e-6
-            size = [running_rms(time_s, np.column_stack([table[k] for k in group])) for group in (keys[:3], keys[3:])]
-            return spreads_of(f"{topic}", time_s, *size)
+            return innovations_of(topic, table["timestamp"] * 1e-6, table, keys)
     return None
 
 

@@ -125,7 +125,9 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
     if set(CUTS) <= set(names):
         angle, azimuth, elevation = (values[:, names.index(name)] for name in CUTS)
         _check_angles(lines, angle)
-        return _cuts(angle, azimuth, elevation)
+        if angle[-1] - angle[0] > 360 - 1e-9 and azimuth[0] != azimuth[-1]:
+            azimuth = np.append(azimuth[:-1], azimuth[0])  # -180 and 180 deg are one direction
+        return PatternCuts(angle, azimuth, angle, elevation)
     if set(GRID) <= set(names):
         return grid_of(*(values[:, names.index(name)] for name in GRID))
     return _report(header, values)
@@ -148,14 +150,6 @@ def _check_angles(lines: Sequence[int], angle_deg: Float[np.ndarray, " n"]) -> N
             "row to row"
         )
         raise ValueError(message)
-
-
-def _cuts(
-    angle: Float[np.ndarray, " n"], azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]
-) -> PatternCuts:
-    if angle[-1] - angle[0] > 360 - 1e-9 and azimuth[0] != azimuth[-1]:
-        azimuth = np.append(azimuth[:-1], azimuth[0])  # -180 and 180 deg are one direction
-    return PatternCuts(angle, azimuth, angle, elevation)
 
 
 def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> PatternGrid:

@@ -11,6 +11,7 @@ Only listed and unchanged files are ever replaced. Files that the user added, ed
 
 import hashlib
 import json
+import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -61,7 +62,7 @@ class Manifest:
 
     def changed(self, folder: Path) -> list[str]:
         """Return the listed paths whose files have changed; missing files do not count."""
-        return [name for name in self.files if _stands(folder / name) and not self.holds(folder, name)]
+        return [name for name in self.files if os.path.lexists(folder / name) and not self.holds(folder, name)]
 
     def text(self) -> str:
         """Return the manifest as JSON."""
@@ -83,10 +84,6 @@ def read_manifest(path: Path) -> Manifest | None:
         return manifest if document["written_by"] == PROGRAM else None
     except (FileNotFoundError, AttributeError, KeyError, TypeError, ValueError):
         return None
-
-
-def _stands(path: Path) -> bool:
-    return path.exists() or path.is_symlink()
 
 
 def _signature(path: Path) -> tuple[int, str]:
@@ -117,15 +114,20 @@ def check_output(directory: Path, marker: str) -> Path:
         cannot be written.
 
     """
+    return _checked(directory, lambda path: _obstacle(path, marker))
+
+
+def _checked(path: Path, obstacle: Callable[[Path], str]) -> Path:
+    """Return the resolved path; OutputError for its obstacle, "" if there is none."""
     try:
-        directory = directory.expanduser().resolve()
-        problem = _obstacle(directory, marker)
+        path = path.expanduser().resolve()
+        problem = obstacle(path)
     except (OSError, RuntimeError, ValueError) as error:
         problem = f"cannot be reached ({error}); check the path and its permissions"
     if problem:
-        message = f"output = {directory} {problem}"
+        message = f"output = {path} {problem}"
         raise OutputError(message)
-    return directory
+    return path
 
 
 def _obstacle(directory: Path, marker: str) -> str:
@@ -232,7 +234,7 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
         for name in retiring:
             _move(directory, name, staging / RETIRED)
         for name in (*manifest.files, MANIFEST):
-            if _stands(directory / name):
+            if os.path.lexists(directory / name):
                 message = f"it holds a {name} that this program did not write"
                 raise FileExistsError(message)
             _move(staging / FRESH, name, directory)
@@ -400,15 +402,7 @@ class SignedFile:
             It is a folder, a file of another origin or edited since, or its folder does not exist.
 
         """
-        try:
-            path = path.expanduser().resolve()
-            problem = self._obstacle(path)
-        except (OSError, RuntimeError, ValueError) as error:
-            problem = f"cannot be written ({error}); name another file"
-        if problem:
-            message = f"output = {path} {problem}"
-            raise OutputError(message)
-        return path
+        return _checked(path, self._obstacle)
 
     def write(self, path: Path, text: str) -> Path:
         """Write text to a file, completely or not at all, and return the file.

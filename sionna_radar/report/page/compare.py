@@ -1,9 +1,7 @@
 """Results side by side: reading them, their table, and their page."""
 
 import json
-import math
 from collections.abc import Sequence
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,11 +14,12 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
+from sionna_radar.report.drawing import LOCAL_FRAME, Frame
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
-from sionna_radar.report.page.sections import colour_scales, histogram_of, limit_of, span_of
+from sionna_radar.report.page.sections import colour_scales, frame_of_page, histogram_of, limit_of, span_of
 from sionna_radar.report.terminal import console, reference_rows
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
@@ -106,8 +105,6 @@ MARKER = "compare.html"
 # Largest number of cells of all maps of a page.
 MAX_CELLS = 1_600_000
 LINES, LINE_POINTS = 41, 400
-LOCAL = {"east": "East (m)", "north": "North (m)", "height": "Height (m)"}
-MAP = {"east": "Easting (m)", "north": "Northing (m)", "height": "Height (m)"}
 
 
 def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
@@ -119,21 +116,18 @@ def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
         The directory holds something else, or cannot be written; see `write_folder`.
 
     """
-    return write_folder(directory, MARKER, partial(_fill, result))
-
-
-def _fill(result: ResultsComparison, directory: Path) -> None:
-    write_text(directory / MARKER, comparison_page(result))
+    return write_folder(directory, MARKER, lambda folder: write_text(folder / MARKER, comparison_page(result)))
 
 
 def comparison_page(result: ResultsComparison) -> str:
     """Return the page of a comparison as HTML."""
     pack = Pack()
     one_map = len({flown.crs for flown in result.results}) == 1
-    axes = MAP if one_map and result.results[0].crs else LOCAL
-    maps, notes = _maps(result, pack, axes["height"])
+    on_map = one_map and result.results[0].crs
+    frame = Frame(east="Easting (m)", north="Northing (m)") if on_map else LOCAL_FRAME
+    maps, notes = _maps(result, pack, frame.height)
     numbers = {
-        "frame": {"origin": (0.0, 0.0, 0.0), **axes},
+        "frame": frame_of_page(frame),
         "scales": colour_scales(),
         "maps": maps,
         "linked": one_map,
@@ -199,7 +193,7 @@ def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
 
     profiles = [lines(flown) for flown in result.results]
     return {
-        "x": (x).tolist(),
+        "x": x.tolist(),
         "y": y.tolist(),
         "names": [flown.name for flown in result.results],
         "height": [height for height, _ in profiles],
@@ -235,15 +229,13 @@ def read_results(folders: Sequence[Path]) -> list[FlownResult]:
 
     Raises InputFileError for a folder without a result, or with damaged files.
     """
-    names = folder_names(folders)
-    return [read_result(folder, name) for folder, name in zip(folders, names, strict=True)]
+    return [_result(folder, name) for folder, name in zip(folders, folder_names(folders), strict=True)]
 
 
-def read_result(folder: Path, name: str) -> FlownResult:
-    """Return the result in a folder."""
+def _result(folder: Path, name: str) -> FlownResult:
     numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
     summary = _summary(folder / numbers)
-    settings = _settings(folder / tables)
+    settings = read_document(folder / tables, "scenario")
     crs, dem = _raster(folder / "dem.tif")
     _, error = _raster(folder / "error.tif")
     if dem.grid != error.grid:
@@ -262,13 +254,14 @@ def folder_names(folders: Sequence[Path]) -> list[str]:
     return [f"{names[0]} ({number})" for number in range(1, len(folders) + 1)] if folders else []
 
 
-def read_document(path: Path) -> Any:
-    """Return a JSON document of a result; raises InputFileError if it cannot be read."""
-    text = read_text(path, "summary =", REMEDY)
+def read_document(path: Path, what: str = "summary") -> Any:
+    """Return a JSON or TOML document of a result; raises InputFileError, which names it, if it cannot be read."""
+    text = read_text(path, f"{what} =", REMEDY)
+    form = path.suffix[1:].upper()
     try:
-        return json.loads(text)
+        return json.loads(text) if form == "JSON" else parse_toml(text)
     except (ValueError, RecursionError) as error:
-        message = f"summary = {shown(path)} is not JSON ({error}); {REMEDY}"
+        message = f"{what} = {shown(path)} is not {form} ({error}); {REMEDY}"
         raise InputFileError(message) from None
 
 
@@ -284,20 +277,8 @@ def _summary(path: Path) -> dict[str, Any]:
 
 def _number(value: Any) -> bool:
     """Return whether a value is a finite number or null."""
-    if value is None:
-        return True
-    return (
-        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 and math.isfinite(value)
-    )
-
-
-def _settings(path: Path) -> dict[str, Any]:
-    text = read_text(path, "scenario =", REMEDY)
-    try:
-        return parse_toml(text)
-    except ValueError as error:
-        message = f"scenario = {shown(path)} is not TOML ({error}); {REMEDY}"
-        raise InputFileError(message) from None
+    # abs(NaN) < x is false, too.
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
 
 
 def _raster(path: Path) -> tuple[str, Raster]:

@@ -113,7 +113,8 @@ class Thinned:
         """Description of omitted cells; empty for none."""
         if self.every == 1:
             return ""
-        return f"every {_ordinal(self.every)} cell each way is shown ({self.grid.spacing_m * self.every:g} m)"
+        ordinal = f"{self.every}{ {2: 'nd', 3: 'rd'}.get(self.every, 'th') }"
+        return f"every {ordinal} cell each way is shown ({self.grid.spacing_m * self.every:g} m)"
 
 
 def thinned(grid: Grid, most: int) -> Thinned:
@@ -122,10 +123,6 @@ def thinned(grid: Grid, most: int) -> Thinned:
     while -(-grid.columns // every) * -(-grid.rows // every) > most:
         every += 1
     return Thinned(grid=grid, every=every)
-
-
-def _ordinal(number: int) -> str:
-    return f"{number}{ {2: 'nd', 3: 'rd'}.get(number, 'th') }"
 
 
 def axes_of(grid: Grid, origin_m: tuple[float, ...] = (0.0, 0.0)) -> dict[str, float]:
@@ -298,8 +295,9 @@ class Beams:
     @property
     def hit_m(self) -> Float[np.ndarray, "pulse ray 3"]:
         """Intersections of the rays with the scene."""
-        directions = np.stack([fan.direction for fan in self.fans])[self.fan]
-        return _ends(self.pulses, directions, self.distance_m)
+        pose, local = self.pulses.true, np.stack([fan.direction for fan in self.fans])[self.fan]
+        direction = np.einsum("pij,pkj->pki", pose.R_world_antenna, local)
+        return pose.position_m[:, None] + self.distance_m[..., None] * direction
 
     @property
     def outline_m(self) -> Float[np.ndarray, "pulse ray 3"]:
@@ -369,13 +367,6 @@ def _half_power_rad(antenna: Antenna, around: Float[np.ndarray, " ray"]) -> Floa
 def _directions(off: Float[np.ndarray, " ray"], around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, "ray 3"]:
     """Return unit vectors at angles off the boresight, toward the left and on to up around it."""
     return np.column_stack([np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)])
-
-
-def _ends(
-    pulses: Pulses, local: Float[np.ndarray, "pulse ray 3"], distance_m: Float[np.ndarray, "pulse ray"]
-) -> Float[np.ndarray, "pulse ray 3"]:
-    direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
-    return pulses.true.position_m[:, None] + distance_m[..., None] * direction
 
 
 def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
@@ -460,25 +451,16 @@ def packed_points(pack: Pack, points: Points, rows: Int[np.ndarray, " n"]) -> di
     return {"position": pack.exact(points.position_m[rows]), "pulse": pack.whole(points.pulse[rows])}
 
 
-def points_to_draw(count: int) -> Int[np.ndarray, " n"]:
+def points_to_draw(count: int, most: int = MAX_POINTS) -> Int[np.ndarray, " n"]:
     """Return the rows of points to draw: all, or a fixed random choice, free of aliasing with the scan."""
-    return (
-        np.arange(count) if count <= MAX_POINTS else np.sort(np.random.default_rng(0).permutation(count)[:MAX_POINTS])
-    )
-
-
-def rim_of(grid: Grid) -> Float[np.ndarray, "n 2"]:
-    """Return places along the edge of a map."""
-    west, east, south, north = grid.extent_m
-    corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
-    sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
-    return np.concatenate([*sides, corners[:1]])
+    return np.sort(np.random.default_rng(0).permutation(count)[:most])
 
 
 def flown_rows(prepared: Prepared) -> dict[str, str]:
     """Return the main settings of a survey by their names."""
     scenario, chirp, grid = prepared.scenario, prepared.receiver.chirp, prepared.mapper.grid
     start, end = prepared.flight.trajectory.cruise_s()
+    tilt_deg = np.rad2deg(prepared.flight.scan.incidence_rad)
     rows = {
         "Ground": scenario.terrain.kind,
         "Things on it": _things(prepared),
@@ -487,7 +469,7 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
         "Speed": f"{prepared.flown.speed_mps:.4g} m/s",
         "Time in the air": f"{end - start:.1f} s, {len(prepared.flight):,} pulses",
         "Sensor": scenario.sensor,
-        "Scan": _scan(prepared),
+        "Scan": f"{scenario.radar.scan.mode.replace('_', ' ')}, {tilt_deg:.3g} deg from nadir",
         "Beam at half power": "" if scenario.sensor == "lidar" else _beam(prepared),
     }
     if scenario.sensor == "radar":
@@ -516,11 +498,6 @@ def _things(prepared: Prepared) -> str:
         "point targets": len(prepared.scene.scene.targets),
     }
     return ", ".join(f"{name}: {count:,}" for name, count in counts.items() if count)
-
-
-def _scan(prepared: Prepared) -> str:
-    tilt = np.rad2deg(prepared.flight.scan.incidence_rad)
-    return f"{prepared.scenario.radar.scan.mode.replace('_', ' ')}, {tilt:.3g} deg from nadir"
 
 
 def _beam(prepared: Prepared) -> str:

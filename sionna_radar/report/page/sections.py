@@ -1,17 +1,19 @@
 """Sections that the pages of surveys, recordings and comparisons share: errors, maps and chirps of a result."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Protocol, runtime_checkable
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Inexact, Int
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
 from sionna_radar.accuracy.compare import DemError, nmad
 from sionna_radar.accuracy.reference import ReferenceCheck
+from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Grid, Raster
@@ -40,35 +42,6 @@ STATISTICS = {
 }
 
 
-@runtime_checkable
-class ComparedDem(Protocol):
-    """A DEM's error, as a survey and the comparison of a recording hold it; see `Survey`."""
-
-    @property
-    def truth(self) -> Raster:
-        """The true surface."""
-
-    @property
-    def error(self) -> Raster:
-        """DEM minus truth."""
-
-    @property
-    def lit(self) -> Bool[np.ndarray, "row column"]:
-        """Cells that the main beam reached."""
-
-    @property
-    def dem_error(self) -> DemError:
-        """Statistics of all filled cells."""
-
-    @property
-    def lit_error(self) -> DemError:
-        """Statistics of lit cells."""
-
-    @property
-    def off_wall_error(self) -> DemError | None:
-        """Statistics of lit cells away from walls."""
-
-
 def colour_scales() -> dict[str, list[list[Any]]]:
     """Return the colour maps of the figures as plotly's lists of stops."""
     stops = np.linspace(0, 1, STOPS)
@@ -85,15 +58,15 @@ def frame_of_page(frame: Frame) -> dict[str, Any]:
 
 # ---------------------------------------------------------------------------------------------------------- errors
 def errors_section(
-    compared: ComparedDem,
+    compared: Comparison,
     breakdown: Breakdown,
     check: UncertaintyCheck | None,
-    published: Sequence[Any] = (),
+    published: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     remark: str = "",
 ) -> dict[str, Any]:
     """Return the section on errors: statistics, classes of cells, and errors against stated ones.
 
-    published: entries with a name and statistics of other authors, which `remark` introduces.
+    published: statistics (m) of other authors by name and by field of `DemError`, which `remark` introduces.
     """
     named = {
         "lit_error": ("Lit cells", compared.lit_error),
@@ -105,13 +78,8 @@ def errors_section(
         "error_rows": [
             *(_error_row(key, name, error) for key, (name, error) in named.items() if error is not None),
             *(
-                [
-                    entry.name,
-                    *(number(getattr(entry, key, np.nan), form) for key, form in STATISTICS.values()),
-                    "-",
-                    "-",
-                ]
-                for entry in published
+                [name, *(number(figures.get(key, np.nan), form) for key, form in STATISTICS.values()), "-", "-"]
+                for name, figures in published.items()
             ),
         ],
         "paper": remark,
@@ -238,7 +206,7 @@ def maps_of(
     dem: Raster,
     sigma: Raster | None,
     points: Points,
-    compared: ComparedDem | None,
+    compared: Comparison | None,
     power_unit: str,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the maps of a DEM, and notes on omissions: truth and error if known, stated sigma and echo power.
@@ -314,6 +282,12 @@ def chirps_that_fit(record: ChirpRecord | None) -> int:
     return max(1, MAX_CHIRP_BYTES // (2 * (samples + 2 * len(record.power))))
 
 
+def exponent_of(beat: Inexact[np.ndarray, "..."]) -> int:
+    """Return the power of ten, a multiple of three, that scales a signal to near one."""
+    largest = float(np.abs(beat).max(initial=0.0))
+    return 3 * int(np.floor(np.log10(largest) / 3)) if largest > 0 else 0
+
+
 def units_of(scenario: Scenario | None) -> tuple[str, str]:
     """Return the units of beat signals and of powers in decibels; None for a real recording."""
     if scenario is None:
@@ -334,7 +308,7 @@ def packed_chirps(
         return None
     beat = np.stack([record.beat for record in records])
     scale = np.maximum(np.abs(beat).max(axis=1), np.finfo(float).tiny)
-    exponent = 3 * int(np.floor(np.log10(scale.max()) / 3))
+    exponent = exponent_of(beat)
     parts = [beat.real, beat.imag] if np.iscomplexobj(beat) else [beat]
     power = np.stack([record.power for record in records])
     power_db, threshold_db = _levels(power), _levels(np.stack([record.threshold for record in records]))

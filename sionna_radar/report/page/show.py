@@ -1,5 +1,6 @@
 """The page of a scenario before it is flown."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from sionna_radar.report.page.scene_data import (
     cast_beams,
     flown_rows,
     packed_track,
-    rim_of,
     solids_within,
     spread_pulses,
     standing,
@@ -109,7 +109,7 @@ def _world(
         "shapes": [{"name": "ground", **ground.packed(pack)}],
         "paints": [{"name": "Height (m)", "scale": "height", "low": span[0] + up, "high": span[1] + up}],
         "solids": solids.packed(pack) if solids else None,
-        "rim": pack.exact(_rim(prepared)),
+        "rim": pack.exact(_edge_of_dem(prepared)),
         "footprints": pack.exact(_rings(beams)) if beams.outline_m.shape[1] else None,
         "hits": pack.exact(hits.hit_m),
         "track": packed_track(pack, prepared.flight),
@@ -118,9 +118,12 @@ def _world(
     }
 
 
-def _rim(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
-    """Return the edge of the DEM, slightly above the surface."""
-    edge = rim_of(prepared.mapper.grid)
+def _edge_of_dem(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
+    """Return places along the edge of the DEM, slightly above the surface."""
+    west, east, south, north = prepared.mapper.grid.extent_m
+    corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
+    sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
+    edge = np.concatenate([*sides, corners[:1]])
     height_m = prepared.scene.caster.from_above(edge, float(prepared.scene.scene.bounds_m[1, 2]) + CLEAR_M)
     return np.column_stack([edge, height_m + 0.1])
 

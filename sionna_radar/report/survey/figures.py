@@ -51,6 +51,8 @@ from sionna_radar.report.drawing import (
     shift_ticks,
     show_raster,
 )
+from sionna_radar.report.page.scene_data import points_to_draw
+from sionna_radar.report.page.sections import exponent_of, limit_of
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey.result import Survey
@@ -151,10 +153,8 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
 
 
 def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
-    schedule = survey.schedule
-    # Regular steps would alias with the rotation of the antenna.
-    chosen = np.random.default_rng(0).permutation(len(schedule))[:MAX_OVERLAY]
-    hits = _meet_ground(schedule.pulses(np.sort(chosen)).true, survey)
+    chosen = points_to_draw(len(survey.schedule), MAX_OVERLAY)
+    hits = _meet_ground(survey.schedule.pulses(chosen).true, survey)
     met: Float[np.ndarray, "hit 3"] = hits[np.isfinite(hits).all(axis=1)]
     return met
 
@@ -202,7 +202,7 @@ def draw_chirp(survey: Survey) -> Figure:
         raise ValueError(message)
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
-    exponent = _exponent(np.abs(record.beat))
+    exponent = exponent_of(record.beat)
     parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
     drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
     for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
@@ -251,7 +251,7 @@ def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
     figure = ReportFigure(figsize=(width + 2.6, height + 1.3), layout="constrained")
     axes = figure.subplots()
     power_db = decibels(points.power)
-    chosen = _thinned(len(points), MAX_SCATTER)
+    chosen = points_to_draw(len(points), MAX_SCATTER)
     # Keep the few echoes of bright point targets, which thinning might drop.
     brightest = np.argsort(points.power)[-50:]
     chosen = np.union1d(chosen, brightest)
@@ -262,7 +262,9 @@ def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
     side = 2 * dot_size((width, height), len(chosen))
     axes.scatter(x, y, c=power_db[chosen], s=side**2, marker="o", lw=0, cmap=POWERS, norm=scale)
     axes.set_facecolor("white")
-    finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})", frame_of(survey.georeference, coordinates))
+    finish_map(
+        axes, bounds, f"Echo power ({_counted(chosen, len(points))})", frame_of(survey.georeference, coordinates)
+    )
     bar = ScalarMappable(scale, POWERS)
     colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
     _warn(figure, survey)
@@ -279,11 +281,11 @@ def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figu
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))
         finish_map(axes, bounds, title, frame)
         colour_bar(axes, height_colours(limits, frame), frame.height, map_in[0])
-    chosen = _thinned(len(survey.points), MAX_OVERLAY)
+    chosen = points_to_draw(len(survey.points), MAX_OVERLAY)
     size = 0.8 * dot_size(map_in, len(chosen))
     x, y = survey.points.position_m[chosen, :2].T
     right.plot(x, y, ls="", marker="o", ms=size, mew=0, color="white", alpha=0.6)
-    drawn = _counted(chosen, survey.points)
+    drawn = _counted(chosen, len(survey.points))
     dots = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec="0.4", label=drawn)
     figure.legend(handles=[dots, _empty_patch(survey)], loc="outside lower center", ncols=2, frameon=False)
     _warn(figure, survey)
@@ -296,7 +298,7 @@ def draw_error(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
     width, height = map_size(bounds)
     figure = ReportFigure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
     plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
-    limit = _error_limit(survey.error.height_m[survey.error.filled])
+    limit = limit_of(survey.error.height_m)
     show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
     finish_map(plan, bounds, "DEM minus true surface", frame_of(survey.georeference, coordinates))
     bar = ScalarMappable(Normalize(-limit, limit), ERRORS)
@@ -372,29 +374,10 @@ def _warn(figure: Figure, survey: Survey) -> None:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
 
 
-def _error_limit(values: Float[np.ndarray, " cell"]) -> float:
-    """Return the 99th percentile of |error|, so that a few outliers do not set the scale of the map."""
-    return max(float(np.percentile(np.abs(values), 99)), 1e-3) if len(values) else 1.0
-
-
-def _thinned(count: int, limit: int) -> Int[np.ndarray, " chosen"]:
-    """Return the rows to draw: all, or a fixed random choice, free of aliasing with the scan."""
-    if count <= limit:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(0).permutation(count)[:limit])
-
-
-def _counted(chosen: Int[np.ndarray, " chosen"], points: object) -> str:
-    total = len(points)  # type: ignore[arg-type]
+def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:
     return f"{total:,} echoes" if len(chosen) == total else f"{len(chosen):,} of {total:,} echoes"
 
 
 def _power_label(quantity: str, radar: RadarTable) -> str:
     # With snr_db the transmit power is unknown, and powers are relative to it.
     return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to transmitted)"
-
-
-def _exponent(size: Float[np.ndarray, " n"]) -> int:
-    """Return the power of ten, a multiple of three, that scales a signal to near one."""
-    largest = float(size.max(initial=0.0))
-    return 3 * int(np.floor(np.log10(largest) / 3)) if largest > 0 else 0

@@ -97,8 +97,11 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     beat_unit, power_unit = units_of(survey.scenario)
     chirps = packed_chirps(pack, records, index, beat_unit, power_unit)
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
-    truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
-    sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
+    sigma0 = None
+    if survey.scenario.sensor != "lidar":
+        truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
+        level_db = sigma0_db(survey.prepared, truth.within(thin.of(survey.lit)))
+        sigma0 = Raster(grid=thin.cells, height_m=level_db) if np.isfinite(level_db).any() else None
     maps, notes = maps_of(pack, frame, survey.dem, survey.dem_sigma, survey.points, survey, power_unit)
     if sigma0 is not None:
         name = "Backscatter coefficient of the ground"
@@ -114,7 +117,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         "histogram": histogram_of({"lit cells": survey.error.within(survey.lit).height_m}),
         "summary": summary(survey),
     }
-    lit, paper = survey.lit_error, reference_for(survey.prepared)
+    lit = survey.lit_error
     return document(
         "survey.html",
         pack.text(numbers),
@@ -147,14 +150,8 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         reference=reference_section(survey.reference),
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
-        **errors_section(survey, survey.breakdown, survey.dem_uncertainty, paper.rows, paper.conditions),
+        **errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared)),
     )
-
-
-def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
-    """Return sigma0 of lit cells in dB; None if undefined everywhere."""
-    level = sigma0_db(survey.prepared, lit)
-    return Raster(grid=lit.grid, height_m=level) if np.isfinite(level).any() else None
 
 
 def _world(

@@ -3,7 +3,7 @@
 Flights like those of the reference paper are compared with its results: Rouveure et al. 2017, Table 3 and Fig. 14.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,7 @@ def summary(survey: Survey) -> dict[str, Any]:
 
     Every value has a strict JSON form: an undefined number (the RMS of no cells) is None.
     """
+    unheard = None if survey.no_echo is None else int(survey.no_echo.sum())
     document = {
         "scenario": survey.scenario.model_dump(mode="json"),
         "replaced": survey.replaced,
@@ -76,19 +77,12 @@ def summary(survey: Survey) -> dict[str, Any]:
         "reference": survey.reference.document() if survey.reference else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
-        "no_echo": _no_echo(survey),
+        "no_echo": unheard if unheard is None else {"cells": unheard, "share": unheard / max(int(survey.lit.sum()), 1)},
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
         "versions": versions(),
     }
     return without_nan(document)
-
-
-def _no_echo(survey: Survey) -> dict[str, Any] | None:
-    if survey.no_echo is None:
-        return None
-    cells = int(survey.no_echo.sum())
-    return {"cells": cells, "share": cells / max(int(survey.lit.sum()), 1)}
 
 
 def georeference(place: Georeference | None) -> dict[str, Any] | None:
@@ -149,47 +143,24 @@ BUILDINGS_RMS_M, OFF_EDGES_RMS_M, BUILDINGS_BEAM_DEG = 1.51, 0.19, 2.0
 ALIKE = 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reported:
-    """A row of the paper: its subject, and errors in metres by the names of `DemError`; NaN where unreported."""
-
-    name: str
-    rms_m: float
-    mean_m: float = np.nan
-    std_m: float = np.nan
-    min_m: float = np.nan
-    max_m: float = np.nan
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reference:
-    """Comparable rows of the paper, if any, and their conditions; "" for none."""
-
-    rows: tuple[Reported, ...]
-    conditions: str
-
-
-def reference_for(prepared: Prepared) -> Reference:
-    """Return the paper's errors for a survey like its examples; empty for others."""
+def reference_for(prepared: Prepared) -> tuple[dict[str, dict[str, float]], str]:
+    """Return the paper's errors (m) by subject and by field of `DemError`, and their conditions; empty if unlike."""
     if not _flown_alike(prepared):
-        return Reference(rows=(), conditions="")
+        return {}, ""
     scenario = prepared.scenario
     beam = float(np.rad2deg(np.mean(prepared.antenna.beamwidths_rad)))
     over_buildings = scenario.buildings and scenario.terrain.kind == "flat"
     if over_buildings and abs(beam - BUILDINGS_BEAM_DEG) < 0.05 * BUILDINGS_BEAM_DEG:
-        rows = (
-            Reported(name="Paper, Fig. 14: buildings on flat ground", rms_m=BUILDINGS_RMS_M),
-            Reported(name="Paper, Fig. 14, points near edges left out", rms_m=OFF_EDGES_RMS_M),
-        )
-        return Reference(rows=rows, conditions=_conditions("boxes on flat ground, a beam of 2 deg"))
+        rows = {
+            "Paper, Fig. 14: buildings on flat ground": {"rms_m": BUILDINGS_RMS_M},
+            "Paper, Fig. 14, points near edges left out": {"rms_m": OFF_EDGES_RMS_M},
+        }
+        return rows, _conditions("boxes on flat ground, a beam of 2 deg")
     width = next((w for w in TABLE_3 if abs(beam - w) < 0.05 * w), None)
     if scenario.terrain.kind == "hills" and width is not None:
-        minimum, maximum, std, mean, rms = TABLE_3[width]
-        row = Reported(
-            name=f"Paper, Table 3: {width:g} deg", rms_m=rms, mean_m=mean, std_m=std, min_m=minimum, max_m=maximum
-        )
-        return Reference(rows=(row,), conditions=_conditions(f"rolling hills, a beam of {width:g} deg"))
-    return Reference(rows=(), conditions="")
+        errors = dict(zip(("min_m", "max_m", "std_m", "mean_m", "rms_m"), TABLE_3[width], strict=True))
+        return {f"Paper, Table 3: {width:g} deg": errors}, _conditions(f"rolling hills, a beam of {width:g} deg")
+    return {}, ""
 
 
 def _flown_alike(prepared: Prepared) -> bool:

@@ -11,14 +11,13 @@ from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.cover import MaterialField
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.registry import Builder, Facts, require
+from sionna_radar.scenario.registry import Builder, Facts
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,
     CityTerrain,
     FlatTerrain,
     FractalTerrain,
     HillsTerrain,
-    MeshFile,
     MeshShape,
     MeshTerrain,
     PointsTerrain,
@@ -52,10 +51,8 @@ def cover_of(terrain: CoveredTerrain) -> GroundCover:
     return GroundCover(
         material=terrain.material,
         raster=None if raster is None else ClassRaster(path=raster.path, materials=raster.material_of_class),
-        vector=None
-        if vector is None
-        else ClassPolygons(path=vector.path, attribute=vector.attribute, materials=vector.classes, layer=vector.layer),
-        fields=tuple(MaterialRectangle(centre_m=f.centre_m, size_m=f.size_m, material=f.material) for f in fields),
+        vector=None if vector is None else vector.to(ClassPolygons, materials=vector.classes),
+        fields=tuple(rectangle.to(MaterialRectangle) for rectangle in fields),
         polygons=tuple(MaterialPolygon(corners_m=p.polygon_m, material=p.material) for p in terrain.cover),
     )
 
@@ -103,27 +100,10 @@ def raster_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
 
 def _elevation_source(terrain: SampleTerrain | RasterTerrain) -> ElevationSource:
     if isinstance(terrain, SampleTerrain):
-        stated = StatedFrame(
-            crs=SAMPLE_CRS, vertical_crs=SAMPLE_VERTICAL_CRS, centre_lonlat_deg=terrain.centre_lonlat_deg
-        )
+        stated = terrain.to(StatedFrame, crs=SAMPLE_CRS, vertical_crs=SAMPLE_VERTICAL_CRS)
         return ElevationSource(path=None, stated=stated, spacing_m=terrain.spacing_m)
-    rough = terrain.roughen
-    return ElevationSource(
-        path=terrain.path,
-        stated=_stated_frame(terrain),
-        spacing_m=terrain.spacing_m,
-        holes=terrain.holes,
-        roughness=None if rough is None else Roughness(hurst=rough.hurst, rms_m=rough.rms_m, seed=rough.seed),
-    )
-
-
-def _stated_frame(terrain: RasterTerrain | PointsTerrain) -> StatedFrame:
-    return StatedFrame(
-        crs=terrain.crs,
-        vertical_crs=terrain.vertical_crs,
-        height_unit=terrain.height_unit,
-        centre_lonlat_deg=terrain.centre_lonlat_deg,
-    )
+    rough = None if terrain.roughen is None else terrain.roughen.to(Roughness)
+    return terrain.to(ElevationSource, stated=terrain.to(StatedFrame), roughness=rough)
 
 
 def cloud(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
@@ -137,29 +117,12 @@ def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
 
 
 def _cloud_source(terrain: PointsTerrain) -> CloudSource:
-    return CloudSource(
-        path=terrain.path,
-        stated=_stated_frame(terrain),
-        points=terrain.points,
-        statistic=terrain.statistic,
-        percentile=terrain.percentile,
-        spacing_m=terrain.spacing_m,
-        holes=terrain.holes,
-    )
+    return terrain.to(CloudSource, stated=terrain.to(StatedFrame))
 
 
 def mesh_source(table: MeshShape) -> MeshSource:
     """Return a file of triangles with its axes, size and materials."""
-    source = MeshSource(
-        path=table.path,
-        units=table.units,
-        metres_per_unit=table.metres_per_unit,
-        up=table.up,
-        heading_rad=float(np.deg2rad(table.heading_deg)),
-    )
-    if not isinstance(table, MeshFile):
-        return source
-    return replace(source, centre=table.centre, material=table.material, materials=table.materials)
+    return table.to(MeshSource, heading_rad=float(np.deg2rad(table.heading_deg)))
 
 
 def mesh_ground(terrain: MeshTerrain, _: TerrainInputs) -> Landscape:
@@ -173,12 +136,7 @@ def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
 
 
 def _mesh_ground(terrain: MeshTerrain) -> MeshGround:
-    return MeshGround(
-        source=mesh_source(terrain),
-        position_m=terrain.position_m,
-        crs=terrain.crs,
-        centre_lonlat_deg=terrain.centre_lonlat_deg,
-    )
+    return terrain.to(MeshGround, source=mesh_source(terrain))
 
 
 def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
@@ -271,8 +229,7 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
 
 def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
     """Return the ground of a scenario."""
-    landscape: Landscape = TERRAINS.entry(table.kind)(table, given)
-    require(landscape, Landscape, str(TERRAINS.entry(table.kind)))
+    landscape: Landscape = TERRAINS.build(table.kind, Landscape, table, given)
     if landscape.georeference is None:
         return replace(landscape, georeference=_stated_place(table))
     return landscape

@@ -7,11 +7,9 @@ staging folder beside its place, and is moved there at the end.
 
 import json
 import math
-import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +19,7 @@ from pyproj import CRS
 
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.workers import versions
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import OutputError, PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
@@ -35,7 +34,6 @@ from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
 from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME
 
-PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 POSES = ("true", "measured")
 
 
@@ -46,7 +44,7 @@ def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> Netc
         path,
         {
             "title": title,
-            "source": f"sionna-radar {version('sionna-radar')}",
+            "source": f"sionna-radar {versions()['sionna-radar']}",
             # Undated, so that the same survey gives the same file.
             "history": "recorded while the survey was flown",
             "comment": scenario.description or "no description",
@@ -54,7 +52,7 @@ def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> Netc
             "layout": LAYOUT,
             "seed": scenario.seed,
             "replaced": json.dumps(prepared.custom.described()),
-            "versions": json.dumps({"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}),
+            "versions": json.dumps(versions()),
         },
     )
     file.text("scenario", to_toml(scenario), "scenario with all values resolved, TOML")

@@ -111,7 +111,7 @@ class Radar:
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""
-        return self.sweeps.pairs(self._beats(paths, pulses), pulses)
+        return self.sweeps.pairs(self._receiver.beats(paths, self._sent(pulses)), pulses)
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes without the Doppler shift of still ground."""
@@ -144,10 +144,6 @@ class Radar:
             return saturated
         counted: Int[np.ndarray, " pulse"] = saturated.reshape(-1, self._bursts.chirps).sum(axis=1)
         return counted
-
-    def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
-        with timed("synthesise"):
-            return self._receiver.beats(paths, self._sent(pulses))
 
 
 def _beats_of(

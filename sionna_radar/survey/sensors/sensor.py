@@ -167,6 +167,5 @@ def register_sensor(
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:
     """Return the sensor of a scenario."""
-    sensor: Sensor = SENSORS.entry(scenario.sensor)(scenario.sensor_parameters, given)
-    require(sensor, Sensor, str(SENSORS.entry(scenario.sensor)))
+    sensor: Sensor = SENSORS.build(scenario.sensor, Sensor, scenario.sensor_parameters, given)
     return sensor

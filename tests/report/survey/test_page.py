@@ -108,9 +108,9 @@ def test_the_paper_is_quoted_only_where_it_compares():
             ("boxes", "buildings", {}),
         )
     }
-    assert [row.rms_m for row in found["2 deg"].rows] == [0.29]
-    assert [row.rms_m for row in found["4 deg"].rows] == [0.69]
-    assert [row.rms_m for row in found["boxes"].rows] == [1.51, 0.19]
-    assert not found["3 deg"].rows + found["lidar"].rows + found["higher"].rows
-    assert "50 m" in found["2 deg"].conditions
-    assert found["lidar"].conditions == ""
+    assert [row["rms_m"] for row in found["2 deg"][0].values()] == [0.29]
+    assert [row["rms_m"] for row in found["4 deg"][0].values()] == [0.69]
+    assert [row["rms_m"] for row in found["boxes"][0].values()] == [1.51, 0.19]
+    assert not any(found[name][0] for name in ("3 deg", "lidar", "higher"))
+    assert "50 m" in found["2 deg"][1]
+    assert found["lidar"][1] == ""

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import rasterio
 from scipy.integrate import quad
 
+from elevation_files import from_origin, write_heights
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
@@ -179,25 +179,19 @@ def test_a_vast_stand_is_no_coarser_than_a_small_one():
 
 @pytest.mark.parametrize("none", [np.inf, 3.4e38])
 def test_a_raster_with_a_value_for_none_that_it_does_not_declare_is_refused(tmp_path, none):
-    file = tmp_path / "chm.tif"
-    place = rasterio.Affine(2.0, 0.0, -60.0, 0.0, -2.0, 60.0)
-    profile = {"driver": "GTiff", "height": 60, "width": 60, "count": 1, "dtype": "float32"}
-    with rasterio.open(file, "w", transform=place, **profile) as target:
-        target.write(np.full((60, 60), none, dtype=np.float32), 1)
+    heights = np.full((60, 60), none, dtype=np.float32)
+    file = write_heights(tmp_path / "chm.tif", heights, from_origin(-60.0, 60.0, 2.0, 2.0), None)
     with pytest.raises(InputFileError, match="declare the value for none"):
         prepare(over_stand(0.0, vegetation=[{"path": str(file), **DENSE}]))
 
 
 def test_heights_come_from_a_raster(tmp_path, caplog):
     """A canopy-height model in metres over the local frame: half of it 4 m high, the rest lower than plants are."""
-    file = tmp_path / "chm.tif"
+    file, place = tmp_path / "chm.tif", from_origin(-60.0, 60.0, 2.0, 2.0)
     heights = np.full((60, 60), 0.2, dtype=np.float32)
     heights[:, 30:] = 4.0
     heights[0, :] = -9999.0
-    place = rasterio.Affine(2.0, 0.0, -60.0, 0.0, -2.0, 60.0)
-    profile = {"driver": "GTiff", "height": 60, "width": 60, "count": 1, "dtype": "float32", "nodata": -9999.0}
-    with rasterio.open(file, "w", transform=place, **profile) as target:
-        target.write(heights, 1)
+    write_heights(file, heights, place, None, nodata=-9999.0)
     stand = {"path": str(file), "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}
     vegetation = prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation
     grid = Grid(west_m=-50.0, south_m=-50.0, spacing_m=10.0, columns=12, rows=12)
@@ -210,8 +204,7 @@ def test_heights_come_from_a_raster(tmp_path, caplog):
     assert vegetation.highest_m == 4.0
     assert "taken for that" not in caplog.text
     heights[40, 35:40] = 250.0
-    with rasterio.open(file, "w", transform=place, **profile) as target:
-        target.write(heights, 1)
+    write_heights(file, heights, place, None, nodata=-9999.0)
     assert prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation.highest_m == 100.0
     assert "cells are higher than 100 m, and taken for that" in caplog.text
     with pytest.raises(ScenarioError, match="either height_m or path"):
