@@ -57,8 +57,7 @@ def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " 
     reach_m = REACH_CELLS * chirp.range_resolution_m
     low, high = (np.searchsorted(place[order], centre + side * reach_m) for side in (-1, 1))
     # A range without nearby paths is noise, neither rain nor ground.
-    dominated: Bool[np.ndarray, " echo"] = total[high] - total[low] > 0
-    return dominated
+    return total[high] - total[low] > 0
 
 
 # Vertical rays start this far above the highest surface.

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sionna_radar.cli.recordings import (
-    RecordAsOption,
-    RecordOption,
-    parse_records,
-    parse_sample_type,
-    with_the_results,
-)
+from sionna_radar.cli.recordings import RecordAsOption, RecordOption, parse_records, parse_sample_type, with_the_results
 from sionna_radar.cli.session import (
     SCENARIO,
     TEAM,

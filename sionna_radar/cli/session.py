@@ -50,7 +50,7 @@ class MeasuredHeights:
 
     @property
     def products(self) -> list[str]:
-        """What the result depends on."""
+        """Choices that the result depends on."""
         return [] if self.path is None else [str(self.path), str(self.sigma_m), str(self.apply_shift)]
 
     def check(self, grid: "Grid") -> None:

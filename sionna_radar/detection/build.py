@@ -85,8 +85,7 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
 
 def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
     """Return the range estimator of a scenario."""
-    estimator: RangeEstimator = RANGE_ESTIMATORS.build(table.ranging, RangeEstimator, table.ranging_parameters)
-    return estimator
+    return RANGE_ESTIMATORS.build(table.ranging, RangeEstimator, table.ranging_parameters)
 
 
 def build_detector(
@@ -132,18 +131,11 @@ def build_detector(
     cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     beam = None if antenna is None else beam_profile(antenna, response)
-    return Detector(
+    return processing.to(
+        Detector,
         analyser=analyser,
         cfar=cfar,
-        min_range_m=processing.min_range_m,
-        merge_gap_m=processing.merge_gap_m,
-        dynamic_range_db=processing.dynamic_range_db,
         kept=processing.echoes,
-        doppler_correction=processing.doppler_correction,
-        leakage=processing.leakage,
-        interference=processing.interference,
-        volume_clutter=processing.volume_clutter,
-        volume=processing.volume,
         estimator=estimator or build_range_estimator(processing),
         beam=beam,
         speckle_looks=speckle_looks,

@@ -67,8 +67,7 @@ class ExpectedGround:
             expected_m = np.full(len(place_m), platform_m[2] - self.altitude_m)
         else:
             expected_m = self.surface.at(*place_m[:, :2].T)
-        near: Bool[np.ndarray, " point"] = np.abs(place_m[:, 2] - expected_m) <= self.tolerance_m
-        return near
+        return np.abs(place_m[:, 2] - expected_m) <= self.tolerance_m
 
     def _meets(
         self, pose: Pose, direction: Float[np.ndarray, "pulse 3"], raised_m: float, reach_m: float

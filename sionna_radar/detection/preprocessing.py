@@ -31,8 +31,7 @@ def zeroed(beat: Inexact[np.ndarray, "pulse sample"]) -> Inexact[np.ndarray, "pu
     burst = bursts(beat)
     kept_share = 1 - burst.mean(axis=1, keepdims=True)
     burst &= kept_share > 0.5
-    out: Inexact[np.ndarray, "pulse sample"] = np.where(burst, 0, beat) / np.where(kept_share > 0.5, kept_share, 1.0)
-    return out
+    return np.where(burst, 0, beat) / np.where(kept_share > 0.5, kept_share, 1.0)
 
 
 def bursts(beat: Inexact[np.ndarray, "pulse sample"]) -> Bool[np.ndarray, "pulse sample"]:
@@ -86,5 +85,4 @@ def _analytic(beat: Inexact[np.ndarray, "chirp sample"], chirp: Chirp) -> Inexac
     # SciPy's signal package is slow to import.
     from scipy.signal import hilbert
 
-    analytic: Inexact[np.ndarray, "chirp sample"] = hilbert(beat, axis=1)
-    return analytic
+    return hilbert(beat, axis=1)

@@ -126,8 +126,7 @@ class SpectrumAnalyser:
         share = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
         offset_hz = np.arange(-SEEN_CELLS * STEPS_PER_CELL, SEEN_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL * cell_hz
         mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(share, offset_hz, strict=True))
-        passed: Complex[np.ndarray, " bin"] = np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
-        return passed
+        return np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
 
     @property
     def passed_power(self) -> Float[np.ndarray, " bin"]:

@@ -57,10 +57,7 @@ class Heightfield:
         origin, direction = np.ascontiguousarray(origin_m), np.ascontiguousarray(direction)
         grid, height = self.grid, np.ascontiguousarray(self.height_m)
         bounds = self.steepest, float(height.max())
-        hit: Float[np.ndarray, " ray"] = first_hits(
-            height, grid.west_m, grid.south_m, grid.spacing_m, origin, direction, float(reach_m), *bounds
-        )
-        return hit
+        return first_hits(height, grid.west_m, grid.south_m, grid.spacing_m, origin, direction, float(reach_m), *bounds)
 
     @property
     def steepest(self) -> float:

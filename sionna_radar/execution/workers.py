@@ -79,22 +79,17 @@ class Failure:
 
 @runtime_checkable
 class Workers(Protocol):
-    """What does tasks.
-
-    count: how many it does at once; 0 if this process does them itself.
-    """
+    """Runs tasks."""
 
     @property
     def count(self) -> int:
-        """How many tasks are done at once; 0 if this process does them itself."""
-        ...
+        """Number of tasks run at once; 0 if this process runs them itself."""
 
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield index and result or failure of each task as it finishes.
 
         `shared` is an entry of every task; for workers it is bytes, sent once to each.
         """
-        ...
 
 
 class InProcess:
@@ -127,8 +122,7 @@ def name_of(work: Work) -> str:
 def named(name: str) -> Work:
     """Return the function with a qualified name."""
     module, _, function = name.partition(":")
-    found: Work = getattr(import_module(module), function)
-    return found
+    return getattr(import_module(module), function)
 
 
 def document_bytes(document: Any) -> bytes:

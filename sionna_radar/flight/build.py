@@ -61,8 +61,7 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
 
 def build_scan(table: ScanParameters) -> Scan:
     """Return the scan of a scenario."""
-    scan: Scan = SCANS.build(table.mode, Scan, table)
-    return scan
+    return SCANS.build(table.mode, Scan, table)
 
 
 def rotating_scan(table: ScanTable) -> RotatingScan:

@@ -127,5 +127,4 @@ def _turn_rate(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Float
     )
     past, coming = (before.inv() * now).as_rotvec(), (now.inv() * after).as_rotvec()
     slower = np.linalg.norm(past, axis=1) < np.linalg.norm(coming, axis=1)
-    rate: Float[np.ndarray, "n 3"] = np.where(slower[:, None], past, coming) / TURN_STEP_S
-    return rate
+    return np.where(slower[:, None], past, coming) / TURN_STEP_S

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.flight.frames import Vector3, world_from_level
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.flight.scan import Scan
+from sionna_radar.foundation.columns import Columns
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 # Half of the time over which turn rate and acceleration are differences of poses: white errors of the attitude of
@@ -108,7 +109,7 @@ class InstrumentErrors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BelievedMotion:
+class BelievedMotion(Columns):
     """The reported motion of some pulses, and what an error of the instrument does to it.
 
     pose: of the antenna, as reported. time_s: of the pulses.
@@ -124,33 +125,18 @@ class BelievedMotion:
     acceleration_mps2: Float[np.ndarray, "pulse 3"]
     line: Int[np.ndarray, " pulse"]
 
-    def __len__(self) -> int:
-        return len(self.time_s)
-
     @property
     def within_lines(self) -> Bool[np.ndarray, " pulse"]:
         """Pulses that are not at the end of a line."""
         last = np.searchsorted(self.line, self.line, side="right") - 1
         first = np.searchsorted(self.line, self.line)
         time_s = self.time_s
-        inside: Bool[np.ndarray, " pulse"] = np.minimum(time_s - time_s[first], time_s[last] - time_s) > ENDS_S
-        return inside
+        return np.minimum(time_s - time_s[first], time_s[last] - time_s) > ENDS_S
 
     @property
     def R_world_mount(self) -> Float[np.ndarray, "pulse 3 3"]:
         """Axes of the mount, as reported: nose, right, down."""
         return self.pose.R_world_antenna @ self.R_mount_antenna.transpose(0, 2, 1)
-
-    def rows(self, kept: Int[np.ndarray, " kept"] | slice) -> "BelievedMotion":
-        """Return the motion of some of the pulses."""
-        return BelievedMotion(
-            pose=self.pose.rows(kept),
-            time_s=self.time_s[kept],
-            R_mount_antenna=self.R_mount_antenna[kept],
-            turn_rad_s=self.turn_rad_s[kept],
-            acceleration_mps2=self.acceleration_mps2[kept],
-            line=self.line[kept],
-        )
 
     def without(self, errors: InstrumentErrors) -> "BelievedMotion":
         """Return the motion without errors of the instrument."""

@@ -63,8 +63,7 @@ class GaussMarkov:
         # SciPy's signal package is slow to import.
         from scipy.signal import lfilter
 
-        values: Float[np.ndarray, "time 3"] = lfilter([1.0], [1.0, -decay], normal, axis=0)
-        return values
+        return lfilter([1.0], [1.0, -decay], normal, axis=0)
 
     def at(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Return the processes at some times."""

@@ -64,7 +64,6 @@ class Navigation(Protocol):
             Antenna in the platform, as measured by the encoders of its scan and its stabilisation.
 
         """
-        ...
 
 
 def antenna_pose(
@@ -100,7 +99,7 @@ def rows_of(index: Int[np.ndarray, " pulse"], wanted: Int[np.ndarray, " n"]) -> 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pulses:
+class Pulses(Columns):
     """A block of pulses.
 
     index: index in the survey, the key of all random numbers.
@@ -118,21 +117,6 @@ class Pulses:
     measured: Pose
     scan_number: Int[np.ndarray, " pulse"] | None = None
     beam: Int[np.ndarray, " pulse"] | None = None
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    def rows(self, rows: slice | Int[np.ndarray, " row"]) -> "Pulses":
-        """Return some pulses of the block."""
-        return Pulses(
-            index=self.index[rows],
-            time_s=self.time_s[rows],
-            scan_rad=self.scan_rad[rows],
-            true=self.true.rows(rows),
-            measured=self.measured.rows(rows),
-            scan_number=None if self.scan_number is None else self.scan_number[rows],
-            beam=None if self.beam is None else self.beam[rows],
-        )
 
     def row_of(self, pulse: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return the rows of the block that hold pulses given by their indices."""
@@ -285,29 +269,17 @@ def schedule_pulses(
 class GivenSchedule(PulseSchedule):
     """Pulses with given poses, which are both the true and the measured ones."""
 
-    poses: Pose
-    scan_rad: Float[np.ndarray, " pulse"]
-    scan_number: Int[np.ndarray, " pulse"] | None
-    beam: Int[np.ndarray, " pulse"] | None
+    given: Pulses
 
     def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
         """Return pulses by their numbers; their times are known."""
         del time_s
-        pose = self.poses.rows(index)
-        return Pulses(
-            index=index,
-            time_s=self.time_s[index],
-            scan_rad=self.scan_rad[index],
-            true=pose,
-            measured=pose,
-            scan_number=None if self.scan_number is None else self.scan_number[index],
-            beam=None if self.beam is None else self.beam[index],
-        )
+        return replace(self.given.rows(index), index=index)
 
     @property
     def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
         """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
-        return self.scan_number
+        return self.given.scan_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,15 +340,9 @@ class GivenFlight:
     def schedule(self, flown: Flight, scan: Scan, origin_height_m: float) -> GivenSchedule:
         """Return its pulses, with heights over the local origin."""
         pulses, pose = self.pulses, self.pulses.measured
-        return GivenSchedule(
-            trajectory=flown.trajectory,
-            scan=scan,
-            time_s=pulses.time_s,
-            poses=replace(pose, position_m=pose.position_m - [0.0, 0.0, origin_height_m]),
-            scan_rad=pulses.scan_rad,
-            scan_number=pulses.scan_number,
-            beam=pulses.beam,
-        )
+        local = replace(pose, position_m=pose.position_m - [0.0, 0.0, origin_height_m])
+        given = replace(pulses, true=local, measured=local)
+        return GivenSchedule(trajectory=flown.trajectory, scan=scan, time_s=pulses.time_s, given=given)
 
 
 # Interval between chirps, in periods, above which the scan has paused.

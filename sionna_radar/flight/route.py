@@ -110,26 +110,21 @@ class Route(Protocol):
     @property
     def altitude_m(self) -> float | None:
         """See the class."""
-        ...
 
     @property
     def speed_mps(self) -> float:
         """See the class."""
-        ...
 
     @property
     def length_m(self) -> float:
         """See the class."""
-        ...
 
     @property
     def duration_s(self) -> float:
         """See the class."""
-        ...
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
         """Return the extent within a reach of it: west, south, east, north."""
-        ...
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights.
@@ -137,7 +132,6 @@ class Route(Protocol):
         seed: of its random part. origin_height_m: height on the map of the local frame's zero. Raises
         ScenarioError where the flight leaves the ground, or a log flies under it.
         """
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,20 +35,16 @@ class Scan(Protocol):
     @property
     def stabilised(self) -> bool:
         """Whether roll and pitch are removed from the pointing: the mount is level, not fixed to the body."""
-        ...
 
     @property
     def incidence_rad(self) -> float:
         """Angle of the boresight from nadir in the middle of the scan: the reference of `radar.snr_db`."""
-        ...
 
     def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
         """Return the pointing at some times."""
-        ...
 
     def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
         """Return the largest distance between neighbouring beam centres on level ground: DEM gaps to fill."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,20 +64,16 @@ class Course(Protocol):
     @property
     def waypoints_m(self) -> Float[np.ndarray, "k 2"]:
         """See the class."""
-        ...
 
     @property
     def length_m(self) -> float:
         """Length of the track."""
-        ...
 
     def point(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """Return the points at distances along the track."""
-        ...
 
     def direction(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """Return the unit vectors along the track."""
-        ...
 
 
 @dataclass(frozen=True)

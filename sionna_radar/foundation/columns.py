@@ -16,8 +16,8 @@ Table = TypeVar("Table", bound="Columns")
 class Columns:
     """A table of columns; a row is one entry of each column.
 
-    Subclasses are frozen dataclasses whose fields are NumPy arrays of equal length along their first axis; an optional
-    column may be None.
+    Subclasses are frozen dataclasses whose fields are NumPy arrays of equal length along their first axis, or tables of
+    that length; an optional column may be None, and anything else is of the whole table.
     """
 
     def __len__(self) -> int:
@@ -25,14 +25,19 @@ class Columns:
 
     def rows(self: Table, chosen: Int[np.ndarray, " row"] | Bool[np.ndarray, " entry"] | slice) -> Table:
         """Return some of the rows: by index, mask or slice."""
-        columns = {f.name: getattr(self, f.name) for f in fields(self)}
-        return type(self)(**{name: None if column is None else column[chosen] for name, column in columns.items()})
+        return type(self)(**{f.name: _chosen(getattr(self, f.name), chosen) for f in fields(self)})
 
     @classmethod
     def concatenate(cls: type[Table], tables: Sequence[Table]) -> Table:
         """Concatenate tables; columns missing from any of them are left out."""
         columns = {f.name: [getattr(t, f.name) for t in tables] for f in fields(cls)}
         return cls(**{name: _joined(given) for name, given in columns.items()})
+
+
+def _chosen(column: Any, chosen: Any) -> Any:
+    if isinstance(column, Columns):
+        return column.rows(chosen)
+    return column[chosen] if isinstance(column, np.ndarray) else column
 
 
 def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:

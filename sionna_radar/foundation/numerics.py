@@ -119,8 +119,7 @@ def window(name: str, samples: int) -> Float[np.ndarray, " sample"]:
     if name not in COSINES:
         from scipy.signal import get_window
 
-        weights: Float[np.ndarray, " sample"] = get_window(name, samples)
-        return weights
+        return get_window(name, samples)
     if samples == 1:
         return np.ones(1)
     turn, total = np.linspace(-np.pi, np.pi, samples + 1), np.zeros(samples + 1)
@@ -147,7 +146,4 @@ def taylor(count: int, nbar: int, side_lobe_ratio_db: float) -> Float[np.ndarray
         below = 2 * np.prod(1 - square[m] / square[:m]) * np.prod(1 - square[m] / square[m + 1 :])
         factor[m] = above / below
     place = np.arange(count, dtype=float)
-    weights: Float[np.ndarray, " element"] = 1 + 2 * np.matmul(
-        factor, np.cos(2 * np.pi * order[:, None] * (place - count / 2.0 + 0.5) / count)
-    )
-    return weights
+    return 1 + 2 * np.matmul(factor, np.cos(2 * np.pi * order[:, None] * (place - count / 2.0 + 0.5) / count))

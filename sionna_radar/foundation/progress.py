@@ -331,7 +331,6 @@ class HoldsMemory(Protocol):
 
     def release_memory(self) -> None:
         """Give them back until it is called again."""
-        ...
 
 
 def peak_memory_mb() -> float:

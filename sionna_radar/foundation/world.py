@@ -42,8 +42,7 @@ class World:
             with LogCapture() as said:
                 value = build()
             self._latest[name] = key, value, said.records
-        latest: Value = value
-        return latest
+        return value
 
 
 class LogCapture(logging.Filter):

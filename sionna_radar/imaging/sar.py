@@ -99,11 +99,7 @@ class BackProjection:
         for start in range(0, len(beats), PULSES_AT_ONCE):
             rows = slice(start, start + PULSES_AT_ONCE)
             spectra = self.spectra(beats[rows])
-            pose = Pose(
-                position_m=measured.position_m[rows],
-                velocity_mps=measured.velocity_mps[rows],
-                R_world_antenna=measured.R_world_antenna[rows],
-            )
+            pose = measured.rows(rows)
             for chunk in self._chunks():
                 self._project(spectra, pose, self._lighting(pose, chunk), chunk)
 
@@ -155,41 +151,6 @@ class BackProjection:
             project(low, high, self._pixels[chunk], lit, poses, spectra, sweep, weighting, image)
 
         over_rows(part, chunk.stop - chunk.start)
-
-
-def focus(
-    beats: Inexact[np.ndarray, "pulse sample"],
-    measured: Pose,
-    chirp: Chirp,
-    grid: PixelGrid,
-    aperture: Aperture,
-    *,
-    window_name: str = "hann",
-) -> SarImage:
-    """Focus pulses into a complex image; `BackProjection` does the same block by block.
-
-    Parameters
-    ----------
-    beats, measured:
-        Beat signals and the measured poses of their pulses.
-    chirp:
-        The sweep.
-    grid:
-        Pixels of the image.
-    aperture:
-        The part of the beam to use; `whole_beam(antenna)` for all of it.
-    window_name:
-        Window over the sweep, any of `scipy.signal.get_window`.
-
-    Raises
-    ------
-    ScenarioError
-        The chirp rate does not sample the azimuth bandwidth.
-
-    """
-    projection = BackProjection(chirp, grid, aperture, window_name)
-    projection.add(beats, measured)
-    return projection.image()
 
 
 # Two-way delay per metre of range.

@@ -106,26 +106,6 @@ class SideLooking:
         return np.array(moved)
 
 
-def slant_range_image(
-    beats: Inexact[np.ndarray, "pulse sample"], measured: Pose, analyser: SpectrumAnalyser, step_m: float
-) -> SlantImage:
-    """Return the slant-range image of pulses; `SideLooking` does the same block by block.
-
-    Parameters
-    ----------
-    beats, measured:
-        Beat signals and the measured poses of their pulses.
-    analyser:
-        Window and zero-padding of the range spectra.
-    step_m:
-        Averaging interval along the track.
-
-    """
-    imager = SideLooking(analyser, step_m)
-    imager.add(beats, measured)
-    return imager.image()
-
-
 def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:
     """Project a slant-range image onto level ground.
 

@@ -30,22 +30,18 @@ class Pattern(Protocol):
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
         """Return the amplitude over the peak's toward unit vectors in the antenna's frame."""
-        ...
 
     @property
     def directivity(self) -> float:
         """4 pi over the integral of the relative power over the sphere."""
-        ...
 
     @property
     def step_rad(self) -> float:
         """Angle within which the pattern hardly changes."""
-        ...
 
     @property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
         """Rotation from the antenna's frame to the frame of its radiating face."""
-        ...
 
 
 @dataclass(frozen=True)

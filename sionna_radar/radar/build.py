@@ -50,8 +50,7 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 def build_antenna(table: AntennaParameters) -> Antenna:
     """Return the antenna of a scenario."""
-    antenna: Antenna = ANTENNAS.build(table.kind, Antenna, table)
-    return antenna
+    return ANTENNAS.build(table.kind, Antenna, table)
 
 
 AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}

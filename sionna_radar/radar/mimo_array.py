@@ -61,13 +61,11 @@ class DifferencePattern:
 
     def at(self, cosine: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the ratio at direction cosines, linear between the samples."""
-        ratios: Float[np.ndarray, ...] = np.interp(cosine, self.cosine, self.ratio)
-        return ratios
+        return np.interp(cosine, self.cosine, self.ratio)
 
     def cosine_of(self, ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the direction cosine inside the main lobe for a ratio; the lobe's edge for larger ratios."""
-        cosines: Float[np.ndarray, ...] = np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
-        return cosines
+        return np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
 
     @property
     def slope(self) -> float:
@@ -213,10 +211,7 @@ class MimoArray:
 
         """
         sent, got = self.responses(direction, range_rate_mps, range_m)
-        vectors: Complex[np.ndarray, "n channel"] = (sent[:, :, None] * got[:, None, :]).reshape(
-            len(direction), sent.shape[1] * got.shape[1]
-        )
-        return vectors
+        return (sent[:, :, None] * got[:, None, :]).reshape(len(direction), sent.shape[1] * got.shape[1])
 
     def responses(
         self,
@@ -265,8 +260,7 @@ def receiver_mixing(
     apart = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
     np.fill_diagonal(apart, np.inf)
     coupled = coupling * 0.5 / apart * np.exp(-2j * np.pi * np.where(np.isfinite(apart), apart, 0.0))
-    mixing: Complex[np.ndarray, "rx rx"] = error[:, None] * (np.eye(len(place_m)) + coupled)
-    return mixing
+    return error[:, None] * (np.eye(len(place_m)) + coupled)
 
 
 def difference_pattern(cut: Cut, axis: int) -> DifferencePattern:

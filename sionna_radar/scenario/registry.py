@@ -39,8 +39,7 @@ class Deferred:
     def function(self) -> Callable[..., Any]:
         """The function itself."""
         module, _, name = self.name.rpartition(".")
-        function: Callable[..., Any] = getattr(import_module(f"{PACKAGE}.{module}"), name)
-        return function
+        return getattr(import_module(f"{PACKAGE}.{module}"), name)
 
     def __call__(self, *given: Any) -> Any:
         """Call the function."""

@@ -104,8 +104,7 @@ class RayCaster:
             self._derived.pop(what, None)
             value = make()
             self._derived[what] = key, value
-        derived: Value = value
-        return derived
+        return value
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""

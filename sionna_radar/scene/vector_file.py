@@ -117,17 +117,8 @@ def read_polygons(
         from pyogrio.errors import DataSourceError
         from shapely.errors import ShapelyError
 
-        expected_errors = (
-            ValueError,
-            TypeError,
-            KeyError,
-            IndexError,
-            AttributeError,
-            OverflowError,
-            OSError,
-            RuntimeError,
-        )
-        if not isinstance(error, (*expected_errors, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
+        of_content = (ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError, RuntimeError)
+        if not isinstance(error, (*of_content, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
             raise
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
         message = f"{name} cannot be read as a vector file ({reason}); {REMEDY}"

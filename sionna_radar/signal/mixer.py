@@ -242,8 +242,7 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
     d = np.abs(distance)
     inner = (1 - d) * (1 + d) * (2 - d) / 2
     outer = (1 - d) * (2 - d) * (3 - d) / 6
-    weight: Float[np.ndarray, " path"] = np.where(d < 1, inner, np.where(d < 2, outer, 0.0))
-    return weight
+    return np.where(d < 1, inner, np.where(d < 2, outer, 0.0))
 
 
 @dataclass(frozen=True)

@@ -112,10 +112,7 @@ class PhaseNoise:
         if len(log_table) > 1:
             slope = (level[1] - level[0]) / (log_table[1] - log_table[0])
             level_dbc += np.where(log_offset < log_table[0], slope * (log_offset - log_table[0]), 0.0)
-        density: Float[np.ndarray, " f"] = np.where(
-            offset_hz > 0, 10.0 ** (np.minimum(level_dbc, MAX_DBC_HZ) / 10), 0.0
-        )
-        return density
+        return np.where(offset_hz > 0, 10.0 ** (np.minimum(level_dbc, MAX_DBC_HZ) / 10), 0.0)
 
     def waves(
         self, seed: int, pulse: Int[np.ndarray, " pulse"], points: int, rate_hz: float, sweep: int = 0

@@ -67,7 +67,6 @@ class ReceiverStage(Protocol):
 
     def __call__(self, received: Received) -> Received:
         """Return the signal after the stage; each pulse must be independent of the others in its block."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

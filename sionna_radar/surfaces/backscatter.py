@@ -32,7 +32,6 @@ class Backscatter(Protocol):
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area (a ratio) at incidence angles."""
-        ...
 
 
 @runtime_checkable
@@ -41,7 +40,6 @@ class ScatteredShare(Protocol):
 
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power of the co-polar field at incidence angles."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -167,8 +165,7 @@ class TableBackscatter:
 
 
 def _is_lit(incidence_rad: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    lit: Bool[np.ndarray, " n"] = np.abs(incidence_rad) < math.pi / 2
-    return lit
+    return np.abs(incidence_rad) < math.pi / 2
 
 
 def _read_rows(path: Path) -> list[tuple[float, float]]:

@@ -111,10 +111,7 @@ class RadarMaterial:
         """Return the co-polar cross-section at angles between polarization and plane of incidence: 0 is VV, pi/2 HH."""
         parts, twice = self.parts(incidence_rad), 2 * polarization_rad
         along = parts.vertical * np.cos(polarization_rad) ** 2 + parts.horizontal * np.sin(polarization_rad) ** 2
-        found: Float[np.ndarray, " n"] = (
-            along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
-        )
-        return found
+        return along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
 
     def _circular_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         parts = self.parts(incidence_rad)
@@ -150,8 +147,7 @@ class RadarMaterial:
         denominator = np.maximum(vertical + horizontal + 2 * rho * np.sqrt(vertical * horizontal), np.finfo(float).tiny)
         correlated = vertical * horizontal * (1 - rho**2) / denominator
         share = np.minimum((np.sin(incidence_rad) / np.sin(CORRELATED_FROM_RAD)) ** 2, 1.0)
-        opposed: Float[np.ndarray, " n"] = cross + share * (correlated - cross)
-        return opposed
+        return cross + share * (correlated - cross)
 
     def cross_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the cross-polar cross-section per unit of surface area."""
@@ -190,8 +186,7 @@ class RadarMaterial:
         cosine = np.cos(incidence_rad)
         strongest = np.maximum(*(np.abs(fresnel_reflection(mirror.permittivity, cosine, p)) ** 2 for p in ("V", "H")))
         phase = 4 * np.pi * mirror.frequency_hz / speed_of_light * mirror.rms_height_m * cosine
-        reflected: Float[np.ndarray, " n"] = strongest * np.exp(-(phase**2))
-        return reflected
+        return strongest * np.exp(-(phase**2))
 
 
 def as_radar_material(backscatter: Backscatter, channel: Channel = "VV") -> RadarMaterial:

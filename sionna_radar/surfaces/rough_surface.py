@@ -121,8 +121,7 @@ def fresnel_reflection(
     check_polarization(polarization)
     refracted = np.sqrt(permittivity - (1.0 - cosine**2) + 0j)
     incident = permittivity * cosine if polarization == "V" else cosine
-    coefficient: Complex[np.ndarray, " n"] = (incident - refracted) / (incident + refracted)
-    return coefficient
+    return (incident - refracted) / (incident + refracted)
 
 
 def coherent_power_factor(
@@ -133,8 +132,7 @@ def coherent_power_factor(
     For Gaussian heights (Tsang 2001 I, eq. 2.1.94, as used by SMRT).
     """
     phase = 2.0 * _wavenumber(frequency_hz) * rms_height_m * np.cos(incidence_rad)
-    factor: Float[np.ndarray, " n"] = np.exp(-(phase**2))
-    return factor
+    return np.exp(-(phase**2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,8 +201,7 @@ class SmallPerturbationModel:
         sine_squared = 1.0 - cosine**2
         refracted = np.sqrt(eps - sine_squared + 0j)
         numerator = (eps - 1.0) * (eps * (1.0 + sine_squared) - sine_squared)
-        coupling: Complex[np.ndarray, " n"] = numerator / (eps * cosine + refracted) ** 2
-        return coupling
+        return numerator / (eps * cosine + refracted) ** 2
 
     def validity(self) -> list[str]:
         """Return the violated conditions, in words; empty if the model is valid."""
@@ -272,8 +269,7 @@ def spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator[
 
 def poisson(order: int, mean: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return exp(-mean) mean^order / order!, without overflow."""
-    weight: Float[np.ndarray, " n"] = np.exp(order * np.log(mean) - mean - math.lgamma(order + 1.0))
-    return weight
+    return np.exp(order * np.log(mean) - mean - math.lgamma(order + 1.0))
 
 
 def check_polarization(polarization: str) -> None:

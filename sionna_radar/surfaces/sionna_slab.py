@@ -42,8 +42,7 @@ class SlabBackscatter:
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
-        sigma0: Float[np.ndarray, " n"] = 4 * self.scattered_share(incidence_rad) * np.cos(incidence_rad) ** 2
-        return sigma0
+        return 4 * self.scattered_share(incidence_rad) * np.cos(incidence_rad) ** 2
 
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power: Lambert's law with an albedo of (1 - K) S^2 R^2."""
@@ -53,8 +52,7 @@ class SlabBackscatter:
         delay = np.exp(-2j * depth * np.sqrt(self.permittivity - np.sin(incidence_rad) ** 2 + 0j))
         reflection = edge * (1 - delay) / (1 - edge**2 * delay)
         copolar_share = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
-        share: Float[np.ndarray, " n"] = copolar_share * np.abs(reflection) ** 2
-        return share
+        return copolar_share * np.abs(reflection) ** 2
 
 
 def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> RadarMaterial:

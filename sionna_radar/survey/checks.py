@@ -7,7 +7,7 @@ the scene is built.
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -251,130 +251,100 @@ def check_limits(
         With the field, its value and a value that works.
 
     """
-    checks = [
-        _chirps(scenario, route),
-        _spectrum(scenario),
-        _ranked(scenario),
-        _steps(scenario, route.length_m),
-        _reach(chirp),
-        _nearest(scenario, chirp),
-        _shift(route.speed_mps, chirp),
-    ]
+    problems = [*_flight_limits(scenario, chirp, route), *_processing_limits(scenario, chirp)]
     if route.altitude_m is not None:
         area_m2 = footprint_m2(scenario, chirp, route.altitude_m, beamwidths_rad, incidence_rad)
-        checks.append(_paths(scenario, area_m2))
-    problems = [problem for problem in checks if problem is not None]
+        problems += _path_limits(scenario, area_m2)
     if problems:
         raise ScenarioError(problems)
-
-
-def _chirps(scenario: Scenario, route: Route) -> Problem | None:
-    rate_hz, track_m = scenario.radar.chirp_rate_hz, route.length_m
-    chirps = route.duration_s * rate_hz
-    if chirps <= MAX_CHIRPS:
-        return None
-    if scenario.platform.log is not None:
-        message = (
-            f"{route.duration_s:.0f} s of the log take {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
-            f"{MAX_CHIRPS:,}; choose a shorter part, or lower radar.chirp_rate_hz"
-        )
-        return Problem("platform.log_stop_s", message)
-    message = (
-        f"{route.speed_mps:g} m/s over {track_m:g} m takes {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
-        f"{MAX_CHIRPS:,}; raise it to {1.01 * track_m * rate_hz / MAX_CHIRPS:.3g}, shorten the track, or lower "
-        "radar.chirp_rate_hz"
-    )
-    return Problem("platform.speed_mps", message)
-
-
-def _spectrum(scenario: Scenario) -> Problem | None:
-    samples, padding = scenario.radar.samples_per_chirp, scenario.processing.zero_padding
-    if samples * padding <= MAX_SPECTRUM:
-        return None
-    message = (
-        f"{padding} times {samples:,} samples make spectra of {samples * padding:,} bins, more than "
-        f"{MAX_SPECTRUM:,}; lower it to {MAX_SPECTRUM // samples}, or radar.samples_per_chirp"
-    )
-    return Problem("processing.zero_padding", message)
-
-
-def _ranked(scenario: Scenario) -> Problem | None:
-    cfar, radar = scenario.processing.cfar, scenario.radar
-    bins = radar.samples_per_chirp * scenario.processing.zero_padding // (2 if radar.sampling == "real" else 1)
-    if cfar.kind != "OS" or 2 * cfar.training * bins <= MAX_RANKED:
-        return None
-    message = (
-        f"{cfar.training} cells on each side of {bins:,} bins are too many to sort; "
-        f"lower it to {max(1, MAX_RANKED // (2 * bins))}, or set processing.cfar.kind = 'CA'"
-    )
-    return Problem("processing.cfar.training", message)
 
 
 def check_paths(
     scenario: Scenario, chirp: Chirp, height_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
 ) -> None:
     """Raise ScenarioError if a flight with terrain-relative heights needs too many persistent scatterers."""
-    problem = _paths(scenario, footprint_m2(scenario, chirp, height_m, beamwidths_rad, incidence_rad))
-    if problem is not None:
-        raise ScenarioError([problem])
+    problems = list(_path_limits(scenario, footprint_m2(scenario, chirp, height_m, beamwidths_rad, incidence_rad)))
+    if problems:
+        raise ScenarioError(problems)
 
 
-def _steps(scenario: Scenario, track_m: float) -> Problem | None:
-    platform = scenario.platform
+def _flight_limits(scenario: Scenario, chirp: Chirp, route: Route) -> Iterator[Problem]:
+    """Yield the problems of a flight of too many chirps or steps, or too fast for its sweeps."""
+    platform, rate_hz, track_m, speed_mps = scenario.platform, chirp.rate_hz, route.length_m, route.speed_mps
+    chirps = route.duration_s * scenario.radar.chirp_rate_hz
+    taken = f"{chirps:.3g} chirps at {scenario.radar.chirp_rate_hz:g} Hz, more than {MAX_CHIRPS:,}"
+    if chirps > MAX_CHIRPS and platform.log is not None:
+        message = (
+            f"{route.duration_s:.0f} s of the log take {taken}; choose a shorter part, or lower radar.chirp_rate_hz"
+        )
+        yield Problem("platform.log_stop_s", message)
+    elif chirps > MAX_CHIRPS:
+        message = (
+            f"{speed_mps:g} m/s over {track_m:g} m takes {taken}; raise it to "
+            f"{1.01 * track_m * scenario.radar.chirp_rate_hz / MAX_CHIRPS:.3g}, shorten the track, or lower "
+            "radar.chirp_rate_hz"
+        )
+        yield Problem("platform.speed_mps", message)
     steps = 10 * track_m / platform.follow_length_m
-    if platform.height != "terrain_following" or steps <= MAX_FOLLOWING_STEPS:
-        return None
-    message = (
-        f"{platform.follow_length_m:g} m divides a track of {track_m:g} m into {steps:.3g} steps, more than "
-        f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / MAX_FOLLOWING_STEPS:.3g}"
-    )
-    return Problem("platform.follow_length_m", message)
+    if platform.height == "terrain_following" and steps > MAX_FOLLOWING_STEPS:
+        message = (
+            f"{platform.follow_length_m:g} m divides a track of {track_m:g} m into {steps:.3g} steps, more than "
+            f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / MAX_FOLLOWING_STEPS:.3g}"
+        )
+        yield Problem("platform.follow_length_m", message)
+    shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * rate_hz)
+    if shift_m > chirp.max_range_m:
+        message = (
+            f"{rate_hz:g} Hz lets {speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than the "
+            f"{chirp.max_range_m:.3g} m of unambiguous range; raise it to "
+            f"{1.01 * rate_hz * shift_m / chirp.max_range_m:.3g}"
+        )
+        yield Problem("radar.chirp_rate_hz", message)
 
 
-def _reach(chirp: Chirp) -> Problem | None:
-    if chirp.max_range_m <= FARTHEST_M:
-        return None
-    message = (
-        f"{chirp.bandwidth_hz:g} and {chirp.samples} samples reach {chirp.max_range_m:.3g} m, farther than "
-        f"{FARTHEST_M:g}; raise it to {1.01 * chirp.bandwidth_hz * chirp.max_range_m / FARTHEST_M:.3g}"
-    )
-    return Problem("radar.bandwidth_hz", message)
+def _processing_limits(scenario: Scenario, chirp: Chirp) -> Iterator[Problem]:
+    """Yield the problems of too long spectra, too many ranked cells, and ranges too far or all too near."""
+    processing, samples = scenario.processing, scenario.radar.samples_per_chirp
+    bins = samples * processing.zero_padding
+    if bins > MAX_SPECTRUM:
+        message = (
+            f"{processing.zero_padding} times {samples:,} samples make spectra of {bins:,} bins, more than "
+            f"{MAX_SPECTRUM:,}; lower it to {MAX_SPECTRUM // samples}, or radar.samples_per_chirp"
+        )
+        yield Problem("processing.zero_padding", message)
+    cfar = processing.cfar
+    tested = bins // (2 if scenario.radar.sampling == "real" else 1)
+    if cfar.kind == "OS" and 2 * cfar.training * tested > MAX_RANKED:
+        message = (
+            f"{cfar.training} cells on each side of {tested:,} bins are too many to sort; "
+            f"lower it to {max(1, MAX_RANKED // (2 * tested))}, or set processing.cfar.kind = 'CA'"
+        )
+        yield Problem("processing.cfar.training", message)
+    if chirp.max_range_m > FARTHEST_M:
+        message = (
+            f"{chirp.bandwidth_hz:g} and {chirp.samples} samples reach {chirp.max_range_m:.3g} m, farther than "
+            f"{FARTHEST_M:g}; raise it to {1.01 * chirp.bandwidth_hz * chirp.max_range_m / FARTHEST_M:.3g}"
+        )
+        yield Problem("radar.bandwidth_hz", message)
+    nearest_m = processing.min_range_m
+    if nearest_m >= chirp.max_range_m:
+        message = f"{nearest_m:g} m is no nearer than the farthest echo, at {chirp.max_range_m:.3g} m; lower it"
+        yield Problem("processing.min_range_m", message)
 
 
-def _nearest(scenario: Scenario, chirp: Chirp) -> Problem | None:
-    nearest_m = scenario.processing.min_range_m
-    if nearest_m < chirp.max_range_m:
-        return None
-    message = f"{nearest_m:g} m is no nearer than the farthest echo, at {chirp.max_range_m:.3g} m; lower it"
-    return Problem("processing.min_range_m", message)
-
-
-def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:
-    """Return the problem of sweeps so slow that Doppler shifts exceed the radar's range."""
-    shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * chirp.rate_hz)
-    if shift_m <= chirp.max_range_m:
-        return None
-    message = (
-        f"{chirp.rate_hz:g} Hz lets {speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than "
-        f"the {chirp.max_range_m:.3g} m of unambiguous range; raise it to "
-        f"{1.01 * chirp.rate_hz * shift_m / chirp.max_range_m:.3g}"
-    )
-    return Problem("radar.chirp_rate_hz", message)
-
-
-def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
-    """Return the problem of more persistent scatterers in the main lobe than fit into a block of pulses."""
+def _path_limits(scenario: Scenario, area_m2: float) -> Iterator[Problem]:
+    """Yield the problem of more persistent scatterers in the main lobe than fit into a block of pulses."""
     tracing = scenario.tracing
     if tracing.engine != "sionna" or tracing.speckle != "persistent" or tracing.scatterers_per_m2 is None:
-        return None
+        return
     paths = tracing.scatterers_per_m2 * area_m2
-    if paths <= MAX_PATHS_PER_PULSE:
-        return None
-    message = (
-        f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than {MAX_PATHS_PER_PULSE:,}; "
-        f"lower it to {0.99 * MAX_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's beam"
-    )
-    return Problem("tracing.scatterers_per_m2", message)
+    if paths > MAX_PATHS_PER_PULSE:
+        message = (
+            f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than "
+            f"{MAX_PATHS_PER_PULSE:,}; lower it to {0.99 * MAX_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's "
+            "beam"
+        )
+        yield Problem("tracing.scatterers_per_m2", message)
 
 
 def footprint_m2(

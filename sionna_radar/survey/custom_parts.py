@@ -58,7 +58,7 @@ def over_file(scenario: Scenario, path: str | Path) -> Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class CustomParts:
-    """What a caller gives in place of parts of a scenario; None keeps the scenario's.
+    """Objects in place of parts of a scenario; None keeps the scenario's.
 
     See `sionna_radar.run` for each. Raises PluginError for a part that lacks a method.
 

@@ -109,15 +109,12 @@ class Recorder(Protocol):
 
     def write(self, pulses: Pulses, seen: Observation) -> None:
         """Record a block of pulses."""
-        ...
 
     def finish(self, comparison: Comparison) -> None:
         """Write what is known after the flight, and close the file."""
-        ...
 
     def close(self) -> None:
         """Close an unfinished file."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,17 +178,14 @@ class Source(Protocol):
     @property
     def activity(self) -> str:
         """Name of the progress stage."""
-        ...
 
     @property
     def flight(self) -> PulseSequence:
         """The pulses."""
-        ...
 
     @property
     def bursts(self) -> Bursts | None:
         """The chirps of each pulse; None for one."""
-        ...
 
     @property
     def angle(self) -> AngleEstimator | ArrayEstimator | None:
@@ -201,19 +195,15 @@ class Source(Protocol):
     @property
     def keeps_profiles(self) -> bool:
         """Whether the DEM method uses range profiles around the echoes."""
-        ...
 
     def document(self) -> Task:
         """Return the inputs from which a worker opens it, as JSON; PluginError for custom parts, which workers lack."""
-        ...
 
     def build_sensor(self) -> Sensor:
         """Return a new sensor."""
-        ...
 
     def tally(self) -> Tally | None:
         """Return an empty tally of true hits; None if the truth is unknown."""
-        ...
 
 
 @on_one_thread

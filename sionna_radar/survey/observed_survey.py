@@ -17,7 +17,7 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.tiles import EachPiece, MakePiece, Piece, Tiles, pieces_here
+from sionna_radar.mapping.terrain.tiles import MakePiece, Piece, Tiles, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.custom_parts import CustomParts
@@ -110,14 +110,9 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         Provides checkpoints and workers for the tiles of the map.
 
     """
-    each = _over_tiles(prepared, observed, execution)
-    return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
-
-
-def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) -> EachPiece:
-    """Return a function that computes tiles, on workers unless parts are custom."""
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
+        """Yield the tiles, from workers unless parts are custom."""
         distributed = execution.distributed and count > 1 and not prepared.custom.described()
         if not distributed and execution.checkpoints is None:
             yield from pieces_here(make, count, steps)
@@ -136,7 +131,7 @@ def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) ->
             content = found.pop(key)
             yield None if content == NOTHING else Piece.unpacked(content)
 
-    return each
+    return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
 
 
 @on_one_thread

@@ -14,11 +14,7 @@ from jaxtyping import Inexact, Int
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.build import (
-    build_angle_estimator,
-    build_detector,
-    build_expected_ground,
-)
+from sionna_radar.detection.build import build_angle_estimator, build_detector, build_expected_ground
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -131,7 +127,7 @@ class Prepared:
 
     @property
     def activity(self) -> str:
-        """What its observation is called while it goes on."""
+        """Name of the progress stage of its observation."""
         return "tracing"
 
     @property

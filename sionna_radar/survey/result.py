@@ -29,7 +29,7 @@ from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 @dataclass(frozen=True, kw_only=True)
 class Saturation:
-    """How many pulses and samples of a survey exceed the full scale of its receiver's converter."""
+    """Numbers of pulses and samples of a survey that exceed the full scale of its receiver's converter."""
 
     saturated_pulses: int
     saturated_samples: int

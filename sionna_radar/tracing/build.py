@@ -149,8 +149,7 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
 def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     """Return the engine named in a scenario."""
-    engine: Engine = ENGINES.build(table.engine, Engine, table.engine_parameters, given)
-    return engine
+    return ENGINES.build(table.engine, Engine, table.engine_parameters, given)
 
 
 def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
@@ -195,19 +194,16 @@ def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
         temperature_k=table.temperature_k,
         vapour_density_g_per_m3=table.vapour_g_per_m3,
     )
-    return Weather(
+    return table.to(
+        Weather,
         carrier_hz=carrier_hz,
-        rain_rate_mm_per_h=table.rain_rate_mm_per_h,
         rain_map=rain_map_of(table),
         snowfall_mm_per_h={
             kind: rate for kind, rate in table.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN
         },
         liquid_water_g_per_m3=table.water_in_air_g_per_m3,
-        visibility_m=table.visibility_m,
         air=air if table.gases else None,
-        temperature_k=table.temperature_k,
         wet_radome_m=None if table.wet_radome is None else table.wet_radome.radius_m,
-        wind_mps=table.wind_mps,
     )
 
 
@@ -272,5 +268,4 @@ def rcs_of_mesh(
     elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
     level = np.cos(elevation)
     toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
-    found: Float[np.ndarray, "elevation azimuth"] = rcs_m2(seen, toward.reshape(-1, 3), range_m).reshape(azimuth.shape)
-    return found
+    return rcs_m2(seen, toward.reshape(-1, 3), range_m).reshape(azimuth.shape)

@@ -198,7 +198,6 @@ class DeviceTracing(Protocol):
 
     def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
         """Yield the paths of a block of pulses, a part of the block at a time."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,7 +225,6 @@ class Engine(Protocol):
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
-        ...
 
 
 @runtime_checkable
@@ -235,4 +233,3 @@ class SteerableEngine(Engine, Protocol):
 
     def with_antenna(self, antenna: Antenna) -> Engine:
         """Return the same engine with another antenna."""
-        ...

@@ -183,13 +183,11 @@ class Volume(Protocol):
 
     def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
         """Return the reflectivity at positions east and north over `reflectivity_per_m`."""
-        ...
 
     def fall_mps(
         self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
         """Return fall speeds at positions, by quantiles below 1 of the reflectivity."""
-        ...
 
 
 class EvenVolume:
@@ -270,8 +268,7 @@ class UnevenVolume:
         table = self._tables[1]
         lower = (1 - v) * table[i, j] + v * table[i, j + 1]
         upper = (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]
-        speed: Float[np.ndarray, " tone"] = (1 - u) * lower + u * upper
-        return speed
+        return (1 - u) * lower + u * upper
 
 
 def volume_of(weather: Weather) -> Volume | None:

@@ -106,8 +106,7 @@ TILT_NODES = 9
 
 def axis_ratio(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return height over width of drops of an equivalent diameter; small ones are spheres."""
-    ratio: Float[np.ndarray, " n"] = np.minimum(AXIS_RATIO(1e3 * diameter_m), 1.0)
-    return ratio
+    return np.minimum(AXIS_RATIO(1e3 * diameter_m), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,13 +143,12 @@ class DropPolarization:
         )
         (v, h), (rv, rh) = transmitted.T, received.T
         copolar, opposed, exchanged = rv * v + rh * h, rv * v - rh * h, rv * h + rh * v
-        power: Float[np.ndarray, " n"] = (
+        return (
             np.abs(copolar) ** 2
             + 2 * (np.conj(copolar) * opposed * mean).real
             + np.abs(opposed) ** 2 * upright
             + np.abs(exchanged) ** 2 * slanted
         )
-        return power
 
 
 def spheres() -> DropPolarization:

@@ -102,8 +102,7 @@ def drop_backscatter_m2_per_sr(
     through = (
         (1 - reflectance) ** 2 * (WATER_INDEX / (2 - WATER_INDEX)) ** 2 * np.exp(-2 * absorption_per_m * diameter_m)
     )
-    backscatter: Float[np.ndarray, " drop"] = reflectance * (1 + through) * (diameter_m / 2) ** 2 / 4
-    return backscatter
+    return reflectance * (1 + through) * (diameter_m / 2) ** 2 / 4
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -68,8 +68,7 @@ def rain_clutter_power(
     nepers_per_m = NEPERS_PER_M * specific_attenuation_db_per_km
     beyond_per_m = expn(2, nepers_per_m * range_edges_m) / range_edges_m
     constant = peak_gain**2 * wavelength_m**2 * two_way_beam_sr * reflectivity_per_m / (4.0 * math.pi) ** 3
-    cells: Float[np.ndarray, " cell"] = constant * (beyond_per_m[:-1] - beyond_per_m[1:])
-    return cells
+    return constant * (beyond_per_m[:-1] - beyond_per_m[1:])
 
 
 # Kinematic viscosity of water, m2/s: 1.79e-6 at 0 deg C, 1.31e-6 at 10, 1.00e-6 at 20 (standard tables); at 10 deg C.

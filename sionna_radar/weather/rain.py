@@ -203,7 +203,6 @@ class RainMap(Protocol):
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,10 +23,7 @@ def mie_backscatter(size: Float[np.ndarray, " n"], refractive_index: complex) ->
 
     size: circumference in wavelengths, above 0.
     """
-    efficiency: Float[np.ndarray, " n"] = efficiencies_mx(np.conj(refractive_index), size)[
-        2
-    ]  # it has time as exp(+i w t)
-    return efficiency
+    return efficiencies_mx(np.conj(refractive_index), size)[2]  # it has time as exp(+i w t)
 
 
 # Nodes from pole to pole per degree of the waves.

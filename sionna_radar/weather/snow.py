@@ -11,7 +11,7 @@ that of the flakes, half molten.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -98,22 +98,13 @@ class Flakes:
         return 1000.0 * float(np.sum(self.count_per_m3 * self.mass_kg))
 
 
-def flakes(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float = LARGEST) -> Flakes:
-    """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate.
-
-    largest: truncation of the distribution, in mean melted diameters.
-    """
+def flakes(snowfall_mm_per_h: float, kind: Precipitation) -> Flakes:
+    """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate."""
     if not snowfall_mm_per_h > 0:
         message = f"snowfall_mm_per_h = {snowfall_mm_per_h:g} must be positive"
         raise ValidityError(message)
-    raw = sekhon_srivastava(snowfall_mm_per_h, kind, largest=largest)
-    scale = snowfall_mm_per_h / raw.rate_mm_per_h
-    return Flakes(
-        count_per_m3=scale * raw.count_per_m3,
-        mass_kg=raw.mass_kg,
-        diameter_m=raw.diameter_m,
-        speed_mps=raw.speed_mps,
-    )
+    raw = sekhon_srivastava(snowfall_mm_per_h, kind, largest=LARGEST)
+    return replace(raw, count_per_m3=snowfall_mm_per_h / raw.rate_mm_per_h * raw.count_per_m3)
 
 
 def sekhon_srivastava(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float) -> Flakes:
@@ -154,8 +145,7 @@ def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
     rough = np.zeros_like(phase)
     for j in range(1, HARMONICS + 1):
         rough += (2.0 * j) ** -GAMMA * (1 / (x2 + 2 * pi * j) ** 2 + 1 / (x2 - 2 * pi * j) ** 2)
-    factor: Float[np.ndarray, "*shape"] = pi**2 / 4 * (mean**2 + BETA * np.sin(phase) ** 2 * rough)
-    return factor
+    return pi**2 / 4 * (mean**2 + BETA * np.sin(phase) ** 2 * rough)
 
 
 def _polarizability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
@@ -174,8 +164,7 @@ def _backscatter_m2(
     wave_number = 2.0 * np.pi * frequency_hz / speed_of_light
     volume_m3 = falling.mass_kg / WATER_KG_PER_M3
     point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarizability) ** 2 * volume_m3**2
-    echo: Float[np.ndarray, "*shape node"] = point_m2 * form_factor(size * wave_number * falling.diameter_m)
-    return echo
+    return point_m2 * form_factor(size * wave_number * falling.diameter_m)
 
 
 def snow_reflectivity_per_m(

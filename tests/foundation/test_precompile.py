@@ -52,8 +52,10 @@ def test_without_a_cache_on_disk_nothing_is_compiled_ahead(monkeypatch):
     monkeypatch.setattr(FunctionCache, "__init__", _not_writable)
     function = compiled(lambda value: value)
     monkeypatch.setattr(precompile, "signatures", lambda method: iter([(function, ())]))
-    monkeypatch.setattr(precompile.subprocess, "Popen", None)
+    started = []
+    monkeypatch.setattr(precompile.subprocess, "Popen", started.append)
     precompile.start("linear")
+    assert started == []
 
 
 def _not_writable(self, function):

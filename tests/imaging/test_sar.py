@@ -10,9 +10,10 @@ from side_looking import make_flight
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, ground_pixels, whole_beam
-from sionna_radar.imaging.sar import PULSES_AT_ONCE, BackProjection, SarImage, focus
+from sionna_radar.imaging.sar import PULSES_AT_ONCE, BackProjection, SarImage
 from sionna_radar.imaging.strip import azimuth_resolution_m, ground_range_resolution_m, half_power_width
 from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene, Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise
@@ -43,6 +44,12 @@ def around(pulses: Pulses, along_m: float = 0.1, across_m: float = 1.2, count: i
         TARGET.position_m[1] - start + np.linspace(-along_m, along_m, count),
         TARGET.position_m[0] + np.linspace(-across_m, across_m, 61),
     )
+
+
+def focus(beats: np.ndarray, measured: Pose, chirp: Chirp, grid: PixelGrid, aperture: Aperture) -> SarImage:
+    projection = BackProjection(chirp, grid, aperture)
+    projection.add(beats, measured)
+    return projection.image()
 
 
 def peak(image: SarImage) -> tuple[int, int]:

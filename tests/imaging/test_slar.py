@@ -8,7 +8,7 @@ import pytest
 from side_looking import make_flight
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.imaging.aperture import Aperture
-from sionna_radar.imaging.slar import SideLooking, slant_range_image, to_ground
+from sionna_radar.imaging.slar import SideLooking, to_ground
 from sionna_radar.imaging.strip import (
     azimuth_resolution_m,
     ground_range_resolution_m,
@@ -28,6 +28,12 @@ from sionna_radar.tracing.effects.targets import trace_targets
 @pytest.fixture(scope="module")
 def caster(plane):
     return RayCaster(plane.surfaces)
+
+
+def slant_range_image(beats, measured, analyser, step_m):
+    imager = SideLooking(analyser, step_m)
+    imager.add(beats, measured)
+    return imager.image()
 
 
 def compressed(flight, caster, pulses, *ground_m: float, zero_padding: int = 16):

@@ -159,10 +159,10 @@ import sys
 from sionna_radar import process
 again = process({str(flown[1]["signals"])!r})
 assert again.comparison.lit_error.count > 0
-known = [name for name in ("mitsuba", "drjit", "sionna") if name in sys.modules]
-assert not known, known
+print([name for name in ("mitsuba", "drjit", "sionna") if name in sys.modules])
 """
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=tmp_path)
+    done = subprocess.run([sys.executable, "-c", program], check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "[]\n"
 
 
 def test_samples_of_16_bits_are_within_half_a_step(flown, tmp_path):

@@ -86,8 +86,7 @@ class FrameMap:
     @cached_property
     def power(self) -> Float[np.ndarray, "rate range"]:
         """Mean power of the channels."""
-        mean: Float[np.ndarray, "rate range"] = np.mean(np.abs(self.channel) ** 2, axis=2)
-        return mean
+        return np.mean(np.abs(self.channel) ** 2, axis=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,8 +285,7 @@ class ArrayEstimator:
         highest = np.zeros(int(np.ptp(beam)) + 1)
         np.maximum.at(highest, beam - beam.min(), level)
         around = maximum_filter(highest, size=BESIDE, mode="constant")[beam - beam.min()]
-        kept: Bool[np.ndarray, " source"] = level * from_db(WEAKER_DB) >= around
-        return kept
+        return level * from_db(WEAKER_DB) >= around
 
     @property
     def _beam(self) -> float:
@@ -363,11 +361,10 @@ class ArrayEstimator:
         around = np.cross(velocity / speed, u) / sine[:, None]
         vertical = down - (u @ down)[:, None] * u
         vertical /= np.maximum(np.linalg.norm(vertical, axis=1), 1e-9)[:, None]
-        across: Float[np.ndarray, " source"] = np.hypot(
+        return np.hypot(
             np.einsum("ni,ni->n", vertical, away) * cone_sigma,
             np.einsum("ni,ni->n", vertical, around) * sine * sources.phi_sigma_rad,
         )
-        return across
 
     @staticmethod
     def spread_cells(weights: Float[np.ndarray, " n"]) -> float:
@@ -522,15 +519,13 @@ class _Scan:
             shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
             a = a - shared[:, None] * other
         left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), LEAST_APART * self.array.gain)
-        explained: Float[np.ndarray, " cell"] = np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
-        return explained
+        return np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
 
     def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
         """Return the part of the channels that one source explains."""
         a = self.vectors(where, cells.range_m)
         amplitude = np.einsum("nc,nc->n", a.conj(), cells.x) / self.array.gain
-        part: Complex[np.ndarray, "cell channel"] = amplitude[:, None] * a
-        return part
+        return amplitude[:, None] * a
 
     def lead(self, cells: _Cells, sources: tuple[Angles, ...], cell_m: float) -> Float[np.ndarray, "cell source"]:
         """Return the excess of the sources' power over that of any direction away from them, or on another cone.
@@ -556,8 +551,7 @@ class _Scan:
         step = 0.01 * self._step
         height, beside = (self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
         slope = np.abs(beside - height) / step / np.maximum(height, 1e-3)
-        angle: Float[np.ndarray, " cell"] = np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
-        return angle
+        return np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
 
     def solved(
         self, cells: _Cells, sources: tuple[Angles, ...]

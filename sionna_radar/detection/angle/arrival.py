@@ -64,8 +64,7 @@ def phase_covariance(
 
 def coherence(along_rad: Float[np.ndarray, "..."], snr: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Return the coherence of two receivers over a strip, with noise in both."""
-    gamma: Float[np.ndarray, ...] = np.exp(-(along_rad**2) / 2) * snr / (1 + snr)
-    return gamma
+    return np.exp(-(along_rad**2) / 2) * snr / (1 + snr)
 
 
 def ratio_covariance(

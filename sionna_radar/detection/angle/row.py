@@ -33,8 +33,7 @@ STEPS_IN_BEAM = 100
 
 def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[np.ndarray, "*point e e"]:
     """Return forward-backward averages of the covariances of an evenly spaced row."""
-    averaged: Complex[np.ndarray, "*point e e"] = (covariance + covariance[..., ::-1, ::-1].conj()) / 2
-    return averaged
+    return (covariance + covariance[..., ::-1, ::-1].conj()) / 2
 
 
 def noise_share(
@@ -43,8 +42,7 @@ def noise_share(
     """Return the share of each steering vector outside the signal subspace: MUSIC's spectrum is its inverse."""
     signal_space = np.linalg.eigh(covariance)[1][..., -sources:]
     signal_power = np.sum(np.abs(vectors.conj() @ signal_space) ** 2, axis=-1)
-    share: Float[np.ndarray, "*point n"] = 1 - signal_power / vectors.shape[1]
-    return share
+    return 1 - signal_power / vectors.shape[1]
 
 
 def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> Float[np.ndarray, " n"]:
@@ -73,8 +71,7 @@ def separators(vectors: Complex[np.ndarray, "point source e"]) -> Complex[np.nda
     """Return the weights that pass each source with unit gain and null the others: rows of a pseudo-inverse."""
     # Vectors are rows: A = vectors^T, and A^+ = (A^H A)^-1 A^H.
     conjugate = vectors.conj()
-    weights: Complex[np.ndarray, "point source e"] = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2)) @ conjugate
-    return weights
+    return np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2)) @ conjugate
 
 
 def outside(
@@ -82,8 +79,7 @@ def outside(
 ) -> Float[np.ndarray, "point source"]:
     """Return the squared lengths of the derivatives of vectors outside of the space of them all."""
     along = derivative @ np.swapaxes(separators(vectors), 1, 2)
-    length: Float[np.ndarray, "point source"] = np.sum(np.abs(derivative - along @ vectors) ** 2, axis=2)
-    return length
+    return np.sum(np.abs(derivative - along @ vectors) ** 2, axis=2)
 
 
 def source_powers(
@@ -159,8 +155,7 @@ class RowEstimator(AngleEstimator):
     @cached_property
     def _places(self) -> Float[np.ndarray, " element"]:
         """Positions of the row's receivers in wavelengths, signed like their phases."""
-        places: Float[np.ndarray, " element"] = self.array.phase_per_cosine[self._row, self._axis] / (2 * np.pi)
-        return places
+        return self.array.phase_per_cosine[self._row, self._axis] / (2 * np.pi)
 
     def _vectors(self, cosine: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "n element"]:
         """Return steering vectors of the row on plane wavefronts."""
@@ -245,5 +240,4 @@ def _second_eigenvalue(count: int, scatter_rad: Float[np.ndarray, " point"]) -> 
     steps = np.linspace(0.0, MAX_SCATTER_RAD, SCATTERS)
     separation = np.subtract.outer(np.arange(count), np.arange(count))
     value = np.linalg.eigvalsh(np.exp(-(steps[:, None, None] ** 2) * separation**2 / 2))
-    ratio: Float[np.ndarray, " point"] = np.interp(scatter_rad, steps, value[:, -2] / value[:, -1])
-    return ratio
+    return np.interp(scatter_rad, steps, value[:, -2] / value[:, -1])

@@ -226,11 +226,9 @@ def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "
     tested = np.isfinite(noise).all(axis=0)
     if not tested.any():
         return np.full(len(noise), np.inf)
-    middle: Float[np.ndarray, " pulse"] = np.median(noise[:, tested], axis=1)
-    return middle
+    return np.median(noise[:, tested], axis=1)
 
 
 def sums(value: Inexact[np.ndarray, " cell"], begin: Int[np.ndarray, " point"]) -> Inexact[np.ndarray, " point"]:
     """Return the sums over stretches of cells."""
-    total: Inexact[np.ndarray, " point"] = np.add.reduceat(value, begin) if len(begin) else value[:0]
-    return total
+    return np.add.reduceat(value, begin) if len(begin) else value[:0]

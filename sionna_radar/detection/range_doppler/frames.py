@@ -203,5 +203,4 @@ class RangeDoppler:
         size = scipy.fft.next_fast_len(len(lag) + count - 1)
         product = scipy.fft.fft(chirped, size, axis=0) * scipy.fft.fft(response, size, axis=0)
         transform = scipy.fft.ifft(product, axis=0)[count - 1 : count - 1 + rows]
-        result: Complex[np.ndarray, "rate sample"] = transform * np.exp(-1j * np.outer(k.astype(float) ** 2, half))
-        return result
+        return transform * np.exp(-1j * np.outer(k.astype(float) ** 2, half))

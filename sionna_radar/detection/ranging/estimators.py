@@ -69,7 +69,6 @@ class RangeEstimator(Protocol):
 
     def __call__(self, spans: EchoSpans) -> Ranges:
         """Return the ranges of the echoes, in their order."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,7 @@ from scipy.optimize import brentq, minimize
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
-from sionna_radar.weather.rain import (
-    NEPERS_PER_DB,
-    echo_speeds,
-    rain_attenuation_db_per_km,
-    rain_reflectivity_per_m,
-)
+from sionna_radar.weather.rain import NEPERS_PER_DB, echo_speeds, rain_attenuation_db_per_km, rain_reflectivity_per_m
 
 # Cells next to the radar in which a volume is searched, and its minimum power there over the noise.
 NEAR_CELLS = 24

@@ -120,8 +120,7 @@ def _reach(sigma: Float[np.ndarray, " pulse"], alone: Float[np.ndarray, " pulse"
     matrix). The correlations add up to s^2 / P; they are approximated by the Gaussian of the same sum.
     """
     total = np.maximum((alone / sigma) ** 2, 1.0)
-    reach: Float[np.ndarray, " pulse"] = np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
-    return reach
+    return np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
 
 
 def _neighbours(
@@ -169,8 +168,7 @@ def _distances(
     down = np.maximum(heights.down[rows], MIN_DOWN)
     clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
     place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
-    distance: Float[np.ndarray, " step"] = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    return distance
+    return np.linalg.norm(np.diff(place, axis=0), axis=1)
 
 
 def _moved(

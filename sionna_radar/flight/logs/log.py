@@ -13,31 +13,25 @@ velocities (both) and headings (the convergence).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from pyproj import CRS, Geod
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
+from sionna_radar.foundation.columns import Columns
 
 Datum = Literal["mean sea level", "unknown", "take-off"]
-# Not `Self`, which the checks of array shapes in the tests cannot resolve.
-AnyStream = TypeVar("AnyStream", bound="Stream")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stream:
+class Stream(Columns):
     """Columns of one source of a log, by their times."""
 
-    source: str
     time_s: Float[np.ndarray, " n"]
-
-    def rows(self: AnyStream, chosen: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> AnyStream:
-        """Return some of the rows, by mask or number."""
-        columns = {name: column for name, column in vars(self).items() if isinstance(column, np.ndarray)}
-        return replace(self, **{name: column[chosen] for name, column in columns.items()})
+    source: str
 
 
 @dataclass(frozen=True, kw_only=True)

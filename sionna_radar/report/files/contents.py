@@ -58,7 +58,7 @@ RUNS_FILES = (RunsFile.CSV,)
 
 
 class Keep(StrEnum):
-    """Which maps of a sweep are kept as files."""
+    """Maps of a sweep that are kept as files."""
 
     NONE = "none"
     BEST = "best"

@@ -253,5 +253,4 @@ def _intensity(power: Float[np.ndarray, " point"]) -> UInt16[np.ndarray, " point
         return np.zeros(len(power), dtype=np.uint16)
     weakest = power[power > 0].min()
     above_db = 10 * np.log10(np.maximum(power, weakest) / weakest)
-    steps: UInt16[np.ndarray, " point"] = np.minimum(np.round(100 * above_db), 65535).astype(np.uint16)
-    return steps
+    return np.minimum(np.round(100 * above_db), 65535).astype(np.uint16)

@@ -155,8 +155,7 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
 def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
     chosen = points_to_draw(len(survey.schedule), MAX_OVERLAY)
     hits = _meet_ground(survey.schedule.pulses(chosen).true, survey)
-    met: Float[np.ndarray, "hit 3"] = hits[np.isfinite(hits).all(axis=1)]
-    return met
+    return hits[np.isfinite(hits).all(axis=1)]
 
 
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:

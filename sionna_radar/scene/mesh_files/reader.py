@@ -60,16 +60,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     except MeshError as error:
         message = f"{name} {shown(path)}: {error}"
         raise InputFileError(message) from error
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        AttributeError,
-        OverflowError,
-        OSError,
-        RecursionError,
-    ) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError, RecursionError) as error:
         # Invalid numbers or entries of the wrong type in a damaged file.
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"

@@ -222,8 +222,7 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
     """
     frame = TERRAINS.entry(table.kind).facts.frame
     if frame is not None:
-        own: MapFrame | None = frame(table)
-        return own
+        return frame(table)
     return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None
 
 

@@ -50,13 +50,7 @@ from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
 from sionna_radar.survey.recordings.capture_file import CONFIG_REMEDY, capture_config, capture_frames, receiver_samples
-from sionna_radar.survey.recordings.signal_file import (
-    MAX_PULSES,
-    MAX_SAMPLES,
-    MIN_SAMPLES,
-    RecordedPulses,
-    sweeps_of,
-)
+from sionna_radar.survey.recordings.signal_file import MAX_PULSES, MAX_SAMPLES, MIN_SAMPLES, RecordedPulses, sweeps_of
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
 MAX_BYTES = 64_000_000_000

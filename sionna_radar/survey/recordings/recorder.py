@@ -83,35 +83,32 @@ def _add_pulses(file: NetcdfFile, prepared: Prepared) -> None:
     file.dimension("axis", 3)
     file.dimension("antenna_axis", 3)
 
-    def column(name: str, kind: type = float, dimensions: tuple[str, ...] = (), **attributes: Any) -> None:
-        file.variable(name, ("pulse", *dimensions), dtype=np.dtype(kind), **attributes)
-
-    column("time", long_name="time of the middle of the chirp since the start of the flight", units="s")
-    column("scan_angle", long_name="scan angle of the antenna, zero in the middle of its sector", units="rad")
+    column = partial(_add_column, file, ("pulse",))
+    column("time", np.float64, "time of the middle of the chirp since the start of the flight", "s")
+    column("scan_angle", np.float64, "scan angle of the antenna, zero in the middle of its sector", "rad")
     if sample.scan_number is not None:
-        column("scan_number", np.int64, long_name="scan of the antenna that the pulse belongs to, from 0")
+        column("scan_number", np.int64, "scan of the antenna that the pulse belongs to, from 0")
     if sample.beam is not None:
-        column("beam", np.int64, long_name="beam of the electronic scan")
+        column("beam", np.int64, "beam of the electronic scan")
+    vectors, axes = (partial(_add_column, file, ("pulse", "axis", *more)) for more in ((), ("antenna_axis",)))
     for name, whose in zip(POSES, ("true", "as the navigation system reports it"), strict=True):
-        column(
-            f"{name}_position",
-            dimensions=("axis",),
-            long_name=f"position of the antenna ({whose}): east, north, up of the local origin",
-            units="m",
-        )
-        column(
-            f"{name}_velocity",
-            dimensions=("axis",),
-            long_name=f"velocity of the antenna ({whose}): east, north, up",
-            units="m s-1",
-        )
-        column(
-            f"{name}_rotation",
-            dimensions=("axis", "antenna_axis"),
-            long_name=f"axes of the antenna ({whose}), in columns: boresight, left and up of the antenna, each east, "
-            "north, up",
-            units="1",
-        )
+        place = f"position of the antenna ({whose}): east, north, up of the local origin"
+        vectors(f"{name}_position", np.float64, place, "m")
+        vectors(f"{name}_velocity", np.float64, f"velocity of the antenna ({whose}): east, north, up", "m s-1")
+        turn = f"axes of the antenna ({whose}), in columns: boresight, left and up of the antenna, each east, north, up"
+        axes(f"{name}_rotation", np.float64, turn, "1")
+
+
+def _add_column(
+    file: NetcdfFile,
+    dimensions: tuple[str, ...],
+    name: str,
+    kind: type,
+    long_name: str,
+    units: str | None = None,
+    **attributes: Any,
+) -> None:
+    file.variable(name, dimensions, dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
 
 
 def _add_place(file: NetcdfFile, place: Georeference | None) -> None:
@@ -345,12 +342,6 @@ class SignalRecorder:
             loose.unlink()
 
 
-def _add_column(
-    file: NetcdfFile, dimension: str, name: str, kind: type, long_name: str, units: str, **attributes: Any
-) -> None:
-    file.variable(name, (dimension,), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
-
-
 class _Rows:
     """Writes rows of a netCDF file, of which none is known only at the end of the flight."""
 
@@ -375,7 +366,7 @@ class ProfileRecorder(_Rows):
         file.dimension("value")
         power_unit = "1" if prepared.local.radar.snr_db is not None else "W"
 
-        column = partial(_add_column, file, "profile")
+        column = partial(_add_column, file, ("profile",))
         column("profile_pulse", np.int64, "pulse of the profile", "1", instance_dimension="pulse")
         column("first_cell", np.int64, "range cell of the profile's first value", "1")
         column("row_size", np.int64, "values of the profile", "1", sample_dimension="value")
@@ -419,7 +410,7 @@ class PathRecorder(_Rows):
         file.dimension("path")
         names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.scene.scene.surfaces)]
 
-        column = partial(_add_column, file, "path")
+        column = partial(_add_column, file, ("path",))
         column("path_pulse", np.int64, "pulse of the path", "1", instance_dimension="pulse")
         column("delay", np.float64, "two-way delay at the middle of the chirp", "s")
         column("gain_i", np.float32, "received over transmitted wave, real part; the phase excludes the delay", "1")

@@ -58,7 +58,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedFlight:
-    """What maps need of a simulated flight.
+    """Figures of a simulated flight that maps need.
 
     ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
     altitude_m: nominal height over it.
@@ -139,7 +139,7 @@ class SignalFile:
 
     @cached_property
     def replaced(self) -> dict[str, str]:
-        """What was flown in place of parts of the scenario, by their keys in it."""
+        """Custom parts of the flight, by the keys of the scenario that they replaced."""
         try:
             found = json.loads(str(self._file.attributes.get("replaced", "{}")))
         except ValueError:
@@ -170,7 +170,7 @@ class SignalFile:
 
     @cached_property
     def flight(self) -> RecordedFlight | None:
-        """What maps need of a simulated flight; None for a recording without poses, or of a real radar."""
+        """Figures of a simulated flight that maps need; None for a recording without poses, or of a real radar."""
         kept = self._file.attributes_of("survey")
         if not kept or not self.pulses.located:
             return None
@@ -203,7 +203,7 @@ class SignalFile:
 
     @cached_property
     def truth(self) -> "RecordedTruth | None":
-        """What is known of the true surface; None for a recording of a real radar."""
+        """The true surface; None for a recording of a real radar."""
         if not all(name in self._file for name in ("true_height", "lit")):
             return None
         shape = self._file.variable("true_height").shape

@@ -142,8 +142,7 @@ class Radar:
         saturated = reception.saturated
         if saturated is None or self._bursts is None:
             return saturated
-        counted: Int[np.ndarray, " pulse"] = saturated.reshape(-1, self._bursts.chirps).sum(axis=1)
-        return counted
+        return saturated.reshape(-1, self._bursts.chirps).sum(axis=1)
 
 
 def _beats_of(

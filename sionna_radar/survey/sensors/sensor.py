@@ -57,15 +57,12 @@ class Sensor(Protocol):
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
-        ...
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes of some pulses, sorted, with their ranges corrected for motion."""
-        ...
 
     def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
         """Return the chirp of one pulse on its way through the processing; None for a sensor without chirps."""
-        ...
 
 
 @runtime_checkable
@@ -74,7 +71,6 @@ class SensorWithLookahead(Sensor, Protocol):
 
     def expect(self, pulses: Pulses) -> None:
         """Begin with the block that is to be observed after those expected before it."""
-        ...
 
 
 @runtime_checkable
@@ -83,12 +79,11 @@ class SensorWithChirps(Sensor, Protocol):
 
     def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
         """Return the chirp of each of some pulses, as `record_chirp` does of one."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorInputs:
-    """What a sensor is built from; each takes what it needs.
+    """Inputs of a sensor; each takes those it needs.
 
     engine: what tracing engines are built from; its `caster` casts rays against the scene.
     receiver, detector: of the radar.
@@ -167,5 +162,4 @@ def register_sensor(
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:
     """Return the sensor of a scenario."""
-    sensor: Sensor = SENSORS.build(scenario.sensor, Sensor, scenario.sensor_parameters, given)
-    return sensor
+    return SENSORS.build(scenario.sensor, Sensor, scenario.sensor_parameters, given)

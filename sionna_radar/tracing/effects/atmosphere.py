@@ -72,8 +72,7 @@ class Atmosphere:
         np.cumsum(db_per_km * (self._step_m / 1000), axis=1, out=loss_db[:, 1:])
         cell = np.minimum((range_m / self._step_m).astype(np.int64), self._steps - 1)
         beyond_km = (range_m - cell * self._step_m) / 1000
-        lost_db: Float[np.ndarray, " path"] = loss_db[row, cell] + db_per_km[row, cell] * beyond_km
-        return lost_db
+        return loss_db[row, cell] + db_per_km[row, cell] * beyond_km
 
     def _through_radome(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
         """Return the share of an echo's power that passes the water film on the radome, both ways."""

@@ -187,8 +187,7 @@ def _returned(
 def _mirrored(
     direction: Float[np.ndarray, "*shape 3"], normal: Float[np.ndarray, "*other 3"]
 ) -> Float[np.ndarray, "*shape 3"]:
-    turned: Float[np.ndarray, "*shape 3"] = direction - 2 * np.sum(direction * normal, axis=-1, keepdims=True) * normal
-    return turned
+    return direction - 2 * np.sum(direction * normal, axis=-1, keepdims=True) * normal
 
 
 def _unit(vector: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -196,5 +195,4 @@ def _unit(vector: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 
 
 def _dot(one: Inexact[np.ndarray, "n 3"], other: Inexact[np.ndarray, "n 3"]) -> Inexact[np.ndarray, " n"]:
-    product: Inexact[np.ndarray, " n"] = np.einsum("ni,ni->n", one, other)
-    return product
+    return np.einsum("ni,ni->n", one, other)

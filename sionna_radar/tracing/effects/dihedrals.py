@@ -270,17 +270,13 @@ def _outside_m(
     Their envelope is sqrt(2 lambda h) / 2 pi x of an endless edge's field; a short one has L sqrt(2 / lambda h) of it.
     """
     zone = np.sqrt(wavelength_m * height_m / 2)
-    outside: Float[np.ndarray, " n"] = zone / np.pi / LOBES_FADE[1] * np.maximum(1.0, zone / length_m)
-    return outside
+    return zone / np.pi / LOBES_FADE[1] * np.maximum(1.0, zone / length_m)
 
 
 def _faded(beside_m: Float[np.ndarray, " n"], outside_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return the factor on the side lobes beside an edge's ends: 1 to the first of `LOBES_FADE`, then falling."""
     inner = LOBES_FADE[1] / LOBES_FADE[0]
-    left: Float[np.ndarray, " n"] = (
-        np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2
-    )
-    return left
+    return np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
 def _fresnel_share(
@@ -292,5 +288,4 @@ def _fresnel_share(
     """Return sqrt(2 j / (lambda h)) times the integral of exp(-j k x^2 / h) between two places beside the foot."""
     per_metre = 2 / np.sqrt(wavelength_m * height_m)
     (s_low, c_low), (s_high, c_high) = (fresnel(x * per_metre) for x in (low_m, high_m))
-    share: Complex[np.ndarray, "*part n"] = ((c_high - c_low) - 1j * (s_high - s_low)) / (1 - 1j)
-    return share
+    return ((c_high - c_low) - 1j * (s_high - s_low)) / (1 - 1j)

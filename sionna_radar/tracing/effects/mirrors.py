@@ -133,8 +133,7 @@ def _turns(
 ) -> Float[np.ndarray, " n"]:
     """Return the winding number of a border around each point: 1 inside, 0 outside."""
     angle = (np.arctan(last_m / distance_m) - np.arctan(first_m / distance_m)).sum(axis=1)
-    turns: Float[np.ndarray, " n"] = np.round(angle / (2 * np.pi))
-    return turns
+    return np.round(angle / (2 * np.pi))
 
 
 def lobe_m(
@@ -145,8 +144,7 @@ def lobe_m(
     The lobes of a patch smaller than that extend farther, by the ratio.
     """
     fresnel_m = np.sqrt(wavelength_m * height_m / 2)
-    lobe: Float[np.ndarray, " n"] = fresnel_m * np.maximum(1.0, fresnel_m / radius_m)
-    return lobe
+    return fresnel_m * np.maximum(1.0, fresnel_m / radius_m)
 
 
 def _edge_wave(
@@ -345,8 +343,7 @@ class MirrorTracer:
 def taper(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return 1 up to the inner of `OUTSIDE_RADII`, falling smoothly to 0 at a share of 1 of the outer."""
     inner = OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
-    faded: Float[np.ndarray, " n"] = np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
-    return faded
+    return np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,8 +355,7 @@ class PlaneMirror:
 
     def height_m(self, point_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Return the heights of points over the plane, positive in front of it."""
-        height: Float[np.ndarray, " n"] = (point_m - self.patch.centre_m) @ self.patch.normal
-        return height
+        return (point_m - self.patch.centre_m) @ self.patch.normal
 
     def image_m(self, point_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Return the images of points behind the plane."""
@@ -389,8 +385,7 @@ def across_incidence(direction: Float[np.ndarray, "n 3"], normal: Float[np.ndarr
     size = np.linalg.norm(across, axis=1)
     level = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction), axis=1)])
     across = np.where((size > 1e-6)[:, None], across, level)
-    unit: Float[np.ndarray, "n 3"] = across / np.linalg.norm(across, axis=1)[:, None]
-    return unit
+    return across / np.linalg.norm(across, axis=1)[:, None]
 
 
 def plane_mirrors(scene: Scene, chirp: Chirp) -> list[PlaneMirror]:

@@ -18,6 +18,7 @@ def one_path():
 def test_this_release_computes_the_known_path():
     check_sionna.cache_clear()
     check_sionna()
+    assert check_sionna.cache_info().currsize == 1  # nothing was raised
 
 
 NAMES = (

@@ -75,7 +75,6 @@ class BeamRays(Protocol):
         unit: two columns of points in the unit square; in_beam: which rays follow the beam; the others are spread
         evenly. beam_share: share of the former. Directions are three columns: ahead, left, up.
         """
-        ...
 
 
 def beam_rays(antenna: Antenna) -> BeamRays:

@@ -69,8 +69,7 @@ class Footprint:
         # Numba takes half a second to import.
 
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(ahead_m)))
-        found: Bool[np.ndarray, " n"] = all_that_meet(np.ascontiguousarray(ahead_m), radius, self.directions)
-        return found
+        return all_that_meet(np.ascontiguousarray(ahead_m), radius, self.directions)
 
 
 def _reached(antenna: Antenna, least_voltage: float, cells: int, side: float) -> Bool[np.ndarray, "_ _"]:
@@ -116,8 +115,7 @@ class Fineness:
     ) -> Int[np.ndarray, " facet"]:
         """Return the number of parts of each facet's sides, from its longest side and its distance."""
         longest = np.minimum(self.per_metre * distance_m, self.longest_m)
-        parts: Int[np.ndarray, " facet"] = np.ceil(side_m / np.maximum(longest, FINEST_M)).astype(np.int64)
-        return parts
+        return np.ceil(side_m / np.maximum(longest, FINEST_M)).astype(np.int64)
 
 
 class FacetIndex:

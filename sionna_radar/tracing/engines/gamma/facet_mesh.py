@@ -198,10 +198,7 @@ def _polarized(
     kept = parts.vertical * (transmitted_v * received_v) + parts.horizontal * (transmitted_h * received_h)
     opposed = transmitted_h * received_h - transmitted_v * received_v
     exchanged = transmitted_h * received_v + transmitted_v * received_h
-    amplitude: Complex[np.ndarray, " facet"] = (
-        kept + 1j * (signs[0] * parts.opposed) * opposed + signs[1] * parts.exchanged * exchanged
-    )
-    return amplitude
+    return kept + 1j * (signs[0] * parts.opposed) * opposed + signs[1] * parts.exchanged * exchanged
 
 
 def _signs(drawn: UInt64[np.ndarray, " facet"]) -> tuple[Float[np.ndarray, " facet"], Float[np.ndarray, " facet"]]:

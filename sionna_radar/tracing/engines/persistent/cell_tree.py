@@ -112,10 +112,7 @@ class CellTree:
             What is searched of them.
 
         """
-        found: tuple[np.ndarray, np.ndarray] = _search(
-            self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up
-        )
-        return found
+        return _search(self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up)
 
 
 @compiled

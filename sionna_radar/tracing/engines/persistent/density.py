@@ -42,8 +42,7 @@ class FilledBeam:
     def holds(self, direction: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether unit vectors in the antenna's frame lie in it."""
         ahead, left, up = direction.T
-        inside: Bool[np.ndarray, " n"] = (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
-        return inside
+        return (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
 
     @property
     def solid_angle_sr(self) -> float:
@@ -119,8 +118,7 @@ class DensityMap:
         """Return the density at places of the plan."""
         index = np.floor((place_m - [self.west_m, self.south_m]) / self.step_m)
         column, row = np.clip(index, 0, np.array(self.per_m2.shape[::-1]) - 1).astype(np.int64).T
-        found: Float[np.ndarray, " n"] = self.per_m2[row, column]
-        return found
+        return self.per_m2[row, column]
 
     @property
     def columns(self) -> tuple[float, float, float, np.ndarray]:

@@ -28,6 +28,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
@@ -105,12 +106,12 @@ class MirroredPlaces:
         normal = self._normals(some)
         # Both rays must be on the same side of the surface.
         cosines = [np.einsum("ni,ni->n", normal, -ways.out), np.einsum("ni,ni->n", normal, ways.leg)]
-        lit = (cosines[0] * cosines[1] > 0) & (ways.range_m.min(axis=0) > 0)
+        lit = (cosines[0] * cosines[1] > 0) & (ways.range_m.min(axis=1) > 0)
         lit[lit] = self._clear(mirror, pulses, ways.rows(lit), some.only(lit))
         some, ways, normal = some.only(lit), ways.rows(lit), normal[lit]
         gains = self._gains(mirror, pulses, some, ways, normal)
         rate = -np.einsum("ni,ni->n", pulses.true.velocity_mps[ways.row], ways.out + ways.back) / 2
-        delay = ways.range_m.sum(axis=0) / speed_of_light
+        delay = ways.range_m.sum(axis=1) / speed_of_light
         last = (ways.mirror_m, some.hit_m.T.astype(np.float64))
         return Paths.concatenate(
             [self._paths(pulses, ways.row, hit, gain, delay, rate) for hit, gain in zip(last, gains, strict=True)]
@@ -158,8 +159,8 @@ class MirroredPlaces:
         _, sent_back = mirror.reflected(ways.back, sent_back)
         _, got_back = mirror.reflected(ways.back, got_back)
         matrix = self._matrix(places, ways, normal)
-        area = places.solid_angle_sr * ways.range_m[0] ** 2 / np.abs(np.einsum("ni,ni->n", normal, ways.out))
-        scale = places.factor * self._wavelength_m * np.sqrt(area / (4 * np.pi) ** 3) / np.prod(ways.range_m, axis=0)
+        area = places.solid_angle_sr * ways.range_m[:, 0] ** 2 / np.abs(np.einsum("ni,ni->n", normal, ways.out))
+        scale = places.factor * self._wavelength_m * np.sqrt(area / (4 * np.pi) ** 3) / np.prod(ways.range_m, axis=1)
         by_mirror = np.einsum("ni,nij,nj->n", got_back, matrix, sent_out)
         by_place = np.einsum("ni,nji,nj->n", got_out, matrix, sent_back)
         return (
@@ -225,7 +226,7 @@ class MirroredPlaces:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Ways:
+class _Ways(Columns):
     """The rays of two bounces by way of a mirror.
 
     row: of the pulse in its block.
@@ -239,7 +240,7 @@ class _Ways:
     out: Float[np.ndarray, "n 3"]
     back: Float[np.ndarray, "n 3"]
     leg: Float[np.ndarray, "n 3"]
-    range_m: Float[np.ndarray, "2 n"]
+    range_m: Float[np.ndarray, "n 2"]
 
     @staticmethod
     def of(mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces) -> "_Ways":
@@ -248,27 +249,16 @@ class _Ways:
         position, hit = pulses.true.position_m[row], places.hit_m.T.astype(np.float64)
         met = _mirror_point(mirror, position, hit)
         straight, through = hit - position, hit - mirror.image_m(position)
-        range_m = np.stack([np.linalg.norm(way, axis=1) for way in (straight, through)])
-        unit = through / range_m[1][:, None]
+        range_m = np.stack([np.linalg.norm(way, axis=1) for way in (straight, through)], axis=1)
+        unit = through / range_m[:, 1:]
         normal = mirror.patch.normal
         return _Ways(
             row=row,
             mirror_m=met,
-            out=straight / range_m[0][:, None],
+            out=straight / range_m[:, :1],
             back=unit - 2 * (unit @ normal)[:, None] * normal,
             leg=-unit,
             range_m=range_m,
-        )
-
-    def rows(self, kept: Bool[np.ndarray, " n"]) -> "_Ways":
-        """Return some of them."""
-        return _Ways(
-            row=self.row[kept],
-            mirror_m=self.mirror_m[kept],
-            out=self.out[kept],
-            back=self.back[kept],
-            leg=self.leg[kept],
-            range_m=self.range_m[:, kept],
         )
 
 
