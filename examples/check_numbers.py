@@ -30,6 +30,7 @@ EXAMPLES = (
     "plot_table3_beamwidth",
     "plot_maps",
     "plot_rain",
+    "weather_tables",
     "plot_radar_and_lidar",
     "plot_circular",
     "plot_altimeter",

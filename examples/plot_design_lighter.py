@@ -7,8 +7,8 @@ nine tenths of the ground with half of that error, by which height, rotation and
 aluminium stands for the antenna; it grows with the square of the aperture. With SIONNA_RADAR_SMALL=1 in the environment
 the flights are short and few. The same from the command line, with costs of several components::
 
-    sionna-radar design hills --free radar.antenna.beamwidth_deg=1:8:log --free platform.altitude_m=30:60 \
-        --free radar.scan.rotation_rpm=60:240:log --free dem.method=linear,smooth --require "rms_m < 0.145" \
+    sionna-radar design hills --free radar.antenna.beamwidth_deg=1:16:log --free platform.altitude_m=30:60 \
+        --free radar.scan.rotation_rpm=120:240:log --free dem.method=linear,smooth --require "rms_m < 0.145" \
         --require "coverage > 0.9" --minimise mass_kg --costs examples/costs.toml
 """
 
@@ -27,9 +27,9 @@ COSTS = Costs.of({"antenna": {"mass_kg": "2700 * 0.005 * aperture_m ** 2"}, "mod
 plan = plan_design(
     "hills",
     [
-        "radar.antenna.beamwidth_deg=1:8:log",
+        "radar.antenna.beamwidth_deg=1:16:log",
         "platform.altitude_m=30:60",
-        "radar.scan.rotation_rpm=60:240:log",
+        "radar.scan.rotation_rpm=120:240:log",
         "dem.method=linear,smooth",
     ],
     minimise=["mass_kg"],
@@ -44,5 +44,8 @@ print_design(design)
 
 # %%
 # Through the optimum: what each parameter does to the mass, to the error and to the coverage, and where all
-# requirements hold.
+# requirements hold. Flown in full, a beam of 10.3 deg from 30.5 m is enough for a `smooth` map, 0.095 m of error: an
+# aperture of 0.022 m instead of 0.11 m. The optimum is flat, as the module outweighs such an antenna: from 6 to 13 deg
+# the mass changes by less than 5 %. The `linear` map has two and a half times the error, and covers less. Below 120 rpm
+# the scan lines are more than 5 m apart, and `smooth` maps of wide beams fail with some of the seeds.
 draw_slices(design).savefig("design_lighter.png", dpi=150)

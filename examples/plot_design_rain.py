@@ -2,14 +2,15 @@
 Mapping through rain at half of the power
 =========================================
 
-The scene `rain` transmits 10 dBm. With half of it, 7 dBm, in clear air and through 10 mm/h: which beam, height and
-speed still map most of the ground, and how much of it in an hour? Every setting is flown in both, and the worse of
-both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. From the command line::
+The scene `rain` transmits 10 dBm. With half of it, 7 dBm, in clear air and through 10 mm/h, and with an antenna hardly
+larger than that of 2 deg: which beam, height and speed map most ground in an hour with an error below 0.15 m? Every
+setting is flown in both, and the worse of both counts. With SIONNA_RADAR_SMALL=1 in the environment the flights are
+short and few. From the command line::
 
     sionna-radar design rain --set radar.transmit_power_dbm=7 --set weather.rain_rate_mm_per_h=10 \
         --worst-of weather.rain_rate_mm_per_h=0 --free radar.antenna.beamwidth_deg=1:4:log \
-        --free platform.altitude_m=25:60 --free platform.speed_mps=5:15 --require "rms_m < 0.3" \
-        --require "coverage > 0.7" --maximise area_per_hour_km2
+        --free platform.altitude_m=25:60 --free platform.speed_mps=5:20 --require "rms_m < 0.15" \
+        --require "coverage > 0.7" --require "aperture_m < 0.12" --maximise area_per_hour_km2
 """
 
 # %%
@@ -24,9 +25,9 @@ SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per
 # %%
 plan = plan_design(
     "rain",
-    ["radar.antenna.beamwidth_deg=1:4:log", "platform.altitude_m=25:60", "platform.speed_mps=5:15"],
+    ["radar.antenna.beamwidth_deg=1:4:log", "platform.altitude_m=25:60", "platform.speed_mps=5:20"],
     maximise=["area_per_hour_km2"],
-    require=["rms_m < 0.3", "coverage > 0.4" if SMALL else "coverage > 0.7"],
+    require=["rms_m < 0.15", "coverage > 0.4" if SMALL else "coverage > 0.7", "aperture_m < 0.12"],
     overrides={
         "radar.transmit_power_dbm": 7.0,
         "weather.rain_rate_mm_per_h": 10.0,
@@ -40,4 +41,6 @@ design = run_design(plan)
 print_design(design)
 
 # %%
+# Flown in full, it is 9.4 km2 an hour with 1.9 deg, from 59 m at 18 m/s; the error binds, and so does the antenna.
+# Faster, at 20 m/s, the error is 0.154 m.
 draw_slices(design).savefig("design_rain.png", dpi=150)

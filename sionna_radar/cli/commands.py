@@ -337,7 +337,13 @@ def design(
     repeat: Annotated[int, typer.Option(min=2, metavar="N", help="Seeds with which the optimum is checked.")] = 5,
     confidence: Annotated[float, typer.Option(help="Probability with which each requirement must hold.")] = 0.9,
 ) -> None:
-    """Find the radar and flight that meet requirements at the least cost, and how sure that is; exit code 1 if none."""
+    """Find the radar and flight that meet requirements at the least cost, and how sure that is; exit code 1 if none.
+
+    EXPR and CONDITION are arithmetic over keys of the scenario, costs, results of a survey (rms_m, le90_m, nmad_m,
+    std_m, mean_m, min_m, max_m, coverage, off_wall_rms_m, all_cells_rms_m, stated_sigma_m) and quantities in closed
+    form: aperture_m, swath_m, area_per_hour_km2, lines, flying_time_s, line_gap_m, dwell_s, pulses_per_s,
+    samples_per_s, data_rate_mbps, transmit_power_w.
+    """
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.studies.flights import parse_pair
     from sionna_radar.report.studies.radar_design import MARKER, print_design, write_design

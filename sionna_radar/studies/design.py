@@ -82,6 +82,13 @@ class Span:
         return low + (high - low) * share
 
 
+def one_setting(listed: Iterable[Axis], spans: Sequence[Span]) -> Setting:
+    """Return the first of listed values, and of each range a whole number if it holds one, or its low end."""
+    whole = {span.key: math.ceil(span.low) for span in spans}
+    low = {span.key: span.low for span in spans if whole[span.key] > span.high}
+    return {axis.key: axis.values[0] for axis in listed} | whole | low
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sampler:
     """Sampling method of the ranges, and number of samples."""

@@ -27,14 +27,11 @@ from sionna_radar.foundation.randomness import Stream
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.design import Setting, refuse
-from sionna_radar.studies.quantities import (
-    QUANTITIES,
-    key_value,
-    quantities_of,
-)
+from sionna_radar.studies.quantities import QUANTITIES, key_value, quantities_of
 from sionna_radar.studies.radar_design import (
     FLAT,
     RELAXED,
+    RESULTS,
     Checked,
     DesignPlan,
     Observation,
@@ -46,13 +43,8 @@ from sionna_radar.studies.radar_design import (
     standing_of,
     worst,
 )
-from sionna_radar.studies.surrogate import (
-    Surrogate,
-    flown_probability,
-    improvement,
-    pareto,
-)
-from sionna_radar.studies.sweep import STATISTICS, Trial, failure, label, trial_of, trial_task
+from sionna_radar.studies.surrogate import Surrogate, flown_probability, improvement, pareto
+from sionna_radar.studies.sweep import Trial, failure, label, trial_of, trial_task
 from sionna_radar.survey.chain import run
 
 # Proposed at once, whatever the number of workers.
@@ -109,7 +101,12 @@ class _Search:
         self.closed: dict[str, dict[str, float] | None] = {}
         self.models: dict[str, Surrogate] = {}
         sampler = qmc.Sobol(len(plan.space.keys), rng=self.rng)
-        self.pool = self._possible(plan.space.settings(sampler.random(POOL)))
+        sampled = plan.space.settings(sampler.random(POOL))
+        self.pool = self._possible(sampled)
+        for axis in plan.space.listed:
+            possible, tried = ([s[axis.key] for s in some] for some in (self.pool, sampled))
+            if never := [value for value in axis.values if value in tried and value not in possible]:
+                refuse(f"{axis.key} = {never[0]} cannot be flown with any of the other values; remove it", "--free")
         self.normal = self.rng.standard_normal((len(plan.results), DRAWS))
         self.checked: dict[str, Checked] = {}
 
@@ -149,13 +146,11 @@ class _Search:
                     reason = reason or failure(outcome, scenario, 0)
             if not reason:
                 trials = [outcome for _, outcome in outcomes if isinstance(outcome, Trial)]
-                results = {name: worst(name, [trial.statistic(name) for trial in trials]) for name in STATISTICS}
-                missing = [name for name in self.plan.results if not np.isfinite(results[name])]
-                reason = (
-                    f"{missing[0]} is undefined: no cell of the map has a height, or none it asks for"
-                    if missing
-                    else ""
-                )
+                results = {name: worst(name, [trial.statistic(name) for trial in trials]) for name in RESULTS}
+                if missing := [name for name in self.plan.results if not np.isfinite(results[name])]:
+                    why = [text for trial in trials for text in trial.warnings]
+                    unfilled = "no cell of the map has a height, or none it asks for"
+                    reason = f"{missing[0]} is undefined: {next(iter(why), unfilled)}"
             method = outcomes[0][0].dem.map_method if outcomes else ""
             self.observations.append(
                 Observation(setting=setting, seed=seed, results=results, method=method, reason=reason)
@@ -179,14 +174,15 @@ class _Search:
         return [setting for setting in distinct.values() if self._closed(setting) is not None]
 
     def _closed(self, setting: Setting) -> dict[str, float] | None:
-        """Return quantities and keys of a setting by name; None if its scenario is refused."""
+        """Return quantities and keys of a setting by name; None if its scenario is refused, or one is undefined."""
         key = repr(setting)
         if key not in self.closed:
             try:
                 scenario = self.plan.scenarios(setting)[0]
-                names = [name for name in self.plan.names if name not in STATISTICS]
+                names = [name for name in self.plan.names if name not in RESULTS]
                 known = quantities_of(scenario, self.plan.area, [name for name in names if name in QUANTITIES])
-                self.closed[key] = {name: known[name] if name in known else key_value(scenario, name) for name in names}
+                values = {name: known[name] if name in known else key_value(scenario, name) for name in names}
+                self.closed[key] = values if all(map(np.isfinite, values.values())) else None
             except (ScenarioError, InputFileError):
                 self.closed[key] = None
         return self.closed[key]
@@ -194,7 +190,7 @@ class _Search:
     def values(self, settings: Sequence[Setting], results: Numbers) -> Numbers:
         """Return all named values, (n, 1) or as the results (n, draw)."""
         closed = [self._closed(setting) or {} for setting in settings]
-        names = [name for name in self.plan.names if name not in STATISTICS]
+        names = [name for name in self.plan.names if name not in RESULTS]
         values = {name: np.array([[known.get(name, np.nan)] for known in closed]) for name in names} | results
         needed = all(name in values for name in self.plan.costs.needs)
         return values | (self.plan.costs.totals(values) if needed else {})
@@ -233,10 +229,15 @@ class _Search:
         self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
     ) -> Float[np.ndarray, " n"]:
         """Return the probability that all requirements hold, over the draws."""
-        holds = np.ones((settings, 1), dtype=bool)
-        for margin in self.margins(values, relaxed):
-            holds = holds & (margin > 0)
-        return np.asarray(holds.mean(axis=1))
+        return np.asarray(self.holds(values, settings, relaxed).mean(axis=1))
+
+    def holds(
+        self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
+    ) -> Bool[np.ndarray, "n draw"]:
+        """Return whether all requirements hold in each draw."""
+        return np.logical_and.reduce(
+            np.broadcast_arrays(np.ones((settings, 1), dtype=bool), *(m > 0 for m in self.margins(values, relaxed)))
+        )
 
     def flyable(self, settings: Sequence[Setting]) -> Float[np.ndarray, " n"]:
         flown = [not o.reason for o in self.observations]
@@ -288,9 +289,7 @@ class _Search:
     ) -> Float[np.ndarray, " n"]:
         """Return the expected improvement with all requirements met; or how likely they are, if none is known to be."""
         values = self.draws(candidates, models)
-        holds = np.ones((len(candidates), 1), dtype=bool)
-        for margin in self.margins(values):
-            holds = holds & (margin > 0)
+        holds = self.holds(values, len(candidates))
         objectives = self.objectives(values, len(candidates))
         reached, met = self._reached(flown, models)
         if not met.any():
@@ -383,26 +382,21 @@ class _Search:
         """Return the Pareto front of flown settings by the models, which pool all surveys; by the first objective."""
         flown = list({repr(o.setting): o.setting for o in self.observations if not o.reason}.values())
         values = self.draws(flown)
-        chance = self.probability(values, len(flown))
-        chance = np.array(
-            [
-                self.checked[repr(s)].probability if repr(s) in self.checked else c
-                for s, c in zip(flown, chance, strict=True)
-            ]
-        )
-        sure = chance >= self.plan.confidence
+        chance = [
+            self.checked[repr(s)].probability if repr(s) in self.checked else c
+            for s, c in zip(flown, self.probability(values, len(flown)), strict=True)
+        ]
+        sure = np.array(chance) >= self.plan.confidence
         if not sure.any():
             return []
         expected = self.expected(flown)
         objective = self.objectives(expected, len(flown))[:, 0]
         kept = {tuple(point) for point in pareto(objective[sure])}
-        signs = [o.sign for o in self.plan.objectives]
         found = []
         for number in np.flatnonzero(sure):
-            point = tuple(objective[number])
-            if point not in kept:
+            if tuple(objective[number]) not in kept:
                 continue
-            reached = tuple(float(s * v) for s, v in zip(signs, point, strict=True))
+            reached = tuple(float(o.sign * v) for o, v in zip(self.plan.objectives, objective[number], strict=True))
             checked = self.checked.get(repr(flown[number]))
             found.append(replace(checked or self._expected_standing(flown[number]), objectives=reached))
         return sorted(found, key=lambda one: one.objectives[0])
@@ -436,7 +430,7 @@ class _Search:
         flown = [o for o in self.observations if o.setting == setting and not o.reason]
         if len(flown) < 2:
             return None
-        results = {name: np.array([[o.results[name] for o in flown]]) for name in STATISTICS}
+        results = {name: np.array([[o.results[name] for o in flown]]) for name in RESULTS}
         used = {name: results[name] for name in self.plan.results}
         values = self.values([setting], used)
         standing = tuple(
@@ -542,21 +536,18 @@ class _Search:
         candidates = [*self._candidates(), best.setting]
         values = self.draws(candidates)
         objective = self.objectives(self.expected(candidates), len(candidates))[:, 0, 0]
-        flyable = self.flyable(candidates)
+        flyable = self.flyable(candidates) >= 0.5
 
         def least(relaxed: Mapping[int, float]) -> float:
-            sure = self.probability(values, len(candidates), relaxed) * flyable >= self.plan.confidence
+            sure = flyable & (self.probability(values, len(candidates), relaxed) >= self.plan.confidence)
             return float(objective[sure].min()) if sure.any() else np.nan
 
         now, found = least({}), list[Relaxation]()
         for number, requirement in enumerate(self.plan.requirements):
             relaxed, without = least({number: RELAXED}), least({number: np.inf})
-            saving = (now - relaxed) / abs(now) if now else np.nan
-            found.append(
-                Relaxation(
-                    requirement=requirement.text, relaxed=sign * relaxed, without=sign * without, saving=float(saving)
-                )
-            )
+            saving = float((now - relaxed) / abs(now)) if now else np.nan
+            limits = {"relaxed": sign * relaxed, "without": sign * without}
+            found.append(Relaxation(requirement=requirement.text, saving=saving, **limits))
         return tuple(found)
 
     def _sensitivity(self) -> dict[str, dict[str, float]]:

@@ -23,12 +23,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
+from sionna_radar.flight.build import plan_route
 from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import ScanParameters, Scenario
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, ElectronicScanTable, ScanTable
+from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.studies.planning import lines_over
 
 NAN = float("nan")
@@ -87,9 +89,18 @@ def taylor_aperture_m(beamwidth_rad: float, side_lobe_db: float, wavelength_m: f
     return sigma * wavelength_m * width / (math.pi * math.sin(beamwidth_rad / 2))
 
 
-def _aperture_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _array(scenario: Scenario) -> ArrayTable | None:
+    """Return the array of a module that maps without turning; None for other sensors."""
+    return scenario.radar.array if scenario.sensor == "mimo" else None
+
+
+def _aperture_m(scenario: Scenario, _area: Area | None = None) -> float:
     antenna, wavelength = scenario.radar.antenna, speed_of_light / scenario.radar.carrier_hz
+    if scenario.sensor == "lidar":
+        return NAN
+    if (array := _array(scenario)) is not None:
+        places = np.array([*array.transmitters_wavelengths, *array.receivers_wavelengths])
+        return float(np.ptp(places, axis=0).max()) * wavelength
     if isinstance(antenna, AntennaTable):
         return taylor_aperture_m(min(antenna.beamwidths_rad), antenna.side_lobe_db, wavelength)
     if isinstance(antenna, ArrayAntennaTable) and antenna.elements is not None:
@@ -100,8 +111,12 @@ def _aperture_m(scenario: Scenario, area: Area | None) -> float:
 
 
 def _beamwidths_rad(scenario: Scenario) -> tuple[float, float]:
-    """Return the half-power beamwidths in azimuth and elevation."""
+    """Return the half-power beamwidths in azimuth and elevation; of an array its whole view, NaN of a lidar."""
     antenna = scenario.radar.antenna
+    if scenario.sensor == "lidar":
+        return NAN, NAN
+    if (array := _array(scenario)) is not None:
+        return 2 * math.radians(array.half_view_deg), 2 * math.radians(array.half_view_deg)
     if isinstance(antenna, AntennaTable):
         return antenna.beamwidths_rad
     try:
@@ -112,36 +127,43 @@ def _beamwidths_rad(scenario: Scenario) -> tuple[float, float]:
 
 def _duty(scenario: Scenario) -> float:
     """Return the share of time in which the radar transmits."""
-    scan = scenario.radar.scan
-    return scan.half_swath_deg / 180 if _turns(scan) else 1.0
+    radar, array = scenario.radar, _array(scenario)
+    if array is not None:
+        return array.chirps_per_frame * array.frame_rate_hz / radar.chirp_rate_hz
+    return radar.scan.half_swath_deg / 180 if _turns(radar.scan) else 1.0
 
 
 def _turns(scan: ScanParameters) -> TypeGuard[ScanTable]:
     return isinstance(scan, ScanTable) and scan.mode in ("whisk_broom", "conical")
 
 
-def _pulses_per_s(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _pulses_per_s(scenario: Scenario, _area: Area | None = None) -> float:
     return scenario.radar.mean_rate_hz * (2 if scenario.radar.sweep == "triangular" else 1) * _duty(scenario)
 
 
-def _samples_per_s(scenario: Scenario, area: Area | None) -> float:
+def _samples_per_s(scenario: Scenario, _area: Area | None = None) -> float:
     radar = scenario.radar
     parts = 2 if radar.sampling == "iq" else 1
     table = radar.second_receiver
     receivers = 1 if table is None else table.receivers or 2
-    return _pulses_per_s(scenario, area) * radar.samples_per_chirp * parts * receivers
+    if (array := _array(scenario)) is not None:
+        receivers = len(array.receivers_wavelengths)
+    if scenario.sensor == "lidar":
+        return NAN
+    return _pulses_per_s(scenario) * radar.samples_per_chirp * parts * receivers
 
 
-def _data_rate_mbps(scenario: Scenario, area: Area | None) -> float:
+def _data_rate_mbps(scenario: Scenario, _area: Area | None = None) -> float:
     bits = scenario.radar.receiver.converter.bits or STORED_BITS
-    return 1e-6 * bits * _samples_per_s(scenario, area)
+    return 1e-6 * bits * _samples_per_s(scenario)
 
 
-def _transmit_power_w(scenario: Scenario, area: Area | None) -> float:
-    del area
-    power_dbm = scenario.radar.transmit_power_dbm
-    return NAN if power_dbm is None else 10 ** ((power_dbm - 30) / 10) * _duty(scenario)
+def _transmit_power_w(scenario: Scenario, _area: Area | None = None) -> float:
+    power_dbm, array = scenario.radar.transmit_power_dbm, _array(scenario)
+    if power_dbm is None or scenario.sensor == "lidar":
+        return NAN
+    at_once = 1 if array is None or array.multiplexing == "tdm" else len(array.transmitters_wavelengths)
+    return 10 ** ((power_dbm - 30) / 10) * at_once * _duty(scenario)
 
 
 def _flight(scenario: Scenario) -> tuple[float, float]:
@@ -152,51 +174,52 @@ def _flight(scenario: Scenario) -> tuple[float, float]:
     return platform.altitude_m, platform.speed_mps
 
 
-def _swath_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _swath_m(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (height, _) = scenario.radar.scan, _flight(scenario)
-    if isinstance(scan, ElectronicScanTable):
-        half = math.radians(scan.half_swath_deg)
-        return 2 * height * math.tan(half) / math.cos(math.radians(scan.incidence_deg)) if _ahead(scan) else NAN
-    if not isinstance(scan, ScanTable):
+    if not isinstance(scan, ScanTable | ElectronicScanTable):
         return NAN
     incidence, half = math.radians(scan.incidence_deg), math.radians(scan.half_swath_deg)
+    azimuth, elevation = _beamwidths_rad(scenario)
+    if _looks_aside(scan):
+        # An array's beams to a side follow each other along the track: across it they are one beam wide.
+        near, far = incidence - elevation / 2, incidence + elevation / 2
+        return height * (math.tan(far) - math.tan(near)) if far < math.pi / 2 else NAN
     if scan.mode == "whisk_broom":
         return 2 * height * math.tan(half)
     if scan.mode == "conical":
-        return 2 * height * math.tan(incidence) * math.sin(min(half, math.pi / 2))
-    azimuth, elevation = _beamwidths_rad(scenario)
-    if scan.mode == "fixed":
-        return 2 * height / math.cos(incidence) * math.tan(azimuth / 2)
-    far = incidence + elevation / 2
-    return height * (math.tan(far) - math.tan(incidence - elevation / 2)) if far < math.pi / 2 else NAN
+        return 2 * height * math.tan(incidence) * math.sin(min(half, math.pi / 2)) or NAN
+    side = half if scan.mode == "electronic" else azimuth / 2
+    return 2 * height / math.cos(incidence) * math.tan(side)
 
 
-def _ahead(scan: ElectronicScanTable) -> bool:
-    return scan.look == "forward"
+def _looks_aside(scan: ScanParameters) -> bool:
+    """Return whether the beam looks to a side of the track in the middle of the scan."""
+    return scan.look != "forward" if isinstance(scan, ElectronicScanTable) else scan.mode == "side_looking"
 
 
-def _area_per_hour_km2(scenario: Scenario, area: Area | None) -> float:
-    return 3600e-6 * _swath_m(scenario, area) * _flight(scenario)[1]
+def _area_per_hour_km2(scenario: Scenario, _area: Area | None = None) -> float:
+    return 3600e-6 * _swath_m(scenario) * _flight(scenario)[1]
 
 
-def _line_gap_m(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _line_gap_m(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (_, speed) = scenario.radar.scan, _flight(scenario)
     if isinstance(scan, ElectronicScanTable):
         return speed / scan.scans_per_s
     if not isinstance(scan, ScanTable):
         return NAN
+    if (array := _array(scenario)) is not None:
+        return speed / array.frame_rate_hz
     return speed * 60 / scan.rotation_rpm if _turns(scan) else speed / scenario.radar.mean_rate_hz
 
 
-def _dwell_s(scenario: Scenario, area: Area | None) -> float:
-    del area
+def _dwell_s(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (height, speed) = scenario.radar.scan, _flight(scenario)
     if isinstance(scan, ElectronicScanTable):
         return 1 / (scan.beams * scan.scans_per_s)
     if not isinstance(scan, ScanTable):
         return NAN
+    if (array := _array(scenario)) is not None:
+        return array.chirps_per_frame / scenario.radar.chirp_rate_hz
     azimuth, elevation = _beamwidths_rad(scenario)
     incidence = math.radians(scan.incidence_deg)
     if _turns(scan):
@@ -207,65 +230,72 @@ def _dwell_s(scenario: Scenario, area: Area | None) -> float:
     return along / speed
 
 
-def _lines(scenario: Scenario, area: Area | None) -> float:
-    return _covering(scenario, area)[0]
-
-
-def _flying_time_s(scenario: Scenario, area: Area | None) -> float:
-    return _covering(scenario, area)[1]
-
-
 def _covering(scenario: Scenario, area: Area | None) -> tuple[float, float]:
-    """Return the number of lines and the time over an area; without one those of the scenario's own cruise."""
+    """Return the number of lines and the time over an area; without one those of the scenario's own cruise.
+
+    NaN for a log, and for turns that do not fit the track.
+    """
     platform, (height, speed) = scenario.platform, _flight(scenario)
     if area is not None:
-        swath, scan = _swath_m(scenario, None), scenario.radar.scan
+        swath, scan = _swath_m(scenario), scenario.radar.scan
         if not swath > 0:
             return NAN, NAN
-        incidence = math.radians(getattr(scan, "incidence_deg", 0.0))
-        lines, length = lines_over(area.size_m, height, swath, incidence, area.overlap, _line_gap_m(scenario, None))
+        incidence = 0.0 if _looks_aside(scan) else math.radians(getattr(scan, "incidence_deg", 0.0))
+        lines, length = lines_over(area.size_m, height, swath, incidence, area.overlap, _line_gap_m(scenario))
         return float(lines), length / speed
-    if platform.lines is not None or platform.log is not None:
+    if platform.log is not None:
         return NAN, NAN
-    corners = platform.waypoints_m
-    length = sum(map(math.dist, corners[:-1], corners[1:])) if corners else platform.length_m
-    return float(max(len(corners) - 1, 1)), length / speed
+    lines = max(len(platform.waypoints_m) - 1, 1)
+    if platform.lines is not None:
+        lines = platform.lines.count * (2 if platform.lines.crossing else 1)
+    try:
+        return float(lines), plan_route(platform, lambda: None).duration_s
+    except RadarError:
+        return NAN, NAN
 
 
 LOG = "of a flight log, which has no altitude_m and speed_mps"
-SWATH = f"{LOG}; of scans of your own and electronic ones to a side"
+SWATH = f"{LOG}; of scans of your own, a conical one at incidence 0, and of beams that reach the horizon"
+LIDAR = "of a lidar"
 QUANTITIES: dict[str, Quantity] = {
     "aperture_m": Quantity(
         unit="m",
-        formula="longer side of the antenna: a Taylor line source of the narrower beamwidth; or elements times spacing",
+        formula="longer side of the antenna: a Taylor line source of the narrower beamwidth; elements times spacing; "
+        "or of the box around all elements of radar.array",
         value=_aperture_m,
-        undefined="the antenna is neither taylor nor an array given by its elements",
+        undefined=f"{LIDAR}, and of an antenna that is neither taylor nor an array given by its elements",
     ),
     "pulses_per_s": Quantity(
         unit="1/s",
-        formula="sweeps a second, times the share of a turn in which the radar transmits (half_swath_deg / 180)",
+        formula="sweeps a second, times the share of a turn in which the radar transmits (half_swath_deg / 180); of "
+        "radar.array the chirps of its frames",
         value=_pulses_per_s,
     ),
     "samples_per_s": Quantity(
         unit="1/s",
         formula="pulses_per_s x samples_per_chirp x 2 for I/Q x receivers",
         value=_samples_per_s,
+        undefined=LIDAR,
     ),
     "data_rate_mbps": Quantity(
         unit="Mbit/s",
         formula=f"samples_per_s x converter.bits ({STORED_BITS} without) / 10^6: the raw samples, averaged over a turn",
         value=_data_rate_mbps,
+        undefined=LIDAR,
     ),
     "transmit_power_w": Quantity(
         unit="W",
-        formula="10^((transmit_power_dbm - 30) / 10) x the share of a turn in which the radar transmits",
+        formula="10^((transmit_power_dbm - 30) / 10) x the share of a turn (of radar.array: of the time) in which the "
+        "radar transmits x transmitters at once",
         value=_transmit_power_w,
-        undefined="radar.snr_db says nothing of power; give radar.transmit_power_dbm and noise_figure_db",
+        undefined=f"{LIDAR}, and with radar.snr_db, which says nothing of power; give radar.transmit_power_dbm and "
+        "noise_figure_db",
     ),
     "swath_m": Quantity(
         unit="m",
         formula="whisk_broom 2 h tan(half swath); conical 2 h tan(incidence) sin(half swath); electronic 2 h "
-        "tan(half swath) / cos(incidence); fixed and side_looking: the half-power footprint across the track",
+        "tan(half swath) / cos(incidence), or to a side, and fixed and side_looking: the half-power footprint across "
+        "the track; of radar.array that of its view, half_view_deg",
         value=_swath_m,
         undefined=SWATH,
     ),
@@ -278,27 +308,29 @@ QUANTITIES: dict[str, Quantity] = {
     "lines": Quantity(
         unit="1",
         formula="flight lines over --area, side / (swath_m (1 - overlap)), as `plan` lays them; or of the own flight",
-        value=_lines,
+        value=lambda scenario, area: _covering(scenario, area)[0],
         undefined=SWATH,
     ),
     "flying_time_s": Quantity(
         unit="s",
         formula="length of the lines over --area and of the ways between them / speed; or of the scenario's own cruise",
-        value=_flying_time_s,
+        value=lambda scenario, area: _covering(scenario, area)[1],
         undefined=SWATH,
     ),
     "line_gap_m": Quantity(
         unit="m",
-        formula="way flown from one scan line to the next: speed x 60 / rotation_rpm, or over scans or chirps a second",
+        formula="way flown from one scan line to the next: speed x 60 / rotation_rpm, or over scans, frames or chirps "
+        "a second",
         value=_line_gap_m,
         undefined=f"{LOG}; of scans of your own",
     ),
     "dwell_s": Quantity(
         unit="s",
         formula="time in which the beam moves by its half-power width: azimuth width / (2 pi rpm / 60 cos(incidence)) "
-        "of whisk_broom, sin of conical; fixed and side_looking: footprint / speed; electronic: one beam's time",
+        "of whisk_broom, sin of conical; fixed and side_looking: footprint / speed; electronic: one beam's "
+        "time; radar.array: a frame's chirps",
         value=_dwell_s,
-        undefined=f"{LOG}; of scans of your own",
+        undefined=f"{LOG}; {LIDAR}; of scans of your own",
     ),
 }
 
@@ -394,7 +426,7 @@ def check_names(names: Sequence[str], known: Sequence[str], option: str) -> None
     for name in names:
         if name not in known:
             message = f"{name} is no key of a scenario and no named quantity.{nearest(name, list(known))}"
-            _refuse(option, f"{message} `sionna-radar design --help` lists the quantities")
+            _refuse(option, f"{message} `sionna-radar design --help` lists them; --costs adds yours, as mass_kg")
 
 
 def _parsed(text: str, option: str) -> ast.expr:

@@ -12,12 +12,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t
 
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.scenario.reference import dotted_keys
-from sionna_radar.studies.design import Setting, is_whole, parse_varied, refuse
+from sionna_radar.studies.design import Setting, is_whole, one_setting, parse_varied, refuse
 from sionna_radar.studies.quantities import (
     QUANTITIES,
     Area,
@@ -37,6 +38,10 @@ from sionna_radar.survey.preparation import prepare
 # Relative change of the objective that counts as flat, and by which a limit is relaxed.
 FLAT, RELAXED = 0.05, 0.10
 MAX_SURVEYS = 2000
+# Places between the corners of the space of which one must be flyable; the error of the first is shown otherwise.
+TRIED = (0.5, 0.25, 0.75, 0.05, 0.95)
+# What a survey tells; errors over common cells take several ones.
+RESULTS = tuple(name for name in STATISTICS if name != "common_rms_m")
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class DesignPlan:
     @property
     def results(self) -> tuple[str, ...]:
         """Those of them that only a survey tells."""
-        return tuple(name for name in self.names if name in STATISTICS)
+        return tuple(name for name in self.names if name in RESULTS)
 
     def scenarios(self, setting: Mapping[str, Any], seed: int | None = None) -> list[Scenario]:
         """Return the scenarios of a setting; raises ScenarioError or InputFileError if one is refused."""
@@ -148,7 +153,7 @@ def plan_design(
     Raises
     ------
     ScenarioError, InputFileError
-        A name, an expression or a parameter is wrong, or the middle of all parameters cannot be flown.
+        A name, an expression or a parameter is wrong, or no setting can be flown.
 
     Examples
     --------
@@ -162,7 +167,8 @@ def plan_design(
     check_installed()
     costs, overrides = costs or Costs(), dict(overrides or {})
     listed, spans = parse_varied(free, "--free")
-    base = load_scenario(source, overrides)
+    # Only with a value of each free key: without one it may be incomplete.
+    base = load_scenario(source, overrides | one_setting(listed, spans))
     whole = frozenset(span.key for span in spans if is_whole(base, span.key))
     space = Space(spans, listed, whole)
     objectives = (
@@ -218,23 +224,30 @@ def _check_request(plan: DesignPlan) -> None:
 
 
 def _check_names(plan: DesignPlan) -> None:
-    """Check all names against a setting in the middle of the space, which must be one that can be flown."""
-    known = [*STATISTICS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
+    """Check all names against a setting that can be flown, of some from corner to corner of the space."""
+    known = [*RESULTS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
         check_names(part.names, known, f"{part.text!r}")
     check_names(plan.costs.needs, [name for name in known if name not in plan.costs.names], "--costs")
     if not plan.results:
         refuse("no survey is needed for it; name rms_m, coverage or the like", "--require")
-    middle = plan.space.settings(np.full((1, len(plan.space.keys)), 0.5))[0]
-    scenarios = plan.scenarios(middle)
-    for scenario in scenarios:
-        prepare(scenario)
-    for name in plan.names:
-        if name in QUANTITIES and not np.isfinite(quantities_of(scenarios[0], plan.area, (name,))[name]):
-            refuse(f"is undefined here: {QUANTITIES[name].undefined}", name)
-        if name not in QUANTITIES and name not in STATISTICS:
-            key_value(scenarios[0], name)
+    refused: list[RadarError] = []
+    for setting in plan.space.settings(np.repeat(np.array(TRIED)[:, None], len(plan.space.keys), axis=1)):
+        try:
+            scenarios = plan.scenarios(setting)
+            for scenario in scenarios:
+                prepare(scenario)
+        except (ScenarioError, InputFileError) as error:
+            refused.append(error)
+            continue
+        for name in plan.names:
+            if name in QUANTITIES and not np.isfinite(quantities_of(scenarios[0], plan.area, (name,))[name]):
+                refuse(f"is undefined here: {QUANTITIES[name].undefined}", name)
+            if name not in QUANTITIES and name not in RESULTS:
+                key_value(scenarios[0], name)
+        return
+    raise refused[0]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
-from sionna_radar.studies.design import Axis, Design, Setting, refuse
+from sionna_radar.studies.design import Axis, Design, Setting, one_setting, refuse
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
@@ -153,7 +153,8 @@ def plan_sweep(
     """
     design, overrides = Design.of(varied), dict(overrides or {})
     _check_request(design, repeat, overrides)
-    base = load_scenario(source, overrides) if design.spans else None
+    given = overrides | next(iter(design.rows), {}) | one_setting(design.listed, design.spans)
+    base = load_scenario(source, given) if design.spans else None
     settings = design.settings(base)
     cells, refused, flyable = [], [], False
     with stage("checking", len(settings)):

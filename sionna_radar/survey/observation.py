@@ -18,6 +18,7 @@ slowly: unlike those of speckle they do not become less when cells are averaged.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -26,6 +27,8 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
+from sionna_radar.detection.angle.array_arrival import ArrayEstimator
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, Task, Work
@@ -185,6 +188,11 @@ class Source(Protocol):
         """The chirps of each pulse; None for one."""
 
     @property
+    def angle(self) -> AngleEstimator | ArrayEstimator | None:
+        """Estimator of directions, of a second receiver or of an array's frames; None for neither."""
+        ...
+
+    @property
     def keeps_profiles(self) -> bool:
         """Whether the DEM method uses range profiles around the echoes."""
 
@@ -262,9 +270,13 @@ def _results(
 
 
 def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:
-    """Return the blocks of each segment as (first pulse, end)."""
-    chirps = 1 if source.bursts is None else source.bursts.chirps
-    bounds = list(source.flight.line_bounds(max(1, block_size // chirps)))
+    """Return the blocks of each segment as (first pulse, end): whole scan lines, or frames of an array."""
+    if isinstance(source.angle, ArrayEstimator):
+        ends = range(0, len(source.flight), max(1, block_size // source.angle.array.chirps))
+        bounds = list(pairwise([*ends, len(source.flight)]))
+    else:
+        chirps = 1 if source.bursts is None else source.bursts.chirps
+        bounds = list(source.flight.line_bounds(max(1, block_size // chirps)))
     count = min(SEGMENT_BLOCKS, -(-len(bounds) // MIN_SEGMENTS))
     return [bounds[first : first + count] for first in range(0, len(bounds), count)]
 

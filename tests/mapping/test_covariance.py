@@ -97,3 +97,20 @@ def test_speckle_that_dense_pulses_share_does_not_pass_for_rough_ground():
     assert fit_covariance(dense).covariance.smoothness > 1.5
     (group, *_) = neighbours(dense)
     assert group.table_m.max() > 40.0  # few of many pulses, over all of the ground
+
+
+def test_waves_shorter_than_a_footprint_are_not_told_apart():
+    """Echoes of something else look like waves of any variance, so long as they are shorter than the footprint."""
+    rng = np.random.default_rng(4)
+    count = 300
+    height = rng.normal(0.0, 0.2, count)
+    height[::7] += rng.normal(0.0, 8.0, len(height[::7]))
+    scattered = Measured(
+        place_m=rng.uniform(0, 80, (count, 2)),
+        height_m=height,
+        sigma_m=np.full(count, 0.1),
+        spread_m=np.full(count, 0.7),
+        order=np.arange(count, dtype=float),
+        reach=np.zeros(count),
+    )
+    assert fit_covariance(scattered).covariance.length_m >= 0.7 * (1 - 1e-9)

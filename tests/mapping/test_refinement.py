@@ -9,7 +9,9 @@ from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, Sightings, mean_ranges
-from sionna_radar.mapping.refined.refinement import refine
+from sionna_radar.mapping.mapper import MapInputs
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.refined.refinement import Smooth, refine
 from sionna_radar.mapping.seen import seen_cells
 from sionna_radar.mapping.terrain.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
@@ -147,3 +149,24 @@ def test_shadows_stay_empty(hilly):
     middle = np.abs(y) < 10
     assert not seen[middle & (x > 63) & (x < 67)].any()
     assert seen[middle & (x > 50) & (x < 57)].mean() > 0.9
+
+
+def test_a_few_frames_of_many_points_are_mapped():
+    rng = np.random.default_rng(3)
+    place = rng.uniform(0, 20, (60, 2))
+    position = np.column_stack([place, 0.1 * place[:, 0] + rng.normal(0, 0.05, 60)])
+    points = Points(
+        pulse=np.repeat([0, 1, 2], 20),
+        number=np.tile(np.arange(20), 3),
+        position_m=position,
+        origin_m=np.tile([10.0, 10.0, 50.0], (60, 1)),
+        range_m=np.linalg.norm(position - [10.0, 10.0, 50.0], axis=1),
+        range_sigma_m=np.full(60, 0.05),
+        power=np.ones(60),
+        echo_snr_db=np.full(60, 30.0),
+    )
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=20, rows=20)
+    given = MapInputs(points=points, sightings=None, grid=grid, max_gap_m=5.0, shadow_incidence_rad=1.4)
+    error = Smooth()(given).dem.height_m - 0.1 * grid.centres_m[:, 0].reshape(grid.shape)
+    assert np.isfinite(error).sum() >= 20
+    assert np.sqrt(np.nanmean(error**2)) < 0.05

@@ -1,6 +1,7 @@
 """Named quantities against closed forms and what is flown; expressions over them, and what they refuse."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.build import build_scan
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import taylor
+from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
 from sionna_radar.studies.quantities import (
@@ -21,6 +23,8 @@ from sionna_radar.studies.quantities import (
     read_costs,
     taylor_aperture_m,
 )
+from sionna_radar.studies.radar_design import RESULTS
+from sionna_radar.survey.preparation import prepare
 
 H, V = 50.0, 10.0
 
@@ -77,6 +81,86 @@ def test_swath_and_dwell_are_those_of_the_scan(mode):
     assert found["swath_m"] == pytest.approx(2 * aside.max(), rel=3e-3)
     step = np.arccos(np.clip(np.sum(beam[1:] * beam[:-1], axis=1), -1, 1)).mean() / 1e-4
     assert found["dwell_s"] == pytest.approx(math.radians(2.0) / step, rel=0.01)
+
+
+@pytest.mark.parametrize("look", ["forward", "left", "right"])
+def test_the_swath_of_an_electronic_scan_is_where_its_beams_meet_the_ground(look):
+    array = {"kind": "array", "elements": [32, 16]}
+    scenario = hills(radar__antenna=array, radar__scan={"mode": "electronic", "look": look, "incidence_deg": 35.0})
+    scan = build_scan(scenario.radar.scan)
+    axes = scan.point(np.arange(scan.beams) / (scan.beams * scan.scans_per_s)).R_mount_antenna
+    found = quantities_of(scenario)
+    # Across the track the beams to a side are as wide as that in the middle; forward, their axes span the swath.
+    edges = [0.0]
+    if look != "forward":
+        axes, half = axes[len(axes) // 2][None], build_antenna(scenario.radar.antenna).beamwidths_rad[1] / 2
+        edges = [-half, half]
+    beams = np.concatenate([np.cos(edge) * axes[:, :, 0] + np.sin(edge) * axes[:, :, 2] for edge in edges])
+    aside = H * beams[:, 1] / beams[:, 2]
+    assert found["swath_m"] == pytest.approx(np.ptp(aside), rel=1e-6)
+    assert found["line_gap_m"] == pytest.approx(V / scan.scans_per_s)
+    assert found["dwell_s"] == pytest.approx(1 / (scan.scans_per_s * scan.beams))
+    assert found["aperture_m"] == pytest.approx(16 * speed_of_light / 77e9)
+
+
+def test_lines_to_a_side_do_not_wait_for_a_beam_ahead():
+    """A beam to the side meets the ground abeam: the lines are as long as the area, but for two gaps at each end."""
+    found = quantities_of(hills(radar__scan__mode="side_looking"), Area(size_m=(300.0, 3.0), overlap=0.0))
+    assert found["lines"] == 1
+    assert found["flying_time_s"] * V == pytest.approx(300 + 4 * V / 360)
+
+
+@pytest.mark.parametrize(("multiplexing", "at_once"), [("tdm", 1), ("ddm", 3)])
+def test_quantities_of_a_module_are_those_of_its_frames(multiplexing, at_once):
+    keys = {"preset": "ti_awr1843_array", "array": {"chirps": 32, "frame_rate_hz": 5.0, "multiplexing": multiplexing}}
+    found = quantities_of(load_scenario("hills", {"sensor": "mimo", "radar": keys}))
+    chirps, wavelength = 3 * 32, speed_of_light / 77e9
+    assert found["pulses_per_s"] == chirps * 5
+    assert found["samples_per_s"] == chirps * 5 * 256 * 2 * 4
+    assert found["transmit_power_w"] == pytest.approx(10**-1.8 * at_once * chirps * 5 / 16e3)
+    assert found["line_gap_m"] == V / 5
+    assert found["dwell_s"] == pytest.approx(chirps / 16e3)
+    assert found["swath_m"] == pytest.approx(2 * H * math.tan(math.radians(50)))
+    assert found["aperture_m"] == pytest.approx(2 * wavelength)
+
+
+def test_quantities_of_a_lidar_are_those_of_its_scan():
+    found = quantities_of(hills(sensor="lidar"))
+    defined = {"pulses_per_s", "swath_m", "area_per_hour_km2", "lines", "flying_time_s", "line_gap_m"}
+    assert {name for name, value in found.items() if math.isfinite(value)} == defined
+    assert all("lidar" in QUANTITIES[name].undefined for name in found.keys() - defined)
+
+
+@pytest.mark.parametrize("keys", [{"platform__bank_deg": 20.0}, {}])
+def test_the_time_of_several_lines_is_that_of_their_flight(keys):
+    lines = {"count": 2, "spacing_m": 20.0, "length_m": 40.0, "crossing": True}
+    scenario = hills(platform__lines=lines, platform__length_m=None, platform__start_m=None, **keys)
+    found = quantities_of(scenario)
+    start_s, end_s = prepare(scenario).flight.trajectory.cruise_s()
+    assert found["lines"] == 4
+    assert found["flying_time_s"] == pytest.approx(end_s - start_s)
+
+
+def test_every_scan_has_every_quantity_or_says_when_not():
+    """Of each sensor and scan: a number, or undefined in the words of the table."""
+    array, electronic = {"kind": "array", "elements": [16, 8]}, {"mode": "electronic", "look": "left"}
+    scans = [{"radar__scan__mode": mode} for mode in ("whisk_broom", "conical", "fixed", "side_looking")]
+    scans.append({"radar__antenna": array, "radar__scan": electronic})
+    power = {"radar__snr_db": None, "radar__transmit_power_dbm": 10.0, "radar__noise_figure_db": 12.0}
+    for scan in scans:
+        for area in (None, Area(size_m=(500.0, 300.0))):
+            assert all(value > 0 for value in quantities_of(hills(**scan, **power), area).values())
+    flat = quantities_of(hills(radar__scan__mode="conical", radar__scan__incidence_deg=0.0))
+    assert math.isnan(flat["swath_m"])
+    assert "incidence 0" in QUANTITIES["swath_m"].undefined
+
+
+def test_the_page_lists_the_quantities(cli):
+    page = (Path(__file__).parents[2] / "docs" / "design.md").read_text()
+    rows = [f"| `{name}` | {entry.unit} | {entry.formula} |" for name, entry in QUANTITIES.items()]
+    assert "\n".join(rows) in page
+    shown = cli("design", "--help").stdout
+    assert [name for name in (*QUANTITIES, *RESULTS) if name not in shown] == []
 
 
 def test_what_a_scenario_leaves_open_is_undefined():

@@ -11,7 +11,14 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, document_bytes
 from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.studies.radar_design import design_page, design_summary, print_design, sentence, write_design
+from sionna_radar.report.studies.radar_design import (
+    design_page,
+    design_summary,
+    print_design,
+    sentence,
+    statements,
+    write_design,
+)
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies import design_search
 from sionna_radar.studies.design import Axis, Span
@@ -168,6 +175,33 @@ def test_two_objectives_give_the_front(small):
     assert found.best.seeds >= 3
 
 
+def test_a_range_that_binds_is_told(small):
+    """Any error is allowed, so that the least aperture is that of the widest beam, at the end of its range."""
+    free = [f"{BEAM}=1:4:log", f"{HEIGHT}=30:60"]
+    told = statements(run_design(plan_design(small, free, minimise=["aperture_m"], require=["rms_m < 9"], surveys=20)))
+    assert [text.split(":")[0] for text in told if "the range ends near" in text] == [BEAM]
+
+
+def test_a_key_may_be_given_by_its_range_alone_and_values_that_never_fly_are_refused(small):
+    power = {"radar.snr_db": None, "radar.noise_figure_db": 12.0}
+    free = ["radar.transmit_power_dbm=0.5:20", f"{BEAM}=1:4"]
+    plan = plan_design(small, free, minimise=["transmit_power_w"], require=["rms_m < 9"], overrides=power)
+    assert plan.base.radar.transmit_power_dbm == 1.0
+    free = ["radar.scan.mode=whisk_broom,fixed,electronic", "radar.scan.rotation_rpm=60:240"]
+    plan = plan_design(small, free, minimise=["swath_m"], require=["rms_m < 9"])
+    with pytest.raises(ScenarioError, match=r"radar.scan.mode = electronic cannot be flown"):
+        run_design(plan)
+
+
+def test_settings_that_leave_a_quantity_undefined_are_not_flown(small):
+    """At incidence 0 a conical scan has no swath."""
+    free = ["radar.scan.mode=conical,whisk_broom", "radar.scan.incidence_deg=0,30", f"{BEAM}=1:4"]
+    plan = plan_design(small, free, maximise=["swath_m"], require=["rms_m < 9"], surveys=20)
+    flown = [tuple(o.setting.values())[1:] for o in run_design(plan).observations]
+    assert ("whisk_broom", 0) in flown
+    assert ("conical", 0) not in flown
+
+
 def test_what_no_setting_meets_is_told(small):
     plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.01"], surveys=24)
     found = run_design(plan)
@@ -187,6 +221,7 @@ def test_what_no_setting_meets_is_told(small):
         ({"minimise": ["aperture_m", "rms_m", "swath_m"]}, "3 objectives"),
         ({"require": []}, "no survey is needed"),
         ({"require": ["rsm_m < 1"]}, "Did you mean rms_m"),
+        ({"require": ["common_rms_m < 1"]}, "common_rms_m is no key"),
         ({"require": ["rms_m < 1", "transmit_power_w < 1"]}, "transmit_power_dbm"),
         ({"require": ["rms_m < radar.scan.mode"]}, "'whisk_broom' is no number"),
         ({"surveys": 9}, "must be 13"),

@@ -14,6 +14,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.report.drawing import BLUE
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.notebook import html_of
@@ -322,27 +323,40 @@ def test_long_values_are_told_in_short_and_apart():
     assert label({}) == "nothing changed"
 
 
-def test_each_line_of_the_figure_has_a_style_of_its_own_and_one_trial_no_bars(flown):
-    sweep = flown[1]
-    beams, names = (1.0, 2.0), tuple(f"a_long_name_of_a_method_{n}" for n in range(14))
+def of_methods(sweep, count):
+    """Return a pretended sweep over beams and a number of methods, one trial each."""
+    beams, names = (1.0, 2.0), tuple(f"a_long_name_of_a_method_{n}" for n in range(count))
     cases = tuple(
         replace(case, setting={BEAM: beam, "processing.ranging": name}, trials=case.trials[:1])
         for name in names
         for beam, case in zip(beams, sweep.cases[:2], strict=True)
     )
     axes = (Axis(key=BEAM, values=beams), Axis(key="processing.ranging", values=names))
-    single = replace(sweep, cases=cases, axes=axes, repeat=1)
+    return replace(sweep, cases=cases, axes=axes, repeat=1)
+
+
+def test_each_line_of_the_figure_has_a_colour_of_its_own_and_one_trial_no_bars(flown):
+    single = of_methods(flown[1], 7)
     panel = errors(single).axes[0]
-    styles = [(line.get_color(), line.get_marker()) for line in panel.lines]
-    assert len(styles) == len(set(styles)) == 14
+    assert len({line.get_color() for line in panel.lines}) == len(panel.lines) == 7
     assert not any(bars.has_yerr for bars in panel.containers)
     assert texts_outside(errors(single)) == []
-    failed = tuple(
-        replace(case, trials=()) if case.setting["processing.ranging"] == names[0] else case for case in cases
-    )
-    texts = errors(replace(single, cases=failed)).legends[0].texts
-    assert len(texts) == 13
-    assert all(bars.has_yerr for bars in errors(sweep).axes[0].containers)
+    cases = (*(replace(case, trials=()) for case in single.cases[:2]), *single.cases[2:])
+    assert len(errors(replace(single, cases=cases)).legends[0].texts) == 6
+    assert all(bars.has_yerr for bars in errors(flown[1]).axes[0].containers)
+
+
+def test_from_eight_lines_on_each_has_panels_of_its_own_before_all_others(flown):
+    figure = errors(of_methods(flown[1], 9))
+    assert len(figure.axes) == 9 * 4
+    assert not figure.legends
+    for panel in figure.axes:
+        assert [line.get_color() for line in panel.lines].count(BLUE) == 1
+        assert len({line.get_color() for line in panel.lines if line.get_label() != "_child0"} - {"black"}) == 2
+    assert texts_outside(figure) == []
+    many = errors(of_methods(flown[1], 30))
+    assert len(many.axes) == 24 * 4
+    assert "24 of 30 settings" in many.get_suptitle()
 
 
 def test_a_ranked_table_marks_what_meets_what_is_on_the_front_and_what_is_undecided(flown):

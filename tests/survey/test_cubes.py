@@ -80,6 +80,36 @@ def test_an_open_chain_finds_the_target(flown):
     assert left == pytest.approx(4.0 / np.linalg.norm(away), abs=0.04)
 
 
+@pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::PendingDeprecationWarning")
+def test_openradar_finds_the_target(flown, monkeypatch):
+    """Where it is installed (https://github.com/PreSenseRadar/OpenRadar) it reads, transforms and steers itself.
+
+    Two of its functions fail today: one calls `np.complex`, and the compensation of motion slices by a float.
+    """
+    dsp, loader = (pytest.importorskip(f"mmwave.{part}") for part in ("dsp", "dataloader"))
+    monkeypatch.setattr(np, "complex", complex, raising=False)
+    folder, survey = flown
+    config, pulses = capture_config(folder / "a.cfg"), np.arange(2)
+    cell_m, _ = dsp.range_resolution(config.samples, config.rate_ksps, config.slope_mhz_us)
+    pose, found = survey.prepared.flight.pulses(pulses).true, survey.prepared.observe(pulses).echoes
+    for pulse, raw in enumerate(np.fromfile(folder / "a.bin", dtype=np.int16).reshape(2, -1)):
+        cube = dsp.range_processing(loader.DCA1000.organize(raw, 48, 4, 256), dsp.Window.HANNING)
+        power, channels = dsp.doppler_processing(cube, num_tx_antennas=3, window_type_2d=dsp.Window.HANNING)
+        cell, rate = np.unravel_index(np.argmax(power), power.shape)
+        turn = np.exp(-2j * np.pi * np.fft.fftfreq(16)[rate] * np.arange(3) / 3)
+        eight = (channels[cell, :, rate].reshape(3, 4) * turn[:, None])[[0, 2]].ravel()
+        bartlett = dsp.aoa_bartlett(dsp.gen_steering_vec(90, 1, 8)[1], eight[:, None], axis=0)
+        # Of the first transmitter alone, which needs no compensation.
+        capon, _ = dsp.aoa_capon(cube[::3, :, cell].T, dsp.gen_steering_vec(90, 1, 4)[1], magnitude=True)
+        ours = found.of_pulses(np.array([pulse]))
+        best = np.argmax(ours.power)
+        away = np.array([-99.5, 4.0, 6.0]) - pose.position_m[pulse]
+        range_m, left_deg = np.linalg.norm(away), np.rad2deg(np.arcsin(4.0 / np.linalg.norm(away)))
+        assert [cell * cell_m, ours.range_m[best]] == pytest.approx([range_m, range_m], abs=0.5 * cell_m)
+        lefts = [np.argmax(bartlett) - 90, np.argmax(capon) - 90, np.rad2deg(np.arcsin(ours.direction[best, 1]))]
+        assert lefts == pytest.approx([left_deg] * 3, abs=1.0)
+
+
 def test_netcdf_holds_the_same_frames_and_the_array(flown):
     folder, survey = flown
     with h5py.File(folder / "b.nc") as file:

@@ -6,6 +6,7 @@ import pytest
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.survey.observation import segments_of
 from sionna_radar.survey.warnings import array_warnings
 
 LOW = {
@@ -60,6 +61,14 @@ def test_blocks_change_nothing(survey):
     alone = prepared.observe(np.array([4])).echoes
     assert some.of_pulses(np.array([4])).range_m.tolist() == alone.range_m.tolist()
     assert alone.direction.tolist() == some.rows(some.pulse == 4).direction.tolist()
+
+
+def test_memory_holds_a_few_frames_however_long_the_flight(survey):
+    """Blocks are as many chirps as those of single pulses are, or one frame."""
+    for size, frames in ((256, 2), (32, 1)):
+        blocks = [block for segment in segments_of(survey.prepared, size) for block in segment]
+        assert [first for first, _ in blocks] == list(range(0, 8, frames))
+        assert [end for _, end in blocks] == list(range(frames, 9, frames))
 
 
 def test_a_flat_plane_is_flat():

@@ -49,8 +49,6 @@ STRONGER = 2.0
 FASTEST_DROPS_MPS = 25.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
-# Pulses used to estimate the volume's motion.
-MOTION_PULSES = 128
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,17 +386,15 @@ def _motion(
 ) -> VolumeMotion:
     """Return the motion of the volume, about that of rain of a rate."""
     end = through.end
-    rows = np.unique(np.linspace(0, len(pulses) - 1, min(MOTION_PULSES, len(pulses))).round().astype(np.int64))
-    strength = through.volume.strength(cells, end.looks, 0)[rows]
-    views = through.views(pulses.rows(rows), sweep, strength)
-    ratio = end.over_volume(cells[rows], strength)
+    strength = through.volume.strength(cells, end.looks, 0)
+    views = through.views(pulses, sweep, strength)
+    ratio = end.over_volume(cells, strength)
 
     def likelihood(speed_mps: float) -> Float[np.ndarray, " pulse"]:
-        drift_m = sweep.doppler_range_m(np.full(len(rows), speed_mps))
+        drift_m = sweep.doppler_range_m(np.full(len(pulses), speed_mps))
         return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
 
-    boresight = pulses.rows(rows).measured.boresight
-    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, boresight, likelihood)
+    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, pulses.measured.boresight, likelihood)
 
 
 def _within(

@@ -265,8 +265,7 @@ class Smooth:
 
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        pulses = len(np.unique(given.points.pulse)) if given.sightings is None else len(given.sightings)
-        if pulses < MIN_PULSES:
+        if len(given.points if given.sightings is None else given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         if given.sightings is not None:
             expect_steps(self.tiling.steps_over(given.grid))

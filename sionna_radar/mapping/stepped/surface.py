@@ -322,7 +322,7 @@ class _Surfaces:
         self, part: Int[np.ndarray, "row column"]
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
         """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
-        whole, grid = self._whole_part(part), self.grid
+        whole, grid = self.whole_part(part), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = windows_of(part)
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
@@ -378,13 +378,18 @@ class _Surfaces:
         place = cells.centres_m
         return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
 
-    def _whole_part(self, part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
-        """Return the part of the map that contains the main lobe of each pulse; -1 if in more than one."""
+    def whole_part(self, part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
+        """Return the part of the map that contains the main lobe of each pulse.
+
+        -1 if it is in more than one, or if the echo is a step above or below the coarse map.
+        """
         pose, range_m = self.sightings.pose, self.echoes.range_m
         reach_m = range_m * self.sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
-        row, column, inside = self.grid.cell_of(on_axis(pose, range_m))
-        within_one = inside & (to_border_m(part, self.grid.spacing_m)[row, column] > reach_m)
-        return np.where(within_one, part[row, column], -1)
+        echo_m = on_axis(pose, range_m)
+        row, column, inside = self.grid.cell_of(echo_m)
+        inside &= to_border_m(part, self.grid.spacing_m)[row, column] > reach_m
+        inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m
+        return np.where(inside, part[row, column], -1)
 
 
 def _refit(

@@ -256,11 +256,16 @@ def fit_covariance(
 
 
 def search_bounds(measured: Measured) -> list[tuple[float, float]]:
-    """Return bounds of the logarithms of length, variance, noise factor and smoothness."""
+    """Return bounds of the logarithms of length, variance, noise factor and smoothness.
+
+    The length is at least a footprint's standard deviation: of shorter waves, heights averaged over footprints tell
+    variance times length squared alone, and their likeliest variance may be any.
+    """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
+    shortest = min(max(3e-3 * extent, float(np.median(measured.spread_m))), extent)
     return [
-        (np.log(3e-3 * extent), np.log(extent)),
+        (np.log(shortest), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
         (np.log(measured.roughest), np.log(SMOOTHEST)),

@@ -40,12 +40,13 @@ from sionna_radar.report.terminal import NONE, console, number, print_whole
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.quantities import QUANTITIES
-from sionna_radar.studies.radar_design import FLAT, RELAXED, Checked, RadarDesign, Slice
-from sionna_radar.studies.sweep import STATISTICS, label, short
+from sionna_radar.studies.radar_design import FLAT, RELAXED, RESULTS, Checked, DesignPlan, RadarDesign, Slice
+from sionna_radar.studies.sweep import label, short
 
 MARKER = "design.json"
 # Designs listed in a terminal and on the page.
 MAX_LISTED = 6
+TITLE = "Designs flown with several seeds"
 SHOWN = ("rms_m", "le90_m", "coverage")
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
 
@@ -76,6 +77,9 @@ def statements(design: RadarDesign) -> list[str]:
             low, high = cut.flat[0], cut.flat[-1]
             kept = f"{low:g} to {high:g}" if isinstance(low, Real) else ", ".join(map(str, cut.flat))
             found.append(f"{cut.key}: {kept} costs at most {FLAT:.0%} more, with the requirements likely to hold")
+        if _at_its_end(cut, design.plan):
+            end = design.best.setting[cut.key]
+            found.append(f"{cut.key}: the range ends near {end:g} and binds; a wider --free may give a better design")
     for relaxation in design.relaxations:
         if not np.isfinite(relaxation.saving):
             found.append(f"{relaxation.requirement}: no design is expected to meet it and all others")
@@ -92,15 +96,27 @@ def statements(design: RadarDesign) -> list[str]:
     return found
 
 
+def _at_its_end(cut: Slice, plan: DesignPlan) -> bool:
+    """Return whether one objective improves along a range up to its end, with the requirements likely to hold."""
+    if len(plan.objectives) > 1 or cut.key not in [span.key for span in plan.space.spans]:
+        return False
+    objective = np.where(cut.holds >= 0.5, plan.objectives[0].sign * cut.objectives[:, 0], np.inf)
+    best = int(np.argmin(objective))
+    return best in (0, len(objective) - 1) and bool(np.ptp(cut.objectives) > 0)
+
+
 def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
-    """Return heading and rows of the designs flown with several seeds, best first."""
+    """Return heading and rows of the designs flown with several seeds, best first; or of designs along the front."""
     named = [name for name in design.plan.names if name not in design.plan.space.keys]
     columns = list(dict.fromkeys([*named, *(n for n in design.plan.costs.names if n in design.best.values), *SHOWN]))
     texts = [o.expression.text for o in design.plan.objectives if o.expression.text not in columns]
     head = [*design.plan.space.keys, *texts, *columns, "DEM method", "seeds", "probability"]
-    listed = list(design.front) or list(design.checked)
+    listed = list(design.checked[:MAX_LISTED])
+    if len(design.front) > 0:
+        spread = {int(k) for k in np.linspace(0, len(design.front) - 1, MAX_LISTED)}
+        listed = [one for k, one in enumerate(design.front) if k in spread or one.setting == design.best.setting]
     rows = []
-    for one in listed[:MAX_LISTED]:
+    for one in listed:
         reached = {o.expression.text: v for o, v in zip(design.plan.objectives, one.objectives, strict=True)}
         rows.append(
             [
@@ -125,7 +141,7 @@ def print_design(design: RadarDesign) -> None:
     """Print the answer, the designs that were checked, and how they stand."""
     out = console()
     out.print(sentence(design), soft_wrap=True)
-    title = "Pareto front" if design.front else "Designs flown with several seeds"
+    title = f"Along the Pareto front of {len(design.front)} designs" if design.front else TITLE
     table = Table(title=f"{title} (mean ± standard deviation of a seed)", title_justify="left")
     head, rows = design_rows(design)
     for name in head:
@@ -176,7 +192,7 @@ def survey_rows(design: RadarDesign) -> list[dict[str, Any]]:
     return [
         {key: one.setting[key] for key in design.plan.space.keys}
         | {"run_seed": one.seed, "dem.method": one.method}
-        | {name: _or_empty(one.results.get(name, np.nan)) for name in STATISTICS}
+        | {name: _or_empty(one.results.get(name, np.nan)) for name in RESULTS}
         | {"reason": one.reason}
         for one in design.observations
     ]
@@ -263,11 +279,14 @@ def draw_slices(design: RadarDesign) -> Figure:
         best = place[_nearest(cut, design.best.setting[cut.key])]
         for row, name in enumerate(rows):
             axes = panels[row, column]
-            line = {"color": COLOURS[row % len(COLOURS)], "marker": "" if names is None else "o"}
+            line = {"color": COLOURS[row % len(COLOURS)], **({} if names is None else {"marker": "o", "ls": ""})}
             if name in results:
                 mean, sigma = cut.results[name]
                 axes.plot(place, mean, **line)
-                axes.fill_between(place, mean - sigma, mean + sigma, color=line["color"], alpha=0.2, lw=0)
+                if names is None:
+                    axes.fill_between(place, mean - sigma, mean + sigma, color=line["color"], alpha=0.2, lw=0)
+                else:
+                    axes.errorbar(place, mean, sigma, capsize=3, **line)
             else:
                 values = cut.holds if name == rows[-1] else cut.objectives[:, texts.index(name)]
                 axes.plot(place, values, **line)
@@ -279,6 +298,7 @@ def draw_slices(design: RadarDesign) -> Figure:
         panels[-1, column].set_ylim(-0.05, 1.05)
         if names is not None:
             panels[-1, column].set_xticks(place, names)
+            panels[-1, column].set_xlim(-0.5, len(names) - 0.5)
     figure.suptitle("Through the optimum (dotted): expected values and one standard deviation", fontsize="medium")
     return figure
 

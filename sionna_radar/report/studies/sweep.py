@@ -41,6 +41,7 @@ from sionna_radar.studies.design import Axis
 from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, short
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
+SINGLE = "one trial each"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = {
     "rms_m": "RMS error of lit cells (m)",
@@ -58,7 +59,9 @@ HEADROOM = 1.06
 BESIDE_PT = 7.0
 # Minimum number of settings for a rank correlation.
 MIN_RANKED = 8
-MAX_LEGEND = 14
+# Rows of small multiples, and the longest line of the name beside one, in characters.
+MAX_MULTIPLES = 24
+MAX_BESIDE = 18
 # Longest name in half the width of the figure, in characters.
 MAX_IN_HALF = 50
 # Characters of labels that fit side by side under one panel.
@@ -80,25 +83,23 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     """
     across = across or abscissa(sweep.axes)
     lines = _lines(sweep, across)
-    statistics = _panels(sweep)
+    trials = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials" if sweep.repeat > 1 else SINGLE
+    if len(lines) > len(COLOURS):
+        return _small_multiples(sweep, across, lines, trials)
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True).ravel()
-    for axes, statistic in zip(panels, statistics, strict=True):
+    for axes, statistic in zip(panels, _panels(sweep), strict=True):
         for index, (title, cases) in enumerate(lines):
-            colour, marker = _style(index)
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
-            _draw_line(axes, across, cases, statistic, (title, colour, marker, shift), joined=_joined(sweep, across))
+            style = title, COLOURS[index], MARKERS[index], shift
+            _draw_line(axes, across, cases, statistic, style, joined=_joined(sweep, across))
         axes.set_ylabel(PANELS[statistic])
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-        _finish_ordinate(axes, sweep, statistic)
+        _finish_ordinates([axes], sweep, statistic)
         axes.set_title(_correlation(sweep, across, statistic), fontsize="small", loc="right")
     for axes in panels[2:]:
         _finish_abscissa(axes, across)
-    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
-    trials = several if sweep.repeat > 1 else "one trial each"
     figure.suptitle(f"{sweep.source}: elevation error\n{trials}", fontsize="medium", parse_math=False)
-    if 1 < len(lines) <= MAX_LEGEND:
+    if len(lines) > 1:
         handles, names = panels[0].get_legend_handles_labels()
         columns = 2 if max(map(len, names)) <= MAX_IN_HALF else 1
         texts = [fill(name, MAX_IN_HALF * 2 // columns) for name in names]
@@ -106,10 +107,28 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     return figure
 
 
-def _style(index: int) -> tuple[str, str]:
-    """Return a colour and a marker, unique for as many lines as there are pairs of them."""
-    turn, count = divmod(index, len(COLOURS))
-    return COLOURS[count], MARKERS[(count + turn) % len(MARKERS)]
+def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Case]]], trials: str) -> Figure:
+    """Draw each line in panels of its own, all others grey behind it; of many `MAX_MULTIPLES`, of least error."""
+    least = [min((c.mean("rms_m") for c in cases if c.trials), default=np.inf) for _, cases in lines]
+    shown = sorted(np.argsort(least, kind="stable")[:MAX_MULTIPLES])
+    statistics, joined = _panels(sweep), _joined(sweep, across)
+    figure = ReportFigure(figsize=(9.0, 1.2 + 1.3 * len(shown)), layout="constrained")
+    panels = figure.subplots(len(shown), len(statistics), sharex=True, sharey="col")
+    for column, statistic in zip(panels.T, statistics, strict=True):
+        for place, axes in zip(shown, column, strict=True):
+            title, cases = lines[place]
+            for _, others in lines:
+                points = [(_place(across, case.setting[across.key]), case.mean(statistic)) for case in others]
+                axes.plot(*np.transpose(points), ls="-" if joined else "", marker=".", ms=2, lw=0.8, color="0.8")
+            _draw_line(axes, across, cases, statistic, (title, BLUE, "o", 0.0), joined=joined)
+        _finish_ordinates(list(column), sweep, statistic)
+        column[0].set_title(f"{PANELS[statistic]}\n{_correlation(sweep, across, statistic)}".rstrip(), fontsize="small")
+        _finish_abscissa(column[-1], across)
+    for place, axes in zip(shown, panels[:, 0], strict=True):
+        axes.set_ylabel(fill(lines[place][0], MAX_BESIDE), fontsize="small")
+    head = f"{sweep.source}: elevation error, {len(shown)} of {len(lines)} settings (grey: all)"
+    figure.suptitle(f"{head}\n{trials}", fontsize="medium", parse_math=False)
+    return figure
 
 
 def _panels(sweep: Sweep) -> list[str]:
@@ -118,21 +137,25 @@ def _panels(sweep: Sweep) -> list[str]:
     return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
 
 
-def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
-    if statistic == "mean_m":
-        axes.axhline(0.0, color="black", lw=0.8)
-    if statistic == "coverage":
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
-    if statistic in SIZES:
-        sizes = np.array([case.mean(statistic) for case in sweep.cases])
-        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
-        if len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
+def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> None:
+    """Finish panels of one statistic that share their ordinate."""
+    top = max(axes.dataLim.y1 for axes in column)
+    sizes = np.array([case.mean(statistic) for case in sweep.cases])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+    for axes in column:
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+        if statistic == "mean_m":
+            axes.axhline(0.0, color="black", lw=0.8)
+        if statistic == "coverage":
+            axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
+        if statistic in SIZES and len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
             axes.set_yscale("log", nonpositive="mask")
             axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
-        elif len(sizes):
-            axes.set_ylim(0.0, HEADROOM * axes.dataLim.y1)
+        elif statistic in SIZES and len(sizes):
+            axes.set_ylim(0.0, HEADROOM * top)
 
 
 def abscissa(axes: tuple[Axis, ...]) -> Axis:
@@ -300,12 +323,6 @@ def table_text(rows: Sequence[Row]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def costs_of(text: str) -> list[dict[str, float]]:
-    """Return the costs of each survey of a `runs.csv`, in order; raises ValueError or KeyError for other text."""
-    rows = csv.DictReader(io.StringIO(text, newline=""))
-    return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
 def write_runs_parquet(path: Path, sweep: Sweep) -> None:
@@ -488,9 +505,7 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
 
     Of the quantities in closed form those are shown that differ between cases.
     """
-    trials = (
-        f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
-    )
+    trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     table = Table(title=title, title_justify="left")
     for axis in result.axes:
@@ -500,13 +515,9 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
         table.add_column(HEADINGS[statistic], justify="right")
     rows = ranked(result, ranking)
     varied = {axis.key for axis in result.axes}
-    names = [
-        name
-        for name in (rows[0][1] if rows else ())
-        if (name == "method" and METHOD not in varied)
-        or (name not in COLUMNS and name != "method")
-        or (name in COLUMNS and len({judged[name] for _, judged in rows if judged[name] == judged[name]}) > 1)
-    ]
+    same = [n for n in COLUMNS if len({judged[n] for _, judged in rows if judged[n] == judged[n]}) < 2]
+    hidden = {*same, *(["method"] if METHOD in varied else [])}
+    names = [name for name in (rows[0][1] if rows else ()) if name not in hidden]
     for name in names:
         table.add_column("DEM method" if name == "method" else name, justify="right")
     for case, judged in rows[:MAX_ROWS]:
@@ -560,9 +571,10 @@ def read_sweep(folder: Path) -> Sweep:
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:
-    """Return the costs of the surveys from `runs.csv`; empty without that table."""
+    """Return the costs of each survey from `runs.csv`, in order; empty without that table."""
     table = folder / RUNS_CSV
-    return costs_of(read_text(table, "sweep =", REMEDY)) if table.exists() else []
+    rows = csv.DictReader(io.StringIO(read_text(table, "sweep =", REMEDY) if table.exists() else "", newline=""))
+    return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
 def _case(document: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:

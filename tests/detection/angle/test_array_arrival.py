@@ -86,6 +86,43 @@ def test_two_points_a_beam_apart_are_two():
     assert np.sqrt(np.mean(np.square(errors))) < limit / 10
 
 
+def capon(estimator, found, row, cell, cosine):
+    """Return Capon's spectrum of a cell, its covariance that of three by three cells, loaded with their noise."""
+    beams = estimator.array.steering(
+        np.column_stack([np.sqrt(1 - cosine**2), cosine, 0 * cosine]), 0 * cosine, found.range_m[cell]
+    )
+    x = found.channel[row - 1 : row + 2, cell - 1 : cell + 2].reshape(9, -1)
+    inverse = np.linalg.inv(x.T @ x.conj() / 9 + found.noise * np.eye(x.shape[1]))
+    return 1 / np.einsum("gc,cd,gd->g", beams.conj(), inverse, beams).real
+
+
+@pytest.mark.parametrize(("apart_cells", "better"), [(0.0, "projection"), (0.5, "capon")])
+def test_two_points_by_neighbouring_cells(apart_cells, better):
+    """Capon's beams tell two points only where neighbouring cells hold them in other shares, as those of ground do not.
+
+    Three quarters of a beam apart; found are those whose peaks lie within a quarter of that from both.
+    """
+    estimator, cosine = estimator_of(line_of(3, 4)), np.linspace(-0.5, 0.5, 801)
+    apart = 0.75 / 6
+    places = [seen_at(estimator, 0, 42 + side * apart_cells / 2, side * apart / 2) for side in (-1, 1)]
+    place, truth = (np.array(column) for column in zip(*places, strict=True))
+    hits = {"projection": 0, "capon": 0}
+    for seed in range(20):
+        gain = np.exp(2j * np.pi * np.random.default_rng(seed).random(2))
+        noise = 1e-3 / cell_noise(estimator)
+        found = estimator.map(with_noise(frame_of(estimator.array, place, gain), noise, seed))
+        level = capon(estimator, found, 8, 42, cosine)
+        peaks = 1 + np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:]))
+        sources = estimator.sources(found, middle())
+        own = sources.direction[(sources.cell == 42) & (found.rate_mps[sources.rate] == 0), 1]
+        for name, left in (("projection", own), ("capon", cosine[peaks[np.argsort(-level[peaks])[:2]]])):
+            near = len(left) == 2 and np.abs(np.sort(left) - truth[:, 1]).max() < apart / 4
+            hits[name] += int(near)
+    assert max(hits, key=lambda name: hits[name]) == better
+    assert hits["projection"] >= 14
+    assert hits["capon"] == (20 if better == "capon" else pytest.approx(0, abs=6))
+
+
 def test_channels_add_their_gain():
     """10 log N over one channel, in signal and noise as received."""
     estimator = estimator_of(line_of(3, 4, blocks=32))
