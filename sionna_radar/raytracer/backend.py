@@ -111,7 +111,8 @@ def find_llvm() -> LlvmLibrary:
             )
             raise BackendError(message)
         return LlvmLibrary(own, version, f"environment variable {LLVM_VARIABLE}")
-    for path in _wheel_libraries():
+    wheels = _wheel_libraries()
+    for path in wheels:
         version = _llvm_version(str(path))
         if version is not None:
             return LlvmLibrary(str(path), version, f"wheel {WHEEL}")
@@ -121,7 +122,16 @@ def find_llvm() -> LlvmLibrary:
             return LlvmLibrary(name, version, "system")
     remedy = REMEDIES.get(platform.system(), "install LLVM")
     message = f"no libLLVM of version {OLDEST_LLVM} or newer was found; {remedy}, or point {LLVM_VARIABLE} at one"
-    raise BackendError(message)
+    raise BackendError(message + "".join(map(_obstacle, wheels[:1])))
+
+
+def _obstacle(path: Path) -> str:
+    """Return why a library does not load, such as one that it needs and a minimal system lacks (libatomic1)."""
+    try:
+        ctypes.CDLL(str(path))
+    except OSError as error:
+        return f". The wheel is installed but does not load: {error}"
+    return ""
 
 
 def use_backend(name: str) -> None:
