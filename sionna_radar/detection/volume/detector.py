@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
@@ -18,7 +17,9 @@ from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     NEAR_CELLS,
     NEIGHBOURS,
+    STORM_MPS,
     TYPICAL_RATE_MM_PER_H,
+    VolumeCells,
     VolumeClutter,
     VolumeMotion,
     estimated_motion,
@@ -45,8 +46,6 @@ RARELY_GROUND = 0.02
 EVEN_LEVEL = 100.0
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
 STRONGER = 2.0
-# Largest approach speed of drops blown by a storm.
-FASTEST_DROPS_MPS = 25.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
@@ -237,7 +236,12 @@ def _first_cell(detector: Detector) -> int:
 
 
 def volume_in_front(
-    detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp
+    detector: Detector,
+    power: Float[np.ndarray, "pulse bin"],
+    pulses: Pulses,
+    sweep: Chirp,
+    more_power: Float[np.ndarray, "pulse bin"],
+    more_pulses: Pulses,
 ) -> ThroughVolume | None:
     """Return a detector through the volume seen in some spectra; None in clear air.
 
@@ -249,6 +253,8 @@ def volume_in_front(
         Spectra of pulses spread over the survey.
     pulses, sweep:
         Those pulses and their sweep.
+    more_power, more_pulses:
+        Further ones, which the volume's motion is estimated from.
 
     """
     if detector.beam is None:
@@ -265,7 +271,7 @@ def volume_in_front(
     rate = stated or _rain_rate_mm_per_h(through, pulses, sweep)
     if rate not in (stated, TYPICAL_RATE_MM_PER_H):
         through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
-    motion = _motion(through, rate, cells, pulses, sweep)
+    motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
     if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
         return through
     return _learned(detector, guess, motion, cells, pulses, sweep)
@@ -297,8 +303,8 @@ def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) ->
     shift of ranges by motion is small beside the range.
     """
     volume, echo_w = through.volume, through.detector.volume_echo_w
-    cells = np.arange(sum(volume.near) // 2, volume.near[1])
-    if echo_w is None or len(cells) == 0:
+    cells = volume.farther
+    if echo_w is None or cells.size == 0:
         return TYPICAL_RATE_MM_PER_H
     range_m = _still_range_m(cells, through.detector, through.motion, pulses, sweep)
     reflectivity_per_m = float(np.mean(volume.mean[cells] * range_m**2)) / echo_w
@@ -351,7 +357,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
     count = len(analyser.range_m[:: analyser.zero_padding])
     if sweep.sampling == "real":
         return count
-    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + FASTEST_DROPS_MPS
+    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + STORM_MPS
     folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
     return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
 
@@ -385,16 +391,20 @@ def _motion(
     sweep: Chirp,
 ) -> VolumeMotion:
     """Return the motion of the volume, about that of rain of a rate."""
-    end = through.end
-    strength = through.volume.strength(cells, end.looks, 0)
-    views = through.views(pulses, sweep, strength)
-    ratio = end.over_volume(cells, strength)
-
-    def likelihood(speed_mps: float) -> Float[np.ndarray, " pulse"]:
-        drift_m = sweep.doppler_range_m(np.full(len(pulses), speed_mps))
-        return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
-
-    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, pulses.measured.boresight, likelihood)
+    end, volume, pose = through.end, through.volume, pulses.measured
+    strength = volume.strength(cells, end.looks, 0)[:, None]
+    near = np.arange(*volume.near)
+    only = VolumeCells(
+        power=np.minimum(cells[:, near] / strength, MAX_SPECKLE * volume.background[near]),
+        noise=volume.noise / strength,
+        range_m=near * end.cell_m,
+        shift_m=float(sweep.doppler_range_m(np.ones(1))[0]),
+        boresight=pose.boresight,
+        platform_mps=pose.boresight_range_rate_mps,
+        looks=end.looks,
+        margin_m=2 * RESPONSE_CELLS * end.cell_m,
+    )
+    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, only)
 
 
 def _within(
