@@ -240,7 +240,7 @@ def volume_in_front(
     power: Float[np.ndarray, "pulse bin"],
     pulses: Pulses,
     sweep: Chirp,
-    more_power: Float[np.ndarray, "pulse bin"],
+    more_power: Float[np.ndarray, "more bin"],
     more_pulses: Pulses,
 ) -> ThroughVolume | None:
     """Return a detector through the volume seen in some spectra; None in clear air.
