@@ -266,6 +266,7 @@ class VolumeCells:
     range_m: measured ranges of the cells. shift_m: increase of a range for each m/s of range rate.
     boresight, platform_mps: boresights, and the platform's range rates along them, of the measured poses.
     looks: independent looks per cell. margin_m: reach of an echo's side lobes.
+    uneven: variance of the volume's strength between pulses, and so along a beam; 0 if it is uniform.
     """
 
     power: Float[np.ndarray, "pulse cell"]
@@ -276,6 +277,7 @@ class VolumeCells:
     platform_mps: Float[np.ndarray, " pulse"]
     looks: float
     margin_m: float
+    uneven: float
 
     def beyond(self, particles_mps: Float[np.ndarray, " pulse"] | float) -> "VolumeCells":
         """Return the cells that no shift by particles of up to some range rates brings the nearest particles into.
@@ -340,7 +342,9 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
     attenuation: expected, two-way, nepers/m. still: the particles fall as expected.
     """
     extent_m = max(float(np.ptp(cells.range_m)), cells.margin_m)
-    spread = np.hypot(ATTENUATION_SPREAD * attenuation, CHANGE_NEPERS / extent_m)
+    spread = np.hypot(ATTENUATION_SPREAD * attenuation, math.hypot(CHANGE_NEPERS, math.sqrt(cells.uneven)) / extent_m)
+    # Cells of an uneven volume differ from the law together.
+    looks = cells.looks / (1 + cells.looks * cells.range_m.size * cells.uneven)
     expected = np.array([0.0, 0.0, -fall_mps, 0.0, attenuation])
     precision = np.array([WIND_SIGMA_MPS**-2, WIND_SIGMA_MPS**-2, FALL_SIGMA_MPS**-2, MAX_NEPERS**-2, spread**-2])
     at_rest = cells.range_m - cells.shift_m * cells.platform_mps[:, None]
@@ -361,14 +365,14 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
         share = volume / mean
         by_rate = share * (2 / range_m + value[4]) * cells.shift_m
         slopes = np.stack([*(cells.boresight.T[:, :, None] * by_rate), share, -range_m * share]).reshape(5, -1)
-        information = cells.looks * slopes @ slopes.T + np.diag(precision)
-        score = cells.looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
+        information = looks * slopes @ slopes.T + np.diag(precision)
+        score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
         step = np.clip(np.linalg.solve(information[free, free], score[free]), -MAX_STEP, MAX_STEP)
         value[free] += step
         if np.abs(step).max() < MIN_STEP:
             break
     mean = law(value)[1] + cells.noise
-    cost = cells.looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
+    cost = looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
     cost += (np.linalg.slogdet(information[free, free])[1] - (0.0 if still else np.log(precision[:3]).sum())) / 2
     return _MotionFit(velocity_mps=value[:3], covariance=np.linalg.inv(information)[:3, :3], cost=float(cost))
 

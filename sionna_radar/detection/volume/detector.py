@@ -403,6 +403,7 @@ def _motion(
         platform_mps=pose.boresight_range_rate_mps,
         looks=end.looks,
         margin_m=2 * RESPONSE_CELLS * end.cell_m,
+        uneven=volume.uneven,
     )
     return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, only)
 

@@ -1,5 +1,7 @@
 """The motion of a volume whose echo is drawn from its law, and the ground that a survey learns behind it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,7 @@ def echoes(velocity_mps, seed=7, *, lines=10, nearest_m=0.0, noise=1e-6, sign=1.
         platform_mps=platform_mps,
         looks=1.0,
         margin_m=1.0,
+        uneven=0.0,
     )
 
 
@@ -102,6 +105,17 @@ def test_range_rates_have_no_bias():
 def test_snow_falls_as_snow(fall_mps):
     found = found_motion([0.0, 0.0, -fall_mps], lines=50)
     assert np.abs(found.range_rate_mps(LINE) + fall_mps * LINE[:, 2]).max() < 0.7
+
+
+def test_uneven_rain_shows_no_wind():
+    """Strength near and far in a pulse differ by a third and by chance: taken for even rain it is a wind of 2 m/s."""
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
+    even = echoes(rain.velocity_mps, lines=50)
+    change = 0.33 * np.random.default_rng(2).normal(size=(len(even.power), 1))
+    changed = replace(even, power=even.power * np.exp(change * (1 - even.range_m / 30)))
+    for uneven, kept in ((0.0, False), (0.1, True)):
+        found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, replace(changed, uneven=uneven))
+        assert np.array_equal(found.velocity_mps, rain.velocity_mps) == kept
 
 
 @pytest.mark.parametrize("told", [{"noise": 1.0}, {"nearest_m": 50.0}, {"nearest_m": 60.0}])
