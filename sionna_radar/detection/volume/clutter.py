@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import brentq
+from scipy.special import ndtri
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
@@ -142,7 +143,7 @@ def _volume_at(
 ) -> VolumeClutter | None:
     """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential."""
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
-    noise = float(np.quantile(level[first:last], QUIET_SHARE))
+    noise = _noise(level[first:last], np.sqrt(share / (1 - share) / len(power)) / -np.log(1 - share))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
@@ -156,6 +157,17 @@ def _volume_at(
         if filled and 1 / MAX_UNEVEN < ratio < MAX_UNEVEN:
             return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
+
+
+def _noise(level: Float[np.ndarray, " cell"], scatter: float) -> float:
+    """Return the level of the quietest cells: of those from their 5 % quantile to as far above their median.
+
+    scatter: standard deviation of the level of a cell, over its mean.
+    """
+    lowest = np.quantile(level, QUIET_SHARE)
+    below = -float(ndtri(QUIET_SHARE)) * scatter
+    highest = lowest * (1 + below) / max(1 - below, 0.1)
+    return float(np.median(level[(level >= lowest) & (level <= highest)]))
 
 
 def measured_mean(
@@ -265,7 +277,7 @@ class VolumeCells:
     power: over the volume's strength around each pulse. noise: mean power of the receiver noise, likewise.
     range_m: measured ranges of the cells. shift_m: increase of a range for each m/s of range rate.
     boresight, platform_mps: boresights, and the platform's range rates along them, of the measured poses.
-    looks: independent looks per cell. margin_m: reach of an echo's side lobes.
+    looks: independent looks per cell. nearest_m: least range of the law r^-2. margin_m: reach of an echo's side lobes.
     uneven: variance of the volume's strength between pulses, and so along a beam; 0 if it is uniform.
     """
 
@@ -276,6 +288,7 @@ class VolumeCells:
     boresight: Float[np.ndarray, "pulse 3"]
     platform_mps: Float[np.ndarray, " pulse"]
     looks: float
+    nearest_m: float
     margin_m: float
     uneven: float
 
@@ -284,8 +297,8 @@ class VolumeCells:
 
         Approaching ones next to the radar have negative beat frequencies, which a real signal shows as positive ones.
         """
-        nearest_m = abs(self.shift_m) * float(np.max(np.abs(self.platform_mps) + particles_mps)) + self.margin_m
-        far = self.range_m >= nearest_m
+        shift_m = abs(self.shift_m) * float(np.max(np.abs(self.platform_mps) + particles_mps))
+        far = self.range_m >= max(self.nearest_m, self.margin_m) + shift_m
         return replace(self, power=self.power[:, far], range_m=self.range_m[far])
 
 

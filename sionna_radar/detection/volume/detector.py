@@ -28,7 +28,7 @@ from sionna_radar.detection.volume.clutter import (
     measured_mean,
     rain_rate_of,
 )
-from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import FINE, GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
@@ -46,6 +46,8 @@ RARELY_GROUND = 0.02
 EVEN_LEVEL = 100.0
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
 STRONGER = 2.0
+# Times the range up to which the beam is collimated: the law r^-2 of a volume is not quite that of a far field before.
+NEAR_FIELD = 2.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
@@ -339,7 +341,7 @@ def _through(
         beam=detector.beam,
         cell_m=analyser.chirp.range_resolution_m,
         looks=analyser.looks_per_cell,
-        response=analyser.response(RESPONSE_CELLS, 1),
+        response=analyser.response(RESPONSE_CELLS * FINE, FINE),
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
         floor_share=detector.volume.floor_share,
@@ -370,7 +372,7 @@ def _with_mean_and_ground(
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
-    learned = learned_ground(end.ground.level, likelihood)
+    learned = replace(learned_ground(end.ground.level, likelihood), cell=int(np.median(ground)))
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
     volume_end = ground - options.widths_before * width - options.cells_before
@@ -402,6 +404,7 @@ def _motion(
         boresight=pose.boresight,
         platform_mps=pose.boresight_range_rate_mps,
         looks=end.looks,
+        nearest_m=NEAR_FIELD * through.detector.collimated_m,
         margin_m=2 * RESPONSE_CELLS * end.cell_m,
         uneven=volume.uneven,
     )

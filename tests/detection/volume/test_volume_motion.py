@@ -49,6 +49,7 @@ def echoes(velocity_mps, seed=7, *, lines=10, nearest_m=0.0, noise=1e-6, sign=1.
         boresight=boresight,
         platform_mps=platform_mps,
         looks=1.0,
+        nearest_m=0.0,
         margin_m=1.0,
         uneven=0.0,
     )
