@@ -15,15 +15,20 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sionna_radar.execution.checkpoints import FOLDER as PARTS
 from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, staged
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
-from sionna_radar.report.files.contents import COSTS, strict_json, write_text
+from sionna_radar.report.files.contents import COSTS, strict_json, write_page, write_text
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Subject = TypeVar("Subject")
 MANIFEST = "manifest.json"
 # Costs differ from run to run: these files, and the last columns of this table, are not hashed.
 UNHASHED = (COSTS, "runs.parquet")
@@ -56,7 +61,7 @@ class Manifest:
         return Manifest(kind=kind, files={path.relative_to(folder).as_posix(): _signature(path) for path in paths})
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Return whether a file of a folder is the listed one: a regular file at its path, and unchanged."""
+        """Return True if a file of a folder is the listed one: a regular file at its path, and unchanged."""
         path = folder / name  # neither a link nor below one, nor outside the folder
         return path.is_file() and path.resolve() == folder.resolve() / name and _signature(path) == self.files[name]
 
@@ -294,11 +299,13 @@ def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
 def write_study(
     directory: Path,
     marker: str,
-    document: dict[str, Any],
-    draw: Callable[[Path], object],
-    tables: Mapping[str, str] | None = None,
+    subject: Subject,
+    document: Mapping[str, Any],
+    figures: "Mapping[str, Callable[[Subject], Figure]]",
+    texts: Mapping[str, str] | None = None,
+    page: Callable[[Subject], str] | None = None,
 ) -> list[Path]:
-    """Write the numbers of a study, its tables and its figures as `write_folder` does, and return the files.
+    """Write a study as `write_folder` does, and return the files.
 
     Parameters
     ----------
@@ -306,12 +313,14 @@ def write_study(
         Output folder; only the files of an earlier result in it are replaced.
     marker:
         File of the numbers, as strict JSON; undefined numbers become null.
-    document:
-        The numbers.
-    draw:
-        Draws the figures into the given folder, `figures`.
-    tables:
-        Texts of additional files, by name.
+    subject, document:
+        The study, and its numbers.
+    figures:
+        Drawings of the study by name, for the folder `figures`.
+    texts:
+        Texts of further files, by name.
+    page:
+        Returns the page `report.html` of the study; None for none.
 
     Raises
     ------
@@ -319,11 +328,15 @@ def write_study(
         As for `write_folder`.
 
     """
+    # Slow to import, and not needed by all commands.
+    from sionna_radar.report.drawing import save_figures
 
     def fill(folder: Path) -> None:
-        for name, text in {marker: strict_json(document), **(tables or {})}.items():
+        for name, text in {marker: strict_json(document), **(texts or {})}.items():
             write_text(folder / name, text)
-        draw(folder / "figures")
+        save_figures(subject, figures, folder / "figures")
+        if page is not None:
+            write_page(folder / "report.html", partial(page, subject))
 
     return write_folder(directory, marker, fill)
 

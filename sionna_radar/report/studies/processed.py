@@ -76,7 +76,7 @@ from sionna_radar.report.page.sections import (
 )
 from sionna_radar.report.survey.products import other_side, provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
-from sionna_radar.report.terminal import console, number, reference_rows
+from sionna_radar.report.terminal import console, number, reference_rows, table_of_values
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
@@ -362,7 +362,7 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
 
 def _document(processed: Processed) -> dict[str, Any]:
     points, comparison = processed.points, processed.comparison
-    document: dict[str, Any] = {
+    document = {
         "recording": processed.source.name,
         "settings": processed.settings.model_dump(mode="json"),
         "warnings": processed.warnings,
@@ -379,8 +379,7 @@ def _document(processed: Processed) -> dict[str, Any]:
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
-    cleaned: dict[str, Any] = without_nan(document)
-    return cleaned
+    return without_nan(document)
 
 
 def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
@@ -404,10 +403,7 @@ def print_processed(processed: Processed) -> None:
 
 def processed_table(processed: Processed) -> Table:
     """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors if the truth is known."""
-    table = Table(title=f"Recording {processed.source.name}", show_header=False, title_justify="left")
-    for name, value in (_recorded(processed) | _mapped(processed)).items():
-        table.add_row(name, value)
-    return table
+    return table_of_values(f"Recording {processed.source.name}", _recorded(processed) | _mapped(processed))
 
 
 def _recorded(processed: Processed) -> dict[str, str]:
