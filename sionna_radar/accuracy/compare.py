@@ -145,7 +145,7 @@ class SpeckleTest:
     probability: float
 
     def can_reject(self, probability: float) -> bool:
-        """Return whether the number of tiles allows so small a probability."""
+        """Return True if the number of tiles allows so small a probability."""
         return 3.0**-self.tiles <= probability
 
 

@@ -169,7 +169,7 @@ def shown_progress(listener: Progress | None) -> Iterator[None]:
 
 
 def in_notebook() -> bool:
-    """Return whether this runs in a Jupyter kernel."""
+    """Return True if this runs in a Jupyter kernel."""
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython

@@ -29,6 +29,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.mapping.echo_model.model import (
     BeamFootprints,
     EchoModel,
@@ -272,7 +273,7 @@ def _shift_per_rate(sightings: Sightings) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Readings:
+class Readings(Columns):
     """Ranges that were read along the axes of the beams, with the reported motion.
 
     range_m, sigma_m: as read, and their standard deviation. motion: of the same pulses.
@@ -285,14 +286,6 @@ class Readings:
     reach_m: float
     doppler_m: float = 0.0
     repeated: float = 1.0
-
-    def __len__(self) -> int:
-        return len(self.motion)
-
-    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "Readings":
-        """Return some of the readings."""
-        own = self.motion.rows(np.flatnonzero(kept))
-        return replace(self, range_m=self.range_m[kept], sigma_m=self.sigma_m[kept], motion=own)
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
         """Return score and information of the readings on named errors over a surface, at an estimate of them."""

@@ -52,7 +52,7 @@ def flushed_denormals() -> Iterator[None]:
 
 
 def can_flush() -> bool:
-    """Return whether Python threads can flush denormals to zero on this machine."""
+    """Return True if Python threads can flush denormals to zero on this machine."""
     return _library() is not None
 
 
@@ -258,7 +258,7 @@ def _llvm_version(path: str) -> str | None:
 
 @functools.cache
 def gpu_usable() -> bool:
-    """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
+    """Return True if a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
     try:
         cuda = ctypes.CDLL(library)

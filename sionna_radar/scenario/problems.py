@@ -62,7 +62,7 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
 
 
 def _other_than_a_list(error: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether an error only rejects a list as a number, where a list is allowed and has its own errors."""
+    """Return True if an error only rejects a list as a number, where a list is allowed and has its own errors."""
     parent, kind = error["loc"][:-1], error["loc"][-1:]
     if not isinstance(error["input"], list | tuple) or not kind or kind[0] not in KINDS_OF_VALUE:
         return False

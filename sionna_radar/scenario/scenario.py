@@ -96,7 +96,7 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
 
 
 def _dense(tables: Mapping[str, Any]) -> bool:
-    """Return whether the lines of a whisk-broom scan are at most two footprints apart; True if unknown.
+    """Return True if the lines of a whisk-broom scan are at most two footprints apart; True if unknown.
 
     The footprint is the length along the track of the elevation beam on level ground in the middle of the scan.
     """

@@ -176,7 +176,7 @@ def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, 
 
 
 def _beyond(corner_m: Float[np.ndarray, "corner 2"], window_m: tuple[float, float, float, float]) -> bool:
-    """Return whether an outline lies outside a window."""
+    """Return True if an outline lies outside a window."""
     lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
     return bool(np.any(lower > window_m[2:]) or np.any(upper < window_m[:2]))
 

@@ -106,7 +106,7 @@ def build_chain(
 
 
 def _real(inputs: StageInputs) -> bool:
-    """Return whether a receiver has other effects than noise and a high-pass."""
+    """Return True if a receiver has other effects than noise and a high-pass."""
     receiver = inputs.radar.receiver
     oscillator, converter = receiver.oscillator, receiver.converter
     effects = (

@@ -202,7 +202,7 @@ def _without_repeats(values: Sequence[Any]) -> list[Any]:
 
 
 def is_whole(base: Scenario, key: str) -> bool:
-    """Return whether a key of a scenario holds whole numbers only."""
+    """Return True if a key of a scenario holds whole numbers only."""
     *tables, name = key.split(".")
     table: Any = base
     for attribute in tables:

@@ -234,12 +234,13 @@ class _Search:
     def holds(
         self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
     ) -> Bool[np.ndarray, "n draw"]:
-        """Return whether all requirements hold in each draw."""
+        """Return True where all requirements hold in each draw."""
         return np.logical_and.reduce(
             np.broadcast_arrays(np.ones((settings, 1), dtype=bool), *(m > 0 for m in self.margins(values, relaxed)))
         )
 
     def flyable(self, settings: Sequence[Setting]) -> Float[np.ndarray, " n"]:
+        """Return the probability of each setting to be flown."""
         flown = [not o.reason for o in self.observations]
         inputs = self.plan.space.inputs([o.setting for o in self.observations])
         return flown_probability(inputs, flown, self.plan.space.inputs(settings))

@@ -199,6 +199,7 @@ class _ImageFormation:
         return BackProjection(receiver.chirp, pixels, aperture, self._window, receiver.high_pass)
 
     def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        """Add a block of pulses to all images."""
         self._slar.add(beats, measured)
         for image in (self._sar, *self._patches.values()):
             if image is not None:

@@ -113,7 +113,7 @@ class Shard:
         return f"{self.number}/{self.count}"
 
     def holds(self, survey: int) -> bool:
-        """Return whether a survey is in the shard, by index in the study from 0."""
+        """Return True if a survey is in the shard, by index in the study from 0."""
         return survey % self.count == self.number - 1
 
 
@@ -478,8 +478,7 @@ def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
     if f"{place}.crs_wkt" in columns:
         origin_m = tuple(columns[f"{place}.origin_m"].tolist())
         georeference = table_of(Georeference, place, columns, origin_m=origin_m, cells=None)
-    raster: Raster = table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
-    return raster
+    return table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
 
 
 def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:

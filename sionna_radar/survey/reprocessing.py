@@ -583,7 +583,7 @@ def _warnings(
 
 
 def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
-    """Return whether only the farther half of the ranges holds energy: I/Q samples with negative beat frequencies.
+    """Return True if only the farther half of the ranges holds energy: I/Q samples with negative beat frequencies.
 
     Leakage stands at both ends of the band, and is left out with the window's response of it.
     """

@@ -195,5 +195,4 @@ def _mean_range_correlation(
 def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
     """Return the offset of each cell from the power-weighted mean cell."""
     cell = np.arange(len(power))
-    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
-    return distance
+    return cell - power @ cell / max(power.sum(), 1e-300)

@@ -46,7 +46,7 @@ class Window:
         return np.array([self.grid.x_m[self.columns.stop - 1], self.grid.y_m[self.rows.stop - 1]])
 
     def around(self, place_m: Float[np.ndarray, "n 2"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """Return whether places are within `reach_m` of its cells along each axis."""
+        """Return True where places are within `reach_m` of its cells along each axis."""
         return np.all((place_m >= self.low_m - reach_m) & (place_m <= self.high_m + reach_m), axis=1)
 
 

@@ -67,8 +67,7 @@ def _highest_good(
     total: Float32[np.ndarray, "row column level"], options: SteppedParameters
 ) -> Int[np.ndarray, "row column"]:
     good = total <= total.min(axis=-1, keepdims=True) + options.tie_nepers * len(DIRECTIONS)
-    highest: Int[np.ndarray, "row column"] = total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
-    return highest
+    return total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
 
 
 def margins(
@@ -77,7 +76,7 @@ def margins(
     chosen: Int[np.ndarray, "row column"],
     apart: int,
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return by how many nepers each cell's level is likelier than the best one below and the best one above it.
+    """Return the likelihood of each cell's level over the best one below and the best one above it, in nepers.
 
     Parameters
     ----------
@@ -263,7 +262,7 @@ def _levels(
 def _looking_at(
     sightings: Sightings, grid: Grid, span_m: tuple[float, float], margin_m: float
 ) -> Bool[np.ndarray, " pulse"]:
-    """Return whether the beam axis of each pulse passes near a grid at either of two heights."""
+    """Return True where the beam axis of each pulse passes near a grid at either of two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in span_m:

@@ -205,7 +205,7 @@ def _fitted(heights: Heights, unknowns: int) -> _Fit:
 
 
 def _curved(heights: Heights, plane: Plane, rough: float) -> bool:
-    """Return whether a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
+    """Return True if a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
     rest = (heights.height_m - plane.at(heights.place_m)) / heights.sigma_m
     kept = np.abs(rest) <= OUTLIER_SIGMAS * max(rough, 1.0)
     x, y = (heights.place_m[kept] - plane.middle_m).T

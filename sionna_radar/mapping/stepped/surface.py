@@ -237,7 +237,7 @@ def with_steps(
 def next_step(
     height_m: Float[np.ndarray, "row column"], step_m: float, spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return how far each cell is from the nearest foot of a step that lies a step below it, and how deep that is, m.
+    """Return the distance of each cell from the nearest foot of a step a step below it, and its depth, m.
 
     The distance is that of the ring of cells, one of `DISTANCES_CELLS`; infinite without such a foot.
     """

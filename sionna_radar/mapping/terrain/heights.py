@@ -65,8 +65,7 @@ class Heights(Columns):
     @property
     def spread_m(self) -> Float[np.ndarray, " n"]:
         """Standard deviation of a round footprint as large as each."""
-        spread: Float[np.ndarray, " n"] = np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
-        return spread
+        return np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
 
     def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
         """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""

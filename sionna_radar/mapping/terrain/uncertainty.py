@@ -190,8 +190,7 @@ class Information:
         """Return the posterior power of each wave; share: factor on its prior power."""
         prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
-        left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
-        return left
+        return 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
 
 
 def information_of(
@@ -251,8 +250,7 @@ def _noise(
     beside = (1 / looks_per_cell - 1) / 2
     neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
-    noise: Float[np.ndarray, " wave"] = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
-    return noise
+    return (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
 
 
 @runtime_checkable
@@ -305,7 +303,7 @@ class TileUncertainty:
         return cls(bounds_m, as_told, told, plausible, outstanding)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
-        """Return whether places lie in the tile."""
+        """Return True where places lie in the tile."""
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 

@@ -55,6 +55,7 @@ class _Tubes(Columns):
     corner_m: Float[np.ndarray, "tube 3 3"]
 
     def quartered(self) -> "_Tubes":
+        """Return the four triangles of each that the middles of its sides divide it into."""
         a, b, c = np.moveaxis(self.corner_m, 1, 0)
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         parts = [np.stack(part, axis=1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]

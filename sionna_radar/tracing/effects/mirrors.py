@@ -88,7 +88,7 @@ class Patch:
         return place[np.arange(len(point_m)), nearest]
 
     def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Return whether points of the plane lie inside: the border winds around them once."""
+        """Return True where points of the plane lie inside: the border winds around them once."""
         return _turns(*self._seen_from(point_m)) > 0
 
     def _seen_from(
@@ -330,7 +330,7 @@ class MirrorTracer:
         return rows, places, heights, factors, numbers
 
     def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
-        """Return whether patches may be mirrors for any of the positions: a bound from the sphere around them."""
+        """Return True where patches may be mirrors for any of the positions: a bound from the sphere around them."""
         middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
         reach = np.linalg.norm(position_m - middle, axis=1).max()
         away = middle - self._centre_m

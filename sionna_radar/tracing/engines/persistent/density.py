@@ -40,7 +40,7 @@ class FilledBeam:
     up: float
 
     def holds(self, direction: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether unit vectors in the antenna's frame lie in it."""
+        """Return True where unit vectors in the antenna's frame lie in it."""
         ahead, left, up = direction.T
         return (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
 

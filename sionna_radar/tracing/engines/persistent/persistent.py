@@ -128,7 +128,7 @@ def _outside(
 
 
 def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row column"]:
-    """Return whether cells lie wholly in the part of the beam that is left out."""
+    """Return True where cells lie wholly in the part of the beam that is left out."""
     u, v = np.meshgrid(grid.left, grid.up)
     face = np.stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v], axis=-1)
     inside = filled.holds(face.reshape(-1, 3) @ grid.R_face_antenna).reshape(u.shape)
