@@ -281,13 +281,8 @@ class CanopyReading:
 def read_canopy(error: Raster, height_m: Float[np.ndarray, "row column"]) -> CanopyReading:
     """Return the statistics of a DEM's height within the canopy.
 
-    Parameters
-    ----------
-    error:
-        The DEM less the ground.
-    height_m:
-        Height of the plants over each cell; NaN where none stand.
-
+    error: the DEM less the ground.
+    height_m: height of the plants over each cell; NaN where none stand.
     """
     among = error.filled & np.isfinite(height_m)
     if not among.any():

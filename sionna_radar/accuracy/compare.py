@@ -152,13 +152,8 @@ class SpeckleTest:
 def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], correlation_m: float) -> SpeckleTest:
     """Test two engines' pairs of DEMs.
 
-    Parameters
-    ----------
-    one, other:
-        DEMs from two seeds of each engine, all on one grid.
-    correlation_m:
-        Distance over which errors of the DEM are correlated: the footprint, or the gap between echoes.
-
+    one, other: DEMs from two seeds of each engine, all on one grid.
+    correlation_m: distance over which errors of the DEM are correlated: the footprint, or the gap between echoes.
     """
     grid = one[0].grid
     height = np.stack([dem.height_m.ravel() for dem in (*one, *other)])

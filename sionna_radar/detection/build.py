@@ -100,26 +100,15 @@ def build_detector(
 ) -> Detector:
     """Return the processing of a scenario.
 
-    Parameters
-    ----------
-    processing, chirp:
-        The processing and the sweep it is for.
-    antenna:
-        The antenna, for estimators that model the beam.
-    high_pass:
-        High-pass of the receiver, which the calibration removes from the spectra.
-    estimator:
-        A range estimator in place of that of `processing`.
-    speckle_looks:
-        Number of averaged powers in a pulse with independent speckle.
-    transmit_power_w:
-        Transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells the rain.
+    processing, chirp: the processing and the sweep it is for.
+    antenna: the antenna, for estimators that model the beam.
+    high_pass: high-pass of the receiver, which the calibration removes from the spectra.
+    estimator: a range estimator in place of that of `processing`.
+    speckle_looks: number of averaged powers in a pulse with independent speckle.
+    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells
+        the rain.
 
-    Raises
-    ------
-    ScenarioError
-        The window leaks the cell under test into the training cells.
-
+    Raises ScenarioError if the window leaks the cell under test into the training cells.
     """
     analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
     table = processing.cfar
@@ -163,26 +152,14 @@ def build_expected_ground(
 ) -> ExpectedGround | None:
     """Return the expected ground of a scenario; None if it has none.
 
-    Parameters
-    ----------
-    table:
-        `[processing.expected_ground]`.
-    altitude_m:
-        Nominal height of the flight above ground.
-    antenna:
-        The antenna, for its beam width.
-    grid:
-        Cells of the survey's DEM.
-    place:
-        Georeference of the local frame, if it has one.
+    table: `[processing.expected_ground]`.
+    altitude_m: nominal height of the flight above ground.
+    antenna: the antenna, for its beam width.
+    grid: cells of the survey's DEM.
+    place: georeference of the local frame, if it has one.
 
-    Raises
-    ------
-    InputFileError
-        The rough DEM cannot be read, or does not overlap the survey.
-    ScenarioError
-        Only one of the rough DEM and the terrain is georeferenced.
-
+    Raises InputFileError if the rough DEM cannot be read, or does not overlap the survey.
+    Raises ScenarioError if only one of the rough DEM and the terrain is georeferenced.
     """
     if table is None:
         return None

@@ -56,20 +56,11 @@ class HeightSystem:
 def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:
     """Return the height system of an open file: as stated, otherwise from its vertical CRS, its band's unit, or metres.
 
-    Parameters
-    ----------
-    dataset:
-        The open file (rasterio).
-    crs:
-        Its CRS, including any vertical part.
-    stated_crs, stated_unit:
-        `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
+    dataset: the open file (rasterio).
+    crs: its CRS, including any vertical part.
+    stated_crs, stated_unit: `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
 
-    Raises
-    ------
-    ScenarioError
-        The stated CRS is not vertical, or contradicts the unit of the file's band.
-
+    Raises ScenarioError if the stated CRS is not vertical, or contradicts the unit of the file's band.
     """
     file_vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
     vertical = _stated(stated_crs) if stated_crs else file_vertical

@@ -213,18 +213,11 @@ def turn_radius_m(platform: Platform) -> float | None:
 def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Route:
     """Return the route of a scenario.
 
-    Parameters
-    ----------
-    platform:
-        The flight, in local metres.
-    frame:
-        Returns the local frame on the map, if there is one; called only for logs on the map.
+    platform: the flight, in local metres.
+    frame: returns the local frame on the map, if there is one; called only for logs on the map.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        Turns do not fit the track; the log cannot be read or flown, or has no place on the ground.
-
+    Raises ScenarioError, InputFileError if turns do not fit the track; the log cannot be read or flown, or has no place
+        on the ground.
     """
     if platform.log is not None:
         return read_route(_log_part(platform, platform.log), frame)

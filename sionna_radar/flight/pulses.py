@@ -381,15 +381,9 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
 
     None for bursts of a single chirp.
 
-    Parameters
-    ----------
-    schedule:
-        Of single chirps.
-    chirps:
-        Number per burst.
-    rate_hz:
-        Chirp rate.
-
+    schedule: of single chirps.
+    chirps: number per burst.
+    rate_hz: chirp rate.
     """
     if chirps == 1:
         return None

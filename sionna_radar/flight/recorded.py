@@ -327,20 +327,11 @@ class RecordedRoute:
 def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
     """Return the recorded flight of a scenario.
 
-    Parameters
-    ----------
-    part:
-        Part of a log, and how it is placed.
-    frame:
-        Returns the local frame on the map, if the terrain has one.
+    part: part of a log, and how it is placed.
+    frame: returns the local frame on the map, if the terrain has one.
 
-    Raises
-    ------
-    InputFileError
-        The log cannot be read, or its part is unusable: with the time, and a remedy.
-    ScenarioError
-        It is on the map and the terrain is not, or the part begins after its end.
-
+    Raises InputFileError if the log cannot be read, or its part is unusable: with the time, and a remedy.
+    Raises ScenarioError if it is on the map and the terrain is not, or the part begins after its end.
     """
     log = read_log(part.path, KEY, part.columns)
     last_s = float(np.nanmax(log.positions.time_s))

@@ -40,22 +40,12 @@ def shown(value: object) -> str:
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
     """Check that a path is a regular file of a bounded size, and return its size in bytes.
 
-    Parameters
-    ----------
-    path:
-        The file.
-    name:
-        Beginning of the message: what requested the file.
-    remedy:
-        End of the message: what to give instead.
-    most_bytes:
-        Largest accepted size.
+    path: the file.
+    name: beginning of the message: what requested the file.
+    remedy: end of the message: what to give instead.
+    most_bytes: largest accepted size.
 
-    Raises
-    ------
-    InputFileError
-        It does not exist, is not a regular file or is too large, or the path is invalid.
-
+    Raises InputFileError if it does not exist, is not a regular file or is too large, or the path is invalid.
     """
     try:
         found = path.stat()

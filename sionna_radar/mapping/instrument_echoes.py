@@ -400,21 +400,12 @@ def range_per_error(
 ) -> Float[np.ndarray, "pulse node error"]:
     """Return the change of the range that is read along each node of the beam, m, per SI unit of each error.
 
-    Parameters
-    ----------
-    direction:
-        Unit vectors toward the nodes, world frame.
-    motion:
-        Without the errors that are known already.
-    feet:
-        Where the nodes meet the surface; a node that meets nothing reads nothing.
-    surface:
-        The ground.
-    names:
-        Of the errors, in `UNKNOWNS`.
-    doppler_m:
-        Doppler shift of the range per m/s of range rate.
-
+    direction: unit vectors toward the nodes, world frame.
+    motion: without the errors that are known already.
+    feet: where the nodes meet the surface; a node that meets nothing reads nothing.
+    surface: the ground.
+    names: of the errors, in `UNKNOWNS`.
+    doppler_m: Doppler shift of the range per m/s of range rate.
     """
     slope = surface.slope(*feet.place_m.reshape(-1, 2).T)
     shape = feet.range_m.shape

@@ -95,11 +95,7 @@ class LlvmLibrary:
 def find_llvm() -> LlvmLibrary:
     """Return the first usable libLLVM: the user's, the wheel's, then the system's.
 
-    Raises
-    ------
-    BackendError
-        None is found, or the user's is too old.
-
+    Raises BackendError if none is found, or the user's is too old.
     """
     own = os.environ.get(LLVM_VARIABLE)
     if own:

@@ -177,13 +177,8 @@ SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
 def scenario_from(sources: Sequence[str], folder: Path) -> str:
     """Return a scenario, TOML, that uses files and a radar preset of the user's, with paths relative to a folder.
 
-    Raises
-    ------
-    ScenarioError
-        A source is neither a preset nor a file of a known kind, or two are of one kind.
-    InputFileError
-        A file does not exist.
-
+    Raises ScenarioError if a source is neither a preset nor a file of a known kind, or two are of one kind.
+    Raises InputFileError if a file does not exist.
     """
     tables: dict[str, dict[str, Any]] = {}
     for source in sources:

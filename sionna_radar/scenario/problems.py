@@ -42,13 +42,8 @@ KINDS_OF_VALUE = ("float", "int", "constrained-float", "constrained-int")
 def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> list[Problem]:
     """Return the problems of a validation, the first of each key, in their order.
 
-    Parameters
-    ----------
-    errors:
-        Result of `ValidationError.errors()`.
-    model:
-        The validated table; its keys are suggested for misspelt ones.
-
+    errors: result of `ValidationError.errors()`.
+    model: the validated table; its keys are suggested for misspelt ones.
     """
     problems: dict[str, Problem] = {}
     for error in errors:

@@ -185,20 +185,12 @@ class ReadObject:
 def build_objects(items: Sequence[StandingMesh], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
     """Return objects as surfaces, one or two per material of each; copies of one file are read once.
 
-    Parameters
-    ----------
-    items:
-        The objects, in the order of the scenario.
-    ground_m:
-        Height of the ground at horizontal positions; NaN beyond the terrain.
-    datum_m:
-        Height of the local origin in the heights of the terrain.
+    items: the objects, in the order of the scenario.
+    ground_m: height of the ground at horizontal positions; NaN beyond the terrain.
+    datum_m: height of the local origin in the heights of the terrain.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        One stands beyond the terrain, names materials that its file does not have, or its file cannot be used.
-
+    Raises ScenarioError, InputFileError if one stands beyond the terrain, names materials that its file does not have,
+        or its file cannot be used.
     """
     cache: dict[str, ReadObject] = {}
     surfaces: list[Surface] = []
@@ -325,13 +317,8 @@ def body_of(source: MeshSource, key: str, wavelength_m: float, reflectivity: flo
 
     reflectivity: of its surface, power over that of a perfect conductor.
 
-    Raises
-    ------
-    InputFileError
-        The mesh cannot be used.
-    ScenarioError
-        It is so large that it would have too many faces.
-
+    Raises InputFileError if the mesh cannot be used.
+    Raises ScenarioError if it is so large that it would have too many faces.
     """
     mesh = repair(upright(source, key), f"{key}.path = {shown(source.path)}")
     longest_m = np.sqrt(wavelength_m * NEAREST_M / 4)

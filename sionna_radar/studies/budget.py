@@ -106,11 +106,7 @@ GRADES = {
 def load_grades(path: Path) -> dict[str, Grade]:
     """Read grades from a TOML file: one table each, with the keys of [platform.navigation] and a `source`.
 
-    Raises
-    ------
-    InputFileError
-        The file is missing or not TOML, or a table is wrong.
-
+    Raises InputFileError if the file is missing or not TOML, or a table is wrong.
     """
     text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:

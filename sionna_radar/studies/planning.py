@@ -220,18 +220,11 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
     Opposite lines part mounting from datum, crossing ones roll from pitch, and the second height the bias of ranges
     from angles.
 
-    Parameters
-    ----------
-    base:
-        Scenario of a planned flight to take terrain, radar, height and speed from.
-    length_m:
-        Of each line; without it that of the base's track, and at least two heights, besides what the beam looks ahead.
+    base: scenario of a planned flight to take terrain, radar, height and speed from.
+    length_m: of each line; without it that of the base's track, and at least two heights, besides what the beam looks
+        ahead.
 
-    Raises
-    ------
-    ScenarioError
-        The base flies a log, or the flight cannot be flown over its terrain.
-
+    Raises ScenarioError if the base flies a log, or the flight cannot be flown over its terrain.
     """
     base = in_local_frame(base)
     if base.platform.log is not None:

@@ -545,11 +545,7 @@ def _common_windows(maps: Sequence[Raster]) -> Float[np.ndarray, "map row column
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:
     """Return the whole study from its shards, identical to one flown at once.
 
-    Raises
-    ------
-    InputFileError
-        They are shards of different studies, one is missing or duplicate, or one is not a shard.
-
+    Raises InputFileError if they are shards of different studies, one is missing or duplicate, or one is not a shard.
     """
     reference = shards[0]
     parsed = [Shard.parse(sweep.shard) for sweep in shards if sweep.shard]

@@ -102,13 +102,8 @@ NOTHING = b""
 def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
     """Return a survey's DEM, bit-identical to `Mapper.map`.
 
-    Parameters
-    ----------
-    prepared, observed, points:
-        The survey, what its sensor observed, and the located echoes.
-    execution:
-        Provides checkpoints and workers for the tiles of the map.
-
+    prepared, observed, points: the survey, what its sensor observed, and the located echoes.
+    execution: provides checkpoints and workers for the tiles of the map.
     """
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:

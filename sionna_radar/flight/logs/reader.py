@@ -26,11 +26,7 @@ GPX_MAX_BYTES = 50_000_000
 def read_gpx(path: Path, name: str) -> FlightLog:
     """Return the flight in a GPX file: the points of all tracks, one after the other.
 
-    Raises
-    ------
-    InputFileError
-        It is not XML, has entities, or holds no track with times and elevations.
-
+    Raises InputFileError if it is not XML, has entities, or holds no track with times and elevations.
     """
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a GPX track", GPX_MAX_BYTES)

@@ -42,13 +42,8 @@ def choose_levels(
 ) -> Int[np.ndarray, "row column"]:
     """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
 
-    Parameters
-    ----------
-    cost:
-        Evidence against each level of each cell, in nepers.
-    options:
-        Penalties of the method.
-
+    cost: evidence against each level of each cell, in nepers.
+    options: penalties of the method.
     """
     return _highest_good(path_costs(cost, options), options)
 
@@ -78,17 +73,11 @@ def margins(
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
     """Return the likelihood of each cell's level over the best one below and the best one above it, in nepers.
 
-    Parameters
-    ----------
-    cost:
-        Evidence against each level of each cell, in nepers.
-    total:
-        Costs of the best paths to it, the sum over all directions.
-    chosen:
-        The level of each cell; those within half a step are it as well, as the surface may pass through any of them.
-    apart:
-        Levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
-
+    cost: evidence against each level of each cell, in nepers.
+    total: costs of the best paths to it, the sum over all directions.
+    chosen: the level of each cell; those within half a step are it as well, as the surface may pass through any of
+        them.
+    apart: levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
     """
     once, count = (total - (len(DIRECTIONS) - 1) * cost) / len(DIRECTIONS), total.shape[-1]
     own = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
@@ -152,19 +141,11 @@ def coarse_map(
 ) -> CoarseMap:
     """Return the coarse map, block by block; the level is the widest of all blocks.
 
-    Parameters
-    ----------
-    sightings:
-        Profiles and measured poses.
-    points:
-        Located echoes.
-    grid:
-        Cells of the map.
-    axis_m:
-        Where on their axes the echoes of the pulses are.
-    options:
-        Of the method.
-
+    sightings: profiles and measured poses.
+    points: located echoes.
+    grid: cells of the map.
+    axis_m: where on their axes the echoes of the pulses are.
+    options: of the method.
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     below, above = np.zeros((2, *grid.shape))

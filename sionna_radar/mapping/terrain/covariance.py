@@ -218,15 +218,9 @@ def fit_covariance(
 ) -> FittedCovariance:
     """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours.
 
-    Parameters
-    ----------
-    measured:
-        Scattered heights.
-    groups:
-        How many groups of them.
-    noise_factor_spread:
-        Standard deviation of the logarithm of the noise factor, beforehand.
-
+    measured: scattered heights.
+    groups: how many groups of them.
+    noise_factor_spread: standard deviation of the logarithm of the noise factor, beforehand.
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)

@@ -193,15 +193,9 @@ def looks_at(
 ) -> Looks:
     """Return the footprint and speckle reach of each point.
 
-    Parameters
-    ----------
-    points:
-        Located echoes.
-    measured:
-        Returns the measured poses of pulses by their indices.
-    beam, chirp, memory:
-        Of the radar, and of the ground.
-
+    points: located echoes.
+    measured: returns the measured poses of pulses by their indices.
+    beam, chirp, memory: of the radar, and of the ground.
     """
     pulse, first, row = np.unique(points.pulse, return_index=True, return_inverse=True)
 

@@ -167,15 +167,9 @@ def local_relief(
 ) -> LocalRelief | None:
     """Return the local amplitude of a terrain's short waves; None with too few heights to tell.
 
-    Parameters
-    ----------
-    measured:
-        Heights above a trend.
-    fitted:
-        The covariance that the amplitude is relative to.
-    window_heights:
-        Neighbouring heights that decide about a place.
-
+    measured: heights above a trend.
+    fitted: the covariance that the amplitude is relative to.
+    window_heights: neighbouring heights that decide about a place.
     """
     windows = Windows.of(measured, window_heights)
     return None if windows is None else windows.relief(measured, fitted)

@@ -112,12 +112,8 @@ def check_output(directory: Path, marker: str) -> Path:
 
     Leftovers of killed runs in it or beside it are removed first, and an earlier result restored.
 
-    Raises
-    ------
-    OutputError
-        It is a file, holds anything but an unchanged earlier result of this kind, or its parent is not a folder or
-        cannot be written.
-
+    Raises OutputError if it is a file, holds anything but an unchanged earlier result of this kind, or its parent is
+        not a folder or cannot be written.
     """
     return _checked(directory, lambda path: _obstacle(path, marker))
 
@@ -179,22 +175,13 @@ def _unwanted(directory: Path, marker: str, ignored: Path | None = None) -> str:
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
     """Fill a folder by a function, put it in place with its manifest, and return the files written.
 
-    Parameters
-    ----------
-    directory:
-        Output folder; only the files of an earlier result in it are replaced.
-    marker:
-        File that every result of this kind contains, and that identifies the kind.
-    fill:
-        Writes the results into the given folder.
+    directory: output folder; only the files of an earlier result in it are replaced.
+    marker: file that every result of this kind contains, and that identifies the kind.
+    fill: writes the results into the given folder.
 
-    Raises
-    ------
-    KeptElsewhereError
-        The directory holds other files, or a file in it cannot be replaced; the result is saved beside it.
-    OutputError
-        The results cannot be written at all.
-
+    Raises KeptElsewhereError if the directory holds other files, or a file in it cannot be replaced; the result is
+        saved beside it.
+    Raises OutputError if the results cannot be written at all.
     """
     directory = directory.expanduser().resolve()
     try:
@@ -307,26 +294,14 @@ def write_study(
 ) -> list[Path]:
     """Write a study as `write_folder` does, and return the files.
 
-    Parameters
-    ----------
-    directory:
-        Output folder; only the files of an earlier result in it are replaced.
-    marker:
-        File of the numbers, as strict JSON; undefined numbers become null.
-    subject, document:
-        The study, and its numbers.
-    figures:
-        Drawings of the study by name, for the folder `figures`.
-    texts:
-        Texts of further files, by name.
-    page:
-        Returns the page `report.html` of the study; None for none.
+    directory: output folder; only the files of an earlier result in it are replaced.
+    marker: file of the numbers, as strict JSON; undefined numbers become null.
+    subject, document: the study, and its numbers.
+    figures: drawings of the study by name, for the folder `figures`.
+    texts: texts of further files, by name.
+    page: returns the page `report.html` of the study; None for none.
 
-    Raises
-    ------
-    OutputError
-        As for `write_folder`.
-
+    Raises OutputError as `write_folder` does.
     """
     # Slow to import, and not needed by all commands.
     from sionna_radar.report.drawing import save_figures
@@ -361,20 +336,11 @@ def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
 def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int | None:
     """Return the exit code of the run whose result is in a folder; None without one, or for other products.
 
-    Parameters
-    ----------
-    directory:
-        Output folder.
-    run:
-        Inputs of the result, as for `note_run`.
-    products:
-        The key in it of the requested files.
+    directory: output folder.
+    run: inputs of the result, as for `note_run`.
+    products: the key in it of the requested files.
 
-    Raises
-    ------
-    OutputError
-        The folder holds the result of another run.
-
+    Raises OutputError if the folder holds the result of another run.
     """
     manifest = read_manifest(directory.expanduser().resolve() / MANIFEST)
     if manifest is None or not manifest.run:
@@ -409,11 +375,7 @@ class SignedFile:
     def check(self, path: Path) -> Path:
         """Return the resolved path, or raise an error before any work is done.
 
-        Raises
-        ------
-        OutputError
-            It is a folder, a file of another origin or edited since, or its folder does not exist.
-
+        Raises OutputError if it is a folder, a file of another origin or edited since, or its folder does not exist.
         """
         return _checked(path, self._obstacle)
 

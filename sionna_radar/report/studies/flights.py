@@ -208,11 +208,7 @@ def write_log(found: LogInspection, directory: Path) -> list[Path]:
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
     """Return the two numbers of a command-line option.
 
-    Raises
-    ------
-    ScenarioError
-        The text is not such a pair.
-
+    Raises ScenarioError if the text is not such a pair.
     """
     try:
         first, second = (float(word) for word in text.lower().split(separator))

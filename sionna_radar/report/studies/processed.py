@@ -176,22 +176,12 @@ def write_processed(
 
     Points and rasters are identical to those of the survey itself if the settings are the same.
 
-    Parameters
-    ----------
-    processed:
-        A processed recording.
-    directory:
-        Output folder; files of an earlier result of `process` are replaced.
-    coordinates:
-        Coordinates of the figures.
-    report:
-        Selects the page, `report.html`.
+    processed: a processed recording.
+    directory: output folder; files of an earlier result of `process` are replaced.
+    coordinates: coordinates of the figures.
+    report: selects the page, `report.html`.
 
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
+    Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
     """
     return write_folder(directory, MARKER, partial(_write_all, processed, coordinates, report))
 

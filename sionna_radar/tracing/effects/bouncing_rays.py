@@ -70,15 +70,10 @@ def bounced_echoes(
 ) -> BouncedEchoes:
     """Return the echoes of a body after two reflections and more, seen from places.
 
-    Parameters
-    ----------
-    scatterer:
-        The body.
-    radar_m:
-        Places, in the body's axes.
-    sent, received:
-        Unit vectors of the fields that the antenna sends toward the body and receives from there, in its axes.
-
+    scatterer: the body.
+    radar_m: places, in the body's axes.
+    sent, received: unit vectors of the fields that the antenna sends toward the body and receives from there, in its
+        axes.
     """
     row, face = np.nonzero(scatterer.seen(radar_m))
     level = _Tubes(row=row, face=face, corner_m=scatterer.corner_m[face])

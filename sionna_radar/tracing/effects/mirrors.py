@@ -109,13 +109,8 @@ class Patch:
     ) -> Complex[np.ndarray, " n"]:
         """Return the echo of the patch relative to that of the infinite plane, F in the module docstring.
 
-        Parameters
-        ----------
-        foot_m, height_m:
-            Feet of the perpendiculars from the radar, in the coordinates of the plane, and their lengths.
-        wavelength_m:
-            Wavelength of the carrier.
-
+        foot_m, height_m: feet of the perpendiculars from the radar, in the coordinates of the plane, and their lengths.
+        wavelength_m: wavelength of the carrier.
         """
         distance, first, last = self._seen_from(foot_m)
         factor = _turns(distance, first, last).astype(np.complex128)

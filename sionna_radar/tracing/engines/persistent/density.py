@@ -142,17 +142,10 @@ def footprint_density(
 ) -> DensityMap:
     """Return the density that a survey's footprints ask for.
 
-    Parameters
-    ----------
-    looks:
-        Beams of pulses spread over the survey.
-    beams:
-        What they fill of the beams of the antennas they look through.
-    range_resolution_m:
-        Of the sweep.
-    scatterers:
-        How many the beam should hold; more, where it spreads over more than a tenth as many range cells.
-
+    looks: beams of pulses spread over the survey.
+    beams: what they fill of the beams of the antennas they look through.
+    range_resolution_m: of the sweep.
+    scatterers: how many the beam should hold; more, where it spreads over more than a tenth as many range cells.
     """
     looks = looks.rows(np.isfinite(looks.range_m))
     if not len(looks.range_m):

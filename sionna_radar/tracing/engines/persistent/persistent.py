@@ -51,17 +51,10 @@ FOLLOWING = 0.5
 class OuterRays:
     """Draws directions outside a part of a beam, and few inside.
 
-    Parameters
-    ----------
-    antenna:
-        Whose power they follow.
-    filled:
-        The part of the beam to be left out.
-    rays:
-        How many a pulse.
-    seed:
-        Of the directions.
-
+    antenna: whose power they follow.
+    filled: the part of the beam to be left out.
+    rays: how many a pulse.
+    seed: of the directions.
     """
 
     def __init__(self, antenna: Antenna, filled: FilledBeam, rays: int, seed: int) -> None:
