@@ -109,3 +109,10 @@ class Execution:
                 self.checkpoints.put(keys[number], result)
             advance(counts[number] - (steps_done() - before))
             yield keys[number], result
+
+    def done(self, tasks: Mapping[str, Task], work: Work, **options: Any) -> Iterator[tuple[str, bytes]]:
+        """Yield key and result of each task as `over` does; raise the error of a failed one."""
+        for key, result in self.over(tasks, work, **options):
+            if isinstance(result, Failure):
+                raise result.error()
+            yield key, result

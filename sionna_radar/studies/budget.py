@@ -33,7 +33,6 @@ from pydantic import ValidationError
 from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 from sionna_radar.execution.workers import (
     SHARED,
-    Failure,
     Task,
     document_bytes,
     document_of,
@@ -297,7 +296,8 @@ def run_budget(
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
     with execution.reported(), stage("mapping", len(tasks)):
-        results = _mapped(survey, tasks, execution)
+        shared = survey.observed.packed() if execution.distributed else survey
+        results = {key: document_of(result) for key, result in execution.done(tasks, map_task, shared=shared)}
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -306,17 +306,6 @@ def run_budget(
         limits=tuple(Limit(error=error, size=results[f"limit {error}"]) for error in errors),
         grades=tuple(GradeResult(**results[f"grade {name} {grade}"]) for name, grade in grades.items()),
     )
-
-
-def _mapped(survey: ObservedSurvey, tasks: Mapping[str, Task], execution: Execution) -> dict[str, Any]:
-    """Return the result of each task by its key."""
-    results: dict[str, Any] = {}
-    shared = survey.observed.packed() if execution.distributed else survey
-    for key, result in execution.over(tasks, map_task, shared=shared):
-        if isinstance(result, Failure):
-            raise result.error()
-        results[key] = document_of(result)
-    return results
 
 
 def map_task(task: Task) -> bytes:

@@ -410,10 +410,7 @@ def run_sweep(
     steps = {key: len(surveys) for key, surveys in places.items()}
     try:
         with execution.reported(), stage("surveys", len(flights)):
-            for key, outcome in execution.over(tasks, trial_task, steps=steps):
-                if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
-                    raise outcome.error()
-                result = outcome if isinstance(outcome, Failure) else trial_of(outcome)
+            for key, result in fly_trials(execution, tasks, steps):
                 flown |= dict.fromkeys(places[key], result)
     except (KeyboardInterrupt, Interrupted):
         if execution.checkpoints is not None:
@@ -457,6 +454,16 @@ def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place,
         elif not reason and cell.scenario is not None:
             reason = "interrupted" if outcome is None else failure(outcome, cell.scenario, repeat)
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
+
+
+def fly_trials(
+    execution: Execution, tasks: Mapping[str, Task], steps: Mapping[str, int] | None = None
+) -> Iterator[tuple[str, Trial | Failure]]:
+    """Yield the trial of each survey by its key, or its failure; BackendError if the ray tracer cannot run."""
+    for key, outcome in execution.over(tasks, trial_task, steps=steps):
+        if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
+            raise outcome.error()
+        yield key, outcome if isinstance(outcome, Failure) else trial_of(outcome)
 
 
 def trial_task(task: Task) -> bytes:

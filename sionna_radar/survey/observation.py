@@ -31,7 +31,7 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, Task, Work
+from sionna_radar.execution.workers import Task, Work
 from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.navigation import InertialErrors
 from sionna_radar.flight.pulses import Bursts, Pulses, PulseSchedule, PulseSequence
@@ -261,12 +261,7 @@ def observe(
 def _results(
     execution: Execution, tasks: dict[str, Task], work: Callable[[Task], bytes], steps: dict[str, int]
 ) -> dict[str, tuple[Segment, Counted | None]]:
-    found = {}
-    for key, result in execution.over(tasks, work, steps=steps):
-        if isinstance(result, Failure):
-            raise result.error()
-        found[key] = _segment_and_counts(result)
-    return found
+    return {key: _segment_and_counts(content) for key, content in execution.done(tasks, work, steps=steps)}
 
 
 def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:

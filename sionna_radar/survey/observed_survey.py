@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import SHARED, Failure, Task
+from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.flight.build import build_navigation
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.numerics import on_one_thread
@@ -117,11 +117,8 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         means = execution if distributed else Execution(checkpoints=execution.checkpoints)
         work = tile_task if distributed else lambda task: _content_of(make(task["tile"]))
         shared = observed.packed() if distributed else None
-        found = {}
-        for key, result in means.over(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True):
-            if isinstance(result, Failure):
-                raise result.error()
-            found[key] = result
+        done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True)
+        found = dict(done)
         for key in tasks:
             content = found.pop(key)
             yield None if content == NOTHING else Piece.unpacked(content)
