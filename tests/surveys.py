@@ -19,6 +19,22 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
+# A scenario file that is flown in a second.
+SMALL = """
+seed = 5
+[terrain]
+kind = "flat"
+size_m = [300.0, 300.0]
+[platform]
+altitude_m = 50.0
+speed_mps = 10.0
+length_m = 5.0
+start_m = [-60.0, 0.0]
+[radar]
+snr_db = 30.0
+[tracing]
+paths_per_pulse = 64
+"""
 # A small survey of hills.
 HILLS = {
     "seed": 4,

@@ -94,21 +94,6 @@ class UlabyDobsonBackscatter:
     max_incidence_rad: float
     source: str
 
-    def __post_init__(self) -> None:
-        for field in ("p1", "p2", "p3", "p4", "p5", "p6"):
-            if not math.isfinite(getattr(self, field)):
-                message = f"{field} = {getattr(self, field)} must be finite"
-                raise ValueError(message)
-        if not 0.0 <= self.min_incidence_rad < self.max_incidence_rad <= math.pi / 2:
-            message = (
-                f"min_incidence_rad = {self.min_incidence_rad:g} and max_incidence_rad = "
-                f"{self.max_incidence_rad:g} must increase within 0 to pi/2"
-            )
-            raise ValueError(message)
-        if not self.source.strip():
-            message = "source is empty; say where the parameters come from (document, band, polarization)"
-            raise ValueError(message)
-
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area; zero at and beyond 90 deg."""
         angle = np.clip(np.abs(incidence_rad), self.min_incidence_rad, self.max_incidence_rad)

@@ -38,19 +38,6 @@ def test_the_handbook_form_holds_its_ends_and_ends_at_grazing():
     assert back == 0.0
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"p3": math.nan}, "p3 = nan"),
-        ({"max_incidence_rad": 2.0}, "within 0 to pi/2"),
-        ({"source": " "}, "source is empty"),
-    ],
-)
-def test_the_handbook_form_refuses_bad_parameters(change, words):
-    with pytest.raises(ValueError, match=words):
-        UlabyDobsonBackscatter(**{**GRASS, **change})
-
-
 def write(tmp_path, text):
     path = tmp_path / "sigma0.csv"
     path.write_text(text)
