@@ -85,7 +85,6 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
         DEM minus truth; empty where either is empty.
     illuminated:
         Mappable cells, the reference of the coverage.
-
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
     found = statistics(values, len(values))

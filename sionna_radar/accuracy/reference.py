@@ -202,7 +202,6 @@ def compare_with_reference(
     >>> check = compare_with_reference("surveyed.tif", survey.dem, survey.dem_sigma, lit=survey.lit)
     >>> abs(check.statistics.rms_m - survey.lit_error.rms_m) < 1e-4
     True
-
     """
     path = Path(path)
     reference = read_reference(path, dem.grid, sigma_m)

@@ -78,7 +78,6 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
     ...         return Ranges(range_m=spans.start * spans.bin_m, sigma_m=0.0 * spans.start + spans.bin_m)
     >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
     'nearest_bin'
-
     """
     return RANGE_ESTIMATORS.register(name, parameters)
 

@@ -118,7 +118,6 @@ class Detector:
             Indices of the pulses in the survey.
         measured:
             Poses as the navigation system reports them; their velocity corrects for Doppler.
-
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 

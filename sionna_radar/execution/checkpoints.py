@@ -132,7 +132,6 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
     OutputError
         Another process is writing into the folder; it holds checkpoints of another run, or checkpoints while
         `resume` is false; or it is not writable.
-
     """
     folder = directory / FOLDER
     made = not directory.exists()

@@ -34,7 +34,6 @@ class Execution:
     --------
     >>> run(load_scenario("hills", {"platform.length_m": 10.0}), execution=Execution(block_size=32)).pulses
     100
-
     """
 
     block_size: int = BLOCK_SIZE
@@ -85,7 +84,6 @@ class Execution:
             Progress steps of each task; default one.
         side_by_side:
             Whether this process runs several tasks at once, in threads.
-
         """
         keys = []
         for key in tasks:

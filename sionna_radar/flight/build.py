@@ -54,7 +54,6 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
     >>> scan = {"mode": "nodding", "amplitude_deg": 10.0}
     >>> len(prepare(load_scenario("hills", {"radar.scan": scan, "platform.length_m": 10.0})))
     360
-
     """
     return SCANS.register(name, parameters)
 
@@ -115,7 +114,6 @@ def register_navigation(name: str, parameters: type[NavigationParameters]) -> Ca
     >>> last = prepared.flight.sample(2)
     >>> bool((last.measured.position_m - last.true.position_m)[1, 0] > 0.2)
     True
-
     """
     return NAVIGATIONS.register(name, parameters)
 

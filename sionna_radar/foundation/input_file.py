@@ -159,7 +159,6 @@ def allow_network() -> Iterator[None]:
     >>> with allow_network():  # prepare(scenario) would read the address here
     ...     str(scenario.terrain.path)
     'https://example.org/dem.tif'
-
     """
     token = _allowed.set(True)
     try:

@@ -132,7 +132,6 @@ def ground_pixels(
         Height of the ground, world frame.
     along_m, across_m:
         Positions along the track from below the first pose, and ground ranges from the track.
-
     """
     start, end = pose.position_m[0, :2], pose.position_m[-1, :2]
     along = (end - start) / np.linalg.norm(end - start)

@@ -93,7 +93,6 @@ class BackProjection:
         ------
         ScenarioError
             The pulses are too far apart; see `check_sampling`.
-
         """
         check_sampling(measured, self._chirp, self._aperture)
         for start in range(0, len(beats), PULSES_AT_ONCE):

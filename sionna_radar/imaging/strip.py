@@ -75,7 +75,6 @@ def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " 
     ------
     ValueError
         The response does not fall to half on both sides.
-
     """
     peak = int(np.argmax(power))
     low = power < power[peak] / 2

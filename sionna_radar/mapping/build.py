@@ -40,7 +40,6 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     >>> overrides = {"dem.method": "highest_point", "platform.length_m": 10.0}
     >>> run(load_scenario("hills", overrides)).lit_error.rms_m < 1.0
     True
-
     """
 
     def add(build: Builder) -> Builder:

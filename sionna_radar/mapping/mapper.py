@@ -183,7 +183,6 @@ class Mapper:
         ------
         ScenarioError
             The method requires range profiles, and there are none.
-
         """
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"

@@ -43,7 +43,6 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
     >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
     >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
     True
-
     """
     return ANTENNAS.register(name, parameters)
 

@@ -167,7 +167,6 @@ def load_mitsuba() -> Any:
     BackendError
         The backend that is asked for cannot run here, no libLLVM is usable, or Dr.Jit was imported before one was
         selected.
-
     """
     backend = chosen_backend()
     if backend == "llvm":

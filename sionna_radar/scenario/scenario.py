@@ -181,7 +181,6 @@ class Scenario(Table):
     ... )
     >>> scenario.radar.carrier_hz
     77000000000.0
-
     """
 
     version: Annotated[Literal[1], BeforeValidator(_known_version)] = 1
@@ -261,7 +260,6 @@ class Scenario(Table):
         >>> wide = load_scenario("hills").replace({"radar.antenna.beamwidth_deg": 4.0})
         >>> wide.radar.antenna.beamwidth_deg
         4.0
-
         """
         # A copy: the caller's tables must not change.
         changes, data = copy.deepcopy(dict(changes)), self.model_dump(mode="json", exclude_none=True)

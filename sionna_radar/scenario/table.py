@@ -163,7 +163,6 @@ class Parameters(Table):
     ...     width_m: float = 2.0
     >>> Window(width_m=3.0).width_m
     3.0
-
     """
 
 

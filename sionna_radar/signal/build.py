@@ -64,7 +64,6 @@ def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Cal
     ...     return lambda received: dataclasses.replace(received, noise=0.0 * received.samples)
     >>> load_scenario("hills", {"radar.receiver.stages.noise": "deaf"}).radar.receiver.stages["noise"].stage
     'deaf'
-
     """
     return RECEIVER_STAGES.register(name, parameters)
 

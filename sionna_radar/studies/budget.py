@@ -187,7 +187,6 @@ class Budget:
     >>> budget = run_budget(scenario, errors=(), grades={})
     >>> print(repr(budget).splitlines()[0])
     Budget: Hills from 50 m: the DEM and its error (paper Fig. 12, Table 3)
-
     """
 
     scenario: Scenario
@@ -272,7 +271,6 @@ def run_budget(
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
     >>> run_budget(scenario, errors=(), grades={}).rms_m < 0.2
     True
-
     """
     errors = navigation_errors() if errors is None else errors
     execution = execution or Execution()

@@ -108,7 +108,6 @@ class CrossCheck:
     >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> sorted(check.verdict())
     ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
-
     """
 
     scenario: Scenario
@@ -323,7 +322,6 @@ def run_crosscheck(
     >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> abs(check.mean_power_difference_db) < 0.1
     True
-
     """
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"

@@ -81,7 +81,6 @@ def run_design(plan: DesignPlan, *, execution: Execution | None = None) -> Radar
         No setting could be flown.
     BackendError, WorkerError
         As for `run_sweep`.
-
     """
     execution = execution or Execution()
     search = _Search(plan, execution)

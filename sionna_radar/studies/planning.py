@@ -130,7 +130,6 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     ------
     ScenarioError
         No flight satisfies the area, the sampling and the limits.
-
     """
     base = base or _default_base()
     _check(wanted)
@@ -176,7 +175,6 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
         The flight contradicts the rest of the scenario.
     InputFileError
         The base's positions are given on the map, and its terrain cannot be read.
-
     """
     # The planned waypoints are local, and so must be the rest of the base.
     base = in_local_frame(base or _default_base())
@@ -428,7 +426,6 @@ def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
     ------
     ScenarioError, InputFileError
         The plan cannot be flown; see `prepare`.
-
     """
     prepared = prepare(scenario)
     echoes = []

@@ -562,7 +562,6 @@ def read_costs(path: Path) -> Costs:
         It cannot be read, or is no such table.
     ScenarioError
         An expression is wrong.
-
     """
     text = read_text(path, "--costs", COSTS_REMEDY)
     try:

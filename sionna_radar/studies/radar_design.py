@@ -162,7 +162,6 @@ def plan_design(
     >>> plan = plan_design("hills", free, minimise=["aperture_m"], require=["rms_m < 0.2"], overrides=short)
     >>> plan.results
     ('rms_m',)
-
     """
     check_installed()
     costs, overrides = costs or Costs(), dict(overrides or {})

@@ -149,7 +149,6 @@ def plan_sweep(
     >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [2.0, 4.0]}, repeat=5, overrides=short)
     >>> len(plan.cells), plan.trials
     (2, 10)
-
     """
     design, overrides = Design.of(varied), dict(overrides or {})
     _check_request(design, repeat, overrides)
@@ -337,7 +336,6 @@ class Sweep:
     >>> sweep = run_sweep(plan)
     >>> [case.setting for case in sweep.cases]
     [{'radar.snr_db': 20.0}, {'radar.snr_db': 40.0}]
-
     """
 
     source: str
@@ -400,7 +398,6 @@ def run_sweep(
     >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
     >>> run_sweep(plan).failed
     False
-
     """
     flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
     execution = execution or Execution()

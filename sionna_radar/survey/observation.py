@@ -231,7 +231,6 @@ def observe(
         The survey has custom parts, which workers lack.
     RadarError
         A segment cannot be simulated.
-
     """
     if recorders:
         execution = Execution(block_size=execution.block_size)
@@ -367,7 +366,6 @@ def navigation_sigma(
     Returns
     -------
     None for exact navigation, or a system that states no errors.
-
     """
     system = schedule.navigation
     if not isinstance(system, InertialErrors) or len(points) == 0 or not dem.filled.any():

@@ -45,7 +45,6 @@ class ObservedSurvey:
         ------
         ScenarioError
             The DEM method needs range profiles, which the sensor does not provide.
-
         """
         prepared = self.prepared.with_navigation(navigation)
         # Without its uncertainty a linear map takes a tenth of the time.
@@ -79,7 +78,6 @@ def observe_survey(
     ------
     ScenarioError, InputFileError
         The scenario cannot be flown; see `prepare`.
-
     """
     execution = execution or Execution()
     with execution.reported():

@@ -115,7 +115,6 @@ def process(
     100
     >>> process("flight.nc", {"dem.spacing_m": 2.0}).dem.grid.spacing_m
     2.0
-
     """
     execution = execution or Execution()
     with execution.reported(), open_recording(Path(recording), dict(overrides or {}), parts) as source:

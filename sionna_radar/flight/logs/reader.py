@@ -118,7 +118,6 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
     ------
     InputFileError
         It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
-
     """
     regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)

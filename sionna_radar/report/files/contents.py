@@ -37,7 +37,6 @@ class PointsFile(StrEnum):
     >>> files = write_survey(survey, Path("results"), points=[PointsFile.CSV])
     >>> [file.name for file in files if file.stem == "points"]
     ['points.csv']
-
     """
 
     LAZ = "laz"

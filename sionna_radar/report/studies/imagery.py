@@ -140,7 +140,6 @@ def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
     ------
     OutputError
         The directory holds other files, or cannot be written; see `write_folder`.
-
     """
     return write_folder(directory, MARKER, lambda folder: _fill(imagery, folder))
 

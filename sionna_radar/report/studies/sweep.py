@@ -384,7 +384,6 @@ def write_sweep(
     ------
     OutputError
         The directory holds other files, or cannot be written (see `write_folder`), or Parquet without pyarrow.
-
     """
 
     def fill(folder: Path) -> None:

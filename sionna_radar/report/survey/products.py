@@ -79,7 +79,6 @@ def write_survey(
     >>> files = write_survey(survey, Path("results"))
     >>> [file.name for file in files if file.suffix == ".tif"]
     ['dem.tif', 'dem_sigma.tif', 'error.tif', 'truth.tif']
-
     """
     return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}))
 

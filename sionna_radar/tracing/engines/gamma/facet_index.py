@@ -157,7 +157,6 @@ class FacetIndex:
         Returns
         -------
         The row of the pose, the facet, and whether it is too coarse; by pose, and in the order of the table.
-
         """
         # Numba takes half a second to import.
 
@@ -211,7 +210,6 @@ def search(
     Returns
     -------
     Where each pulse's begin; the facets; and which of them are too coarse, for which a corner in the beam is enough.
-
     """
     edges = np.zeros(high - low + 1, dtype=np.int64)
     found, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
