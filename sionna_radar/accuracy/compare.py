@@ -89,8 +89,7 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
     found = statistics(values, len(values))
     mappable = int(illuminated.sum())
-    coverage = float((error.filled & illuminated).sum() / mappable) if mappable else 0.0
-    return replace(found, coverage=coverage)
+    return replace(found, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
 
 
 def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:

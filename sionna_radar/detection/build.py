@@ -118,7 +118,6 @@ def build_detector(
         raise ScenarioError([Problem("processing.cfar.guard", message)])
     cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
-    beam = None if antenna is None else beam_profile(antenna, response)
     return processing.to(
         Detector,
         analyser=analyser,
@@ -126,7 +125,7 @@ def build_detector(
         kept=processing.echoes,
         volume=processing.volume.to(VolumeOptions),
         estimator=estimator or build_range_estimator(processing),
-        beam=beam,
+        beam=None if antenna is None else beam_profile(antenna, response),
         speckle_looks=speckle_looks,
         volume_echo_w=_volume_echo_w(antenna, analyser, transmit_power_w),
     )

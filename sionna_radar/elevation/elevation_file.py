@@ -235,5 +235,4 @@ def _without_empty_border(raster: Raster) -> Raster:
         columns=int(last_column - first_column) + 1,
         rows=int(last_row - first_row) + 1,
     )
-    height_m = raster.height_m[first_row : last_row + 1, first_column : last_column + 1]
-    return Raster(grid=cropped, height_m=height_m)
+    return Raster(grid=cropped, height_m=raster.height_m[first_row : last_row + 1, first_column : last_column + 1])

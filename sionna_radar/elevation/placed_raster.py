@@ -49,8 +49,7 @@ class HeightSystem:
             return horizontal.to_3d()
         if self.vertical is None:
             return horizontal
-        name = f"{horizontal.name} + {self.vertical.name}"
-        return CompoundCRS(name=name, components=[horizontal, self.vertical])
+        return CompoundCRS(name=f"{horizontal.name} + {self.vertical.name}", components=[horizontal, self.vertical])
 
 
 def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:

@@ -351,14 +351,13 @@ def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedR
     finite = np.isfinite(metric.positions.place).all(axis=1)
     takeoff = metric.positions.place[int(np.argmax(finite))]
     shift = _shift(part, log_part.positions)
-    height = part.height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
     route = RecordedRoute(
         part=part,
         log=log,
         clean=replace(log_part, positions=replace(log_part.positions, place=log_part.positions.place + shift)),
         attitudes=attitudes,
         takeoff_m=(float(takeoff[0] + shift[0]), float(takeoff[1] + shift[1]), float(takeoff[2])),
-        height=height,
+        height=part.height or ("above_takeoff" if moved or log.datum == "take-off" else "datum"),
     )
     farthest = float(np.abs(route.clean.positions.place).max())
     if farthest > FARTHEST_M:

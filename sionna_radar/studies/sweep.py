@@ -578,8 +578,7 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
 
 def _merged(cases: Sequence[Case]) -> Case:
     trials = sorted((trial for case in cases for trial in case.trials), key=lambda trial: trial.seed)
-    reason = next((case.reason for case in cases if case.reason), "")
-    return replace(cases[0], trials=tuple(trials), reason=reason)
+    return replace(cases[0], trials=tuple(trials), reason=next((case.reason for case in cases if case.reason), ""))
 
 
 def _refuse(message: str) -> None:

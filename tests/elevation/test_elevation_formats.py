@@ -253,8 +253,7 @@ def test_feet_on_the_map_without_a_height_unit_are_said(tmp_path, caplog):
 
 def test_a_rotated_raster_is_turned(tmp_path):
     cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
-    transform = Affine(cos, sin, WEST, sin, -cos, NORTH)
-    raster, place = load(write_plane(tmp_path / "a.tif", transform=transform))
+    raster, place = load(write_plane(tmp_path / "a.tif", transform=Affine(cos, sin, WEST, sin, -cos, NORTH)))
     assert raster.grid.spacing_m == pytest.approx(1.0, rel=1e-3)
     x, y, z = absolute(raster, place)
     assert len(z) > 0.95 * 100 * 120

@@ -48,12 +48,11 @@ def read_gpx(path: Path, name: str) -> FlightLog:
         message = f"{label}: some times have a zone and some have none; write all of them alike"
         raise InputFileError(message) from error
     position = np.array([[point.longitude, point.latitude, point.elevation] for point in points], dtype=float)
-    positions = Positions(source="trkpt", time_s=time_s, place=position)
     return FlightLog(
         kind="GPX",
         on_map=True,
         datum="mean sea level",
-        positions=positions,
+        positions=Positions(source="trkpt", time_s=time_s, place=position),
         attitudes=None,
         spreads=None,
         sources=(source_of("trkpt", time_s),),

@@ -155,8 +155,7 @@ class TerrainModel:
     @staticmethod
     def flat(grid: Grid, trend: Float[np.ndarray, "3"]) -> Heightfield:
         """Return a plane over a grid."""
-        height_m = trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None]
-        return Heightfield(grid=grid, height_m=height_m)
+        return Heightfield(grid=grid, height_m=trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None])
 
     def surface(self, white: Float[np.ndarray, " n"]) -> Heightfield:
         """Return the terrain that white fields represent."""
