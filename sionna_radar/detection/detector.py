@@ -120,7 +120,6 @@ class Detector:
             Indices of the pulses in the survey.
         measured:
             Poses as the navigation system reports them; their velocity corrects for Doppler.
-
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
@@ -312,13 +311,8 @@ class PairedEchoes:
 def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
     """Combine the echoes of the rising and the falling halves.
 
-    Parameters
-    ----------
-    up, down:
-        At most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
-    chirp:
-        The rising half.
-
+    up, down: at most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
+    chirp: the rising half.
     """
     pulse, up_row, down_row = np.intersect1d(up.pulse, down.pulse, return_indices=True)
     up_m, down_m = up.range_m[up_row], down.range_m[down_row]

@@ -35,7 +35,6 @@ def plane_echo(
         Wavelength, and height above the plane.
     incidence_rad:
         Angle of the boresight from nadir.
-
     """
     cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
     if not antenna.separable:

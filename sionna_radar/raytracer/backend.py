@@ -52,7 +52,7 @@ def flushed_denormals() -> Iterator[None]:
 
 
 def can_flush() -> bool:
-    """Return whether Python threads can flush denormals to zero on this machine."""
+    """Return True if Python threads can flush denormals to zero on this machine."""
     return _library() is not None
 
 
@@ -95,11 +95,7 @@ class LlvmLibrary:
 def find_llvm() -> LlvmLibrary:
     """Return the first usable libLLVM: the user's, the wheel's, then the system's.
 
-    Raises
-    ------
-    BackendError
-        None is found, or the user's is too old.
-
+    Raises BackendError if none is found, or the user's is too old.
     """
     own = os.environ.get(LLVM_VARIABLE)
     if own:
@@ -181,7 +177,6 @@ def load_mitsuba() -> Any:
     BackendError
         The backend that is asked for cannot run here, no libLLVM is usable, or Dr.Jit was imported before one was
         selected.
-
     """
     backend = chosen_backend()
     if backend == "llvm":
@@ -268,7 +263,7 @@ def _llvm_version(path: str) -> str | None:
 
 @functools.cache
 def gpu_usable() -> bool:
-    """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
+    """Return True if a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
     try:
         cuda = ctypes.CDLL(library)
