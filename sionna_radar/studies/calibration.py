@@ -36,7 +36,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.survey.observation import Observed, observe, place
 from sionna_radar.survey.recordings.described import DescribedRanges
-from sionna_radar.survey.reprocessing import RecordingSource, open_recording
+from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
 from sionna_radar.survey.sensors.sensor import Sensor
 
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
@@ -103,18 +103,27 @@ class Calibration:
         return {name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, told in rows if told}
 
 
-def parse_errors(names: Sequence[str], priors: Sequence[str]) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Return the errors to estimate, the usual ones without any, and standard deviations beforehand, SI.
+def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the errors to estimate, the usual ones without any.
 
-    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    Raises ScenarioError for a name that is none.
     """
     known = [name for name in UNKNOWNS if name not in DATUM]
     for name in names:
         if name not in known:
             message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
             raise ScenarioError([Problem("--estimate", message)], "command line")
+    return tuple(dict.fromkeys(names)) or USUAL
+
+
+def parse_deviations(option: str, texts: Sequence[str]) -> dict[str, float]:
+    """Return standard deviations, SI, from NAME=SIGMA in the units of `UNKNOWNS`.
+
+    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    """
+    known = [name for name in UNKNOWNS if option == "--drift" or name not in DATUM]
     found = {}
-    for text in priors:
+    for text in texts:
         name, _, number = text.partition("=")
         try:
             value = float(number)
@@ -122,9 +131,9 @@ def parse_errors(names: Sequence[str], priors: Sequence[str]) -> tuple[tuple[str
             value = 0.0
         if name not in known or not 0 < value < np.inf:
             message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. time_offset=5 in ms"
-            raise ScenarioError([Problem("--prior", message)], "command line")
+            raise ScenarioError([Problem(option, message)], "command line")
         found[name] = value * UNKNOWNS[name].si
-    return tuple(dict.fromkeys(names)) or USUAL, found
+    return found
 
 
 @on_one_thread
@@ -134,6 +143,7 @@ def run_calibration(
     *,
     names: Sequence[str] = USUAL,
     prior: Mapping[str, float] | None = None,
+    drift: Mapping[str, float] | None = None,
     reference_sigma_m: float = 0.0,
     overrides: Mapping[str, Any] | None = None,
 ) -> Calibration:
@@ -148,6 +158,8 @@ def run_calibration(
         overlap.
     names, prior:
         Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
+    drift:
+        Errors that differ from line to line, and their standard deviations between lines, SI.
     reference_sigma_m:
         Standard deviation of an error of position and height that all of the reference shares.
     overrides:
@@ -175,9 +187,9 @@ def run_calibration(
         heard = [_heard(stack.enter_context(open_recording(_signals(Path(name)), changes))) for name in recordings]
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
-            found = _over_surface(heard, known, path, names, dict(prior or {}), reference_sigma_m)
+            found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
         else:
-            found = _over_unknown(heard, known, path, names, dict(prior or {}))
+            found = _over_unknown(heard, known, path, names, dict(prior or {}), drift or {})
         parts, surface, solution = found.parts, found.surface, found.solution
         warnings = [*found.warnings, *_doubts(solution)]
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
@@ -217,6 +229,7 @@ def _over_surface(
     path: Path | None,
     names: Sequence[str],
     prior: dict[str, float],
+    drift: Mapping[str, float],
     sigma_m: float,
 ) -> _Found:
     """Estimate errors over a surface, which may lie elsewhere."""
@@ -224,8 +237,8 @@ def _over_surface(
     parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
     asked = tuple(names) + (DATUM if sigma_m > 0 else ())
     with stage("estimating", 1):
-        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m))
-        free = solve(parts, surface, (*names, *DATUM), prior)
+        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
+        free = solve(parts, surface, (*names, *DATUM), prior, drift)
     if not _displaced(free, sigma_m):
         return _Found(parts=parts, surface=surface, solution=solution)
     warnings = (_displacement(free, sigma_m),)
@@ -238,26 +251,35 @@ def _over_unknown(
     path: Path | None,
     names: Sequence[str],
     prior: dict[str, float],
+    drift: Mapping[str, float],
 ) -> _Found:
     """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
-    (echoes,) = [each.echoes for each in heard] if len(heard) == 1 else [None]
-    if not isinstance(echoes, WholeEchoes):
-        message = "without a surface as --reference give one recording of signals, of lines that overlap"
+    parts = tuple(
+        each.echoes.rows(each.echoes.motion.within_lines) for each in heard if isinstance(each.echoes, WholeEchoes)
+    )
+    if len(parts) < len(heard):
+        message = "without a surface as --reference give recordings of signals, of lines that overlap"
         raise ScenarioError([Problem("recordings", message)], "command line")
+    for each, part in zip(heard, parts, strict=True):
+        check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
+        of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
+        if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
+            message = "are of different antennas or weather; calibrate each by itself"
+            raise ScenarioError([Problem("recordings", message)], "command line")
     places = None
     if known is not None:
         if not (known.sigma_m > 0).all():
             message = f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma"
             raise InputFileError(message)
         places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
-    own = echoes.rows(echoes.motion.within_lines)
+    own = WholeEchoes.joined(parts)
     # Waves much shorter than a footprint are nothing that an echo tells.
-    extent, spacing_m = heard[0].grid, max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
+    extent, spacing_m = _grid(heard), max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
     west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
     grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
     with stage("estimating", 1):
-        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places)
-    return _Found(parts=Together(parts=(own,)), surface=surface, solution=solution)
+        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places, drift)
+    return _Found(parts=Together(parts=parts), surface=surface, solution=solution)
 
 
 def _footprint_m(echoes: WholeEchoes) -> float:
@@ -431,7 +453,7 @@ def _doubts(solution: Solution) -> list[str]:
 # ------------------------------------------------------------------------------------------------------- manoeuvres
 def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
     """Return the information that one more line of each kind would add, like the longest that was flown."""
-    line = parts.line
+    line, drift = parts.line, solution.drift
     longest = np.bincount(line).argmax()
     first, found = 0, {}
     for part in parts.parts:
@@ -441,8 +463,8 @@ def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> di
             break
         first += len(part)
     for name, motion in _lines(one.motion, surface).items():
-        information = one.expected(motion, solution.errors, surface, solution.names, sigma_m)
-        found[name] = information / solution.scatter
+        information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
+        found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
     return found
 
 
