@@ -204,6 +204,23 @@ class Solution:
             covariance=np.diag(self.knowledge.prior**2),
         )
 
+    def next_range_bias(self, line: Int[np.ndarray, " pulse"]) -> tuple[float, float] | None:
+        """Return the range bias of another flight as long, and its standard deviation, SI; None if none is told.
+
+        line: number of the flight line of each pulse. The bias wanders with the residuals; see `continued`.
+        """
+        step, name = self.step, "range_bias"
+        if name not in self.names or not self.told[self.names.index(name)]:
+            return None
+        weight = np.nan_to_num(step.weight / step.sigma_m**2)
+        number = stretches(line)
+        total = np.bincount(number, weight)
+        means = (np.bincount(number, weight * np.nan_to_num(step.residual_m)) / np.maximum(total, 1e-300))[total > 0]
+        if len(means) < FEWEST_STRETCHES:
+            return None
+        mean, sigma = continued(means)
+        return mean + float(self.value[self.names.index(name)]), sigma
+
     @property
     def errors(self) -> InstrumentErrors:
         """The estimate."""
@@ -265,7 +282,7 @@ def solve(
                 break
     assert before is not None
     assert step is not None
-    freedom = sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each)
+    freedom = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
     scatter, expected, surprise = _scatter(step, echoes, told, freedom)
     each = [drift.eliminated(line[0] / scatter, line[1], d) for line, d in zip(said, apart, strict=True)]
     known = replace(known, information=np.sum([line.information for line in each], axis=0))
@@ -309,6 +326,43 @@ def stretches(line: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " pulse"]:
     within = np.arange(len(line)) - np.searchsorted(line, line)
     _, number = np.unique(line * len(line) + within // length, return_inverse=True)
     return number
+
+
+# Ratios of the standard deviations of steps and noise, as angles, over which a walk is averaged.
+ANGLES = 64
+# Stretches without which the posterior of a walk has no variance.
+FEWEST_STRETCHES = 4
+
+
+def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
+    """Return the mean of as many further stretches, and its standard deviation, if they go on as a random walk.
+
+    The means of stretches are noise of variance s^2 about a level that steps by q^2 from one to the next (the local
+    level model: Durbin and Koopman 2012, "Time Series Analysis by State Space Methods", section 2.1). A flight says
+    little of steps that add up over its own length, so that q / s = tan(angle) is not estimated but averaged over:
+    every angle alike beforehand, the scale by 1 / scale, any level.
+    """
+    count = len(means)
+    number, ones = np.arange(1.0, count + 1), np.ones(count)
+    found = []
+    for angle in (np.arange(ANGLES) + 0.5) * np.pi / 2 / ANGLES:
+        noise, steps = np.cos(angle) ** 2, np.sin(angle) ** 2
+        system = cho_factor(noise * np.eye(count) + steps * np.minimum(number[:, None], number))
+        inverse = cho_solve(system, ones)
+        variance = 1 / inverse.sum()
+        level = variance * (inverse @ means)
+        residual = cho_solve(system, means - level)
+        squares = float((means - level) @ residual)
+        log = -np.log(np.diag(system[0])).sum() + np.log(variance) / 2 - (count - 1) / 2 * np.log(squares)
+        # With the level at the last stretch the further ones begin: its covariance with each mean is that of the walk.
+        last = steps * number
+        spread = steps * count - last @ cho_solve(system, last) + (1 - last @ inverse) ** 2 * variance
+        further = steps * (count + 1) * (2 * count + 1) / (6 * count) + noise / count
+        found.append((log, level + last @ residual, squares / (count - 3) * (spread + further)))
+    log, mean, variances = np.array(found).T
+    weight = np.exp(log - log.max())
+    middle = np.average(mean, weights=weight)
+    return float(middle), float(np.sqrt(np.average(variances + (mean - middle) ** 2, weights=weight)))
 
 
 def _scatter(

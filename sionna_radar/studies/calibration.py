@@ -191,7 +191,7 @@ def run_calibration(
         else:
             found = _over_unknown(heard, known, path, names, dict(prior or {}), drift or {})
         parts, surface, solution = found.parts, found.surface, found.solution
-        warnings = [*found.warnings, *_doubts(solution)]
+        warnings = [*found.warnings, *_doubts(solution, parts)]
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
         solution = solution.held() if solution.of_other_ground else solution
         manoeuvres = tuple(
@@ -434,11 +434,17 @@ def _displacement(free: Solution, stated_m: float) -> str:
     )
 
 
-def _doubts(solution: Solution) -> list[str]:
+def _doubts(solution: Solution, parts: Together) -> list[str]:
     """Return warnings about echoes that are not those of the modelled ground."""
     if solution.model_holds:
         return []
+    bias = None if solution.of_other_ground else solution.next_range_bias(parts.line)
+    wanders = (
+        "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
+        "{:.2f} ± {:.2f} m"
+    )
     return [
+        *([] if bias is None else [wanders.format(*bias)]),
         f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
         f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
@@ -446,7 +452,7 @@ def _doubts(solution: Solution) -> list[str]:
             "No estimate is stated"
             if solution.of_other_ground
             else "Standard deviations include the scatter of stretches, and no error that all of them share"
-        )
+        ),
     ]
 
 

@@ -14,6 +14,7 @@ from sionna_radar.mapping.calibration import (
     TOLD,
     Knowledge,
     MeasuredPlaces,
+    continued,
     solve,
     solve_over_unknown_ground,
     stretches,
@@ -232,6 +233,24 @@ def test_over_level_ground_the_heading_is_not_told_and_bias_and_pitch_are_one():
     assert not (found.told[0] and found.told[2])
     assert {"pitch", "range_bias"} in [set(direction) for direction in found.before.unseen]
     assert found.value[1] == 0.0
+
+
+def test_what_a_walk_goes_on_to_is_within_what_is_stated():
+    """Noise and walks in all proportions, as they are taken beforehand: 14 stretches, and the mean of 14 more."""
+    rng, deviation = np.random.default_rng(7), []
+    for angle in rng.uniform(0, np.pi / 2, 400):
+        means = np.cumsum(np.sin(angle) * rng.standard_normal(28)) + np.cos(angle) * rng.standard_normal(28)
+        mean, sigma = continued(means[:14] + 5.0)
+        deviation.append((means[14:].mean() + 5.0 - mean) / sigma)
+    # Four standard deviations of a mean, a variance and a share of 400; of several laws the middle is the likelier.
+    assert abs(np.mean(deviation)) < 0.2
+    assert np.var(deviation) == pytest.approx(1, abs=0.35)
+    assert np.mean(np.abs(deviation) < 1.96) == pytest.approx(0.95, abs=0.044)
+    assert np.mean(np.abs(deviation) < 1) > 0.6
+    # A level that only steps stays where it was last; of noise alone the mean is more than the last.
+    steady = 1.0 + 1e-3 * rng.standard_normal(14)
+    assert continued(steady)[0] == pytest.approx(1.0, abs=2e-3)
+    assert continued(10 * steady)[1] == pytest.approx(10 * continued(steady)[1], rel=1e-9)
 
 
 def test_stretches_stay_within_lines():

@@ -4,6 +4,7 @@ The slow studies: `pytest -m study -n 0 -s tests/studies/test_calibration.py`; `
 was found, so that a study that was cut goes on. A quarter of an hour each on one core.
 """
 
+import itertools
 import json
 import os
 import tomllib
@@ -249,6 +250,22 @@ def test_the_bias_of_a_flown_altimeter_over_open_country_holds_on_the_other_half
     whole = bias_of(BARE, slice(None))
     assert not whole.model_holds
     assert not whole.of_other_ground
+
+
+@pytest.mark.skipif(not BARE.is_file(), reason="the recording may not be committed")
+def test_what_one_part_of_the_flown_line_says_of_the_next_holds():
+    """The bias as a random walk, known from half of the line, or a quarter, alone."""
+    count = len(np.load(BARE)["radar_m"])
+    for parts in (2, 4):
+        ends = np.arange(parts + 1) * count // parts
+        found = [bias_of(BARE, slice(*pair)) for pair in itertools.pairwise(ends)]
+        for (now, later), size in zip(itertools.pairwise(found), np.diff(ends), strict=False):
+            mean, sigma = now.next_range_bias(np.zeros(size, dtype=np.int64))
+            assert abs(mean - later.value[0]) < 1.96 * np.hypot(sigma, later.sigma[0])
+            assert sigma < 0.35
+    # As a constant it is known too well.
+    one, other = (bias_of(BARE, slice(*pair)) for pair in ((0, count // 2), (count // 2, count)))
+    assert abs(one.value[0] - other.value[0]) > 4 * np.hypot(one.sigma[0], other.sigma[0])
 
 
 def test_over_woods_the_residuals_say_that_the_model_does_not_hold():
