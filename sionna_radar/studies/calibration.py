@@ -82,7 +82,7 @@ class Calibrated:
 class Calibration:
     """Estimated errors of an instrument, and what the flight tells of them.
 
-    solution: the estimate. manoeuvres: what one more line would tell.
+    solution: the estimate. manoeuvres: what one more line would tell; none over unknown ground.
     displaced: the estimate that lets the reference lie elsewhere, if it does.
     """
 
@@ -194,9 +194,11 @@ def run_calibration(
         warnings = [*found.warnings, *_doubts(solution, parts)]
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
         solution = solution.held() if solution.of_other_ground else solution
+        # Over unknown ground a further line would first have to tell the ground.
+        further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
             Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
-            for name, information in _manoeuvres(parts, surface, solution).items()
+            for name, information in further.items()
         )
         both = zip(heard, parts.parts, strict=True)
         calibrated = tuple(_calibrated(each, part, surface, solution) for each, part in both)

@@ -320,7 +320,7 @@ def _statements(result: Calibration) -> list[str]:
 
 def _manoeuvre_words(result: Calibration) -> list[str]:
     solution = result.solution
-    if solution.told.all():
+    if solution.told.all() or not result.manoeuvres:
         return []
     held = [name for name, told in zip(solution.names, solution.told, strict=True) if not told]
     words = []
