@@ -225,8 +225,8 @@ def fit_materials_command(
         typer.Option(
             "--levels",
             metavar="FILE",
-            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH or an angle in deg. "
-            "Default: measured from traced echoes of the scenario.",
+            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH, HV or an "
+            "angle in deg. Default: measured from traced echoes of the scenario.",
         ),
     ] = None,
     free: Annotated[

@@ -37,11 +37,12 @@ from sionna_radar.scenario.materials import (
     Lambertian,
     PhysicalOptics,
     RoughTable,
+    SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
-from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.surfaces.radar_material import TYPICAL_CROSS_POLAR_DB, as_radar_material
 from sionna_radar.surfaces.rough_surface import MAX_RELATIVE_HEIGHT
 from sionna_radar.survey.preparation import Prepared, prepare
 
@@ -50,7 +51,7 @@ NEPERS_PER_DB = math.log(10) / 10
 PRIOR_NEPERS, PRIOR_DB = 1.0, 10.0
 # Fitted as logarithms, above these values.
 LOGARITHMIC = {"rms_height_m": 0.0, "correlation_length_m": 0.0, "permittivity": 1.0, "loss": 0.0}
-CALIBRATION = "calibration_db"
+CALIBRATION, CROSS = "calibration_db", "cross_polar_db"
 # Probability of residuals as large by chance, below which the models do not describe the levels.
 SURPRISE = 1e-3
 # Step of difference quotients, in nepers or dB: rounding and curvature are both below 1e-8 of a derivative.
@@ -195,6 +196,7 @@ def fit_materials(
     True
 
     """
+    tables = {name: _with_cross_polar(table) for name, table in tables.items()} if levels.cross.any() else tables
     unknowns = _unknowns(levels, tables, carrier_hz, free, prior or {}, calibration_sigma_db)
     sigma = _sigma(levels.looks, level_sigma_db)
     if not (sigma > 0).all():
@@ -224,6 +226,13 @@ def fit_materials(
         tables={name: model.table(name, scaled) for name in dict.fromkeys(levels.cover)},
         measures=_measures(model, scaled, knowledge, level_sigma_db, calibration_sigma_db),
     )
+
+
+def _with_cross_polar(table: MaterialParameters) -> MaterialParameters:
+    """Return a material that has a cross-polar ratio: a typical one unless it is given."""
+    if isinstance(table, SurfaceTable) and table.cross_polar_db is None:
+        return table.model_copy(update={"cross_polar_db": TYPICAL_CROSS_POLAR_DB})
+    return table
 
 
 def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.ndarray, " row"]:
@@ -263,7 +272,9 @@ def _unknowns(
     if strange := [name for name in covers if name not in tables]:
         message = f"has the cover {shown(strange[0])}, which is no material; use {', '.join(sorted(tables))}"
         raise ScenarioError([Problem("--levels", message)], "command line")
-    names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover in covers for key in _usual(tables[cover])]
+    usual = {cover: _usual(tables[cover]) for cover in covers}
+    usual |= {cover: (*keys, CROSS) for cover, keys in usual.items() if levels.cross[levels.of(cover)].any()}
+    names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover, keys in usual.items() for key in keys]
     if not names:
         message = f"is needed: nothing is estimated by default of {', '.join(covers)}; name COVER.KEY"
         raise ScenarioError([Problem("--free", message)], "command line")
@@ -298,7 +309,7 @@ def _usual(table: MaterialParameters) -> tuple[str, ...]:
 
 
 def _values(table: MaterialParameters, carrier_hz: float) -> dict[str, float]:
-    """Return the numbers of a material that its co-polar backscatter may depend on."""
+    """Return the numbers of a material that its backscatter may depend on."""
     found = {
         key: float(value)
         for key, value in table
@@ -373,7 +384,8 @@ class _Model:
         """Return the logarithm of sigma0 of the rows of a cover."""
         table, own = self.table(cover, scaled), self.levels.of(cover)
         material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
-        sigma0 = material.linear_sigma0(self.levels.incidence_rad[own], self.levels.polarization_rad[own])
+        levels = self.levels
+        sigma0 = material.linear_sigma0(levels.incidence_rad[own], levels.polarization_rad[own], levels.cross[own])
         return np.log(np.maximum(sigma0, np.finfo(float).tiny))
 
     def predict(self, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " row"]:
@@ -449,15 +461,18 @@ def _measures(
         known[-1, -1] = 1 / CALIBRATED_DB**2
         name = f"a radar calibrated to {CALIBRATED_DB:g} dB, as by a reflector of known cross-section,"
         found.append(Measure(name=name, knowledge=knowledge.with_more(known)))
-    series = list(dict.fromkeys(zip(levels.cover, np.round(levels.polarization_rad, 6), strict=True)))
-    rows = [(cover, polarization, incidence) for cover, polarization in series for incidence in np.deg2rad(WIDE_DEG)]
+    series = dict.fromkeys(
+        zip(levels.cover, np.round(levels.polarization_rad, 6), map(bool, levels.cross), strict=True)
+    )
+    rows = [(*each, incidence) for each in series for incidence in np.deg2rad(WIDE_DEG)]
     both = levels.polarization_rad.min() < NEAR_V_RAD and levels.polarization_rad.max() > math.pi / 2 - NEAR_V_RAD
     turned = replace(levels, polarization_rad=math.pi / 2 - levels.polarization_rad)
     further = ({} if both else {"the other linear polarization": turned}) | {
         f"incidence from {WIDE_DEG[0]:g} to {WIDE_DEG[-1]:g} deg": Levels(
-            cover=tuple(cover for cover, _, _ in rows),
-            incidence_rad=np.array([incidence for _, _, incidence in rows]),
-            polarization_rad=np.array([polarization for _, polarization, _ in rows]),
+            cover=tuple(cover for cover, *_ in rows),
+            incidence_rad=np.array([incidence for *_, incidence in rows]),
+            polarization_rad=np.array([polarization for _, polarization, _, _ in rows]),
+            cross=np.array([cross for _, _, cross, _ in rows]),
             sigma0=np.ones(len(rows)),
             looks=np.full(len(rows), float(np.median(levels.looks))),
         ),
@@ -482,13 +497,13 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
     The power of an echo is that of the coherent sum of its paths, with speckle drawn for each pulse: one look. It is
     divided by the power expected of ground of a sigma0 of 1, by the same antenna and over the same ground, and
     averaged over echoes of one cover in classes of incidence and polarization. The plane of incidence is taken as that
-    of boresight and vertical, as over level ground. No noise, targets, weather or errors of the radar; covers that are
-    mirrors as well are left out.
+    of boresight and vertical, as over level ground. Antennas that receive across the wave give cross-polar levels. No
+    noise, targets, weather or errors of the radar; covers that are mirrors as well are left out.
 
     Parameters
     ----------
     prepared:
-        The survey, with linear co-polar antennas.
+        The survey, with linear antennas.
     pulses:
         How many are taken at most, evenly over the flight.
 
@@ -500,10 +515,13 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
     """
     scenario = prepared.scenario.replace({"tracing.speckle": "per_pulse"})
     antenna, tables = scenario.radar.antenna, scenario.all_materials
-    if antenna.polarization not in ("V", "H") or antenna.receive_polarization != "co":
-        message = f"{antenna.polarization!r}, received {antenna.receive_polarization!r}, is not fitted; use 'V' or 'H'"
+    if antenna.polarization not in ("V", "H"):
+        message = f"{antenna.polarization!r} is not fitted; use 'V' or 'H'"
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
-    uniform = {f"materials.{name}": {"model": "constant_gamma", "gamma_db": 0.0} for name in tables}
+    cross = antenna.receive_polarization == "cross"
+    # Its power is the same in all channels, however the scan turns the wave.
+    same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})
+    uniform = {f"materials.{name}": same for name in tables}
     surveys = (prepare(scenario, prepared.custom), prepare(scenario.replace(uniform), prepared.custom))
     chosen = spread_indices(pulses, len(prepared))
     blocks = [_looks(*surveys, chosen[low : low + BLOCK]) for low in range(0, len(chosen), BLOCK)]
@@ -528,6 +546,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
         polarization_rad=means["polarization_rad"],
         sigma0=means["sigma0"],
         looks=np.array([float(len(groups[key])) for key in found]),
+        cross=np.full(len(found), cross),
     )
 
 

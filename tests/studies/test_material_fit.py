@@ -66,6 +66,7 @@ def rough_levels(model, values, looks=math.inf, angles_deg=ANGLES_DEG):
         polarization_rad=np.repeat([0.0, np.pi / 2], len(angles_deg)),
         sigma0=np.concatenate(sigma0),
         looks=np.full(count, looks),
+        cross=np.zeros(count, dtype=bool),
     )
 
 
@@ -77,6 +78,7 @@ def law_levels(law, count=15, looks=math.inf):
         polarization_rad=np.zeros(count),
         sigma0=law.sigma0(incidence_rad),
         looks=np.full(count, looks),
+        cross=np.zeros(count, dtype=bool),
     )
 
 
@@ -158,7 +160,10 @@ def test_what_the_other_polarization_would_tell_is_what_it_tells():
     half = len(both) // 2
     one = Levels(
         cover=both.cover[:half],
-        **{name: getattr(both, name)[:half] for name in ("incidence_rad", "polarization_rad", "sigma0", "looks")},
+        **{
+            name: getattr(both, name)[:half]
+            for name in ("incidence_rad", "polarization_rad", "sigma0", "looks", "cross")
+        },
     )
     table = {"soil": table_of(kind, truth)}
     alone, together = (fit_materials(levels, table, CARRIER_HZ) for levels in (one, both))
@@ -200,7 +205,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
             law_levels(ConstantGammaBackscatter(10 ** (gamma_db / 10)), 6, 8.0),
             law_levels(LambertianBackscatter(10 ** (nadir_db / 10)), 6, 8.0),
         ]
-        columns = ("incidence_rad", "polarization_rad", "sigma0", "looks")
+        columns = ("incidence_rad", "polarization_rad", "sigma0", "looks", "cross")
         both = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
         levels = speckled(Levels(cover=("field",) * 6 + ("snow",) * 6, **both), rng, level_db)
         fit = fit_materials(levels, table, CARRIER_HZ, prior=prior, calibration_sigma_db=0.5)
@@ -244,13 +249,16 @@ def test_a_turned_wave_returns_what_the_scattering_matrix_says():
     )
     incidence_rad, turn = np.deg2rad([10.0, 40.0, 40.0, 60.0]), np.deg2rad([0.0, 33.0, 90.0, 45.0])
     parts = material.parts(incidence_rad)
-    power = np.zeros(4)
+    power, across = np.zeros((2, 4))
     for k, (one, two) in itertools.product(range(4), itertools.product((-1, 1), repeat=2)):
         d, x = parts.opposed[k], parts.exchanged[k]
         matrix = np.array([[parts.horizontal[k] + 1j * d * one, x * two], [x * two, parts.vertical[k] - 1j * d * one]])
         wave = np.array([np.sin(turn[k]), np.cos(turn[k])])
         power[k] += abs(wave @ matrix @ wave) ** 2 / 4
-    np.testing.assert_allclose(material.linear_sigma0(incidence_rad, turn), power, rtol=1e-12)
+        across[k] += abs(np.array([-wave[1], wave[0]]) @ matrix @ wave) ** 2 / 4
+    cross = np.ones(4, dtype=bool)
+    np.testing.assert_allclose(material.linear_sigma0(incidence_rad, turn, ~cross), power, rtol=1e-12)
+    np.testing.assert_allclose(material.linear_sigma0(incidence_rad, turn, cross), across, rtol=1e-12)
     assert power[0] == pytest.approx(0.03 * np.cos(incidence_rad[0]))
     assert power[2] == pytest.approx(0.01 * np.cos(incidence_rad[2]))
 
@@ -267,6 +275,27 @@ def test_gamma_of_two_fields_returns_from_their_traced_echoes():
         assert low < truth < high
         assert high - low < 2.0
     assert fit.model_holds
+
+
+def test_levels_received_across_tell_the_cross_polar_ratio(tmp_path):
+    """Two fields with ratios of -7 and -12 dB, of which none was known beforehand, by one flight for each channel."""
+    fields = {"materials.weak.cross_polar_db": -7.0, "materials.strong.cross_polar_db": -12.0}
+    flights = [
+        load_scenario("two_fields", {**fields, "tracing.paths_per_pulse": 128, "radar.antenna.receive_polarization": p})
+        for p in ("co", "cross")
+    ]
+    found = [measure_levels(prepare(flown), 400).to_csv().splitlines() for flown in flights]
+    (tmp_path / "levels.csv").write_text("\n".join([*found[0], *found[1][1:]]) + "\n")
+    levels = Levels.from_csv(tmp_path / "levels.csv")
+    assert levels.cross.sum() == len(found[1]) - 1
+    believed = {name: ConstantGamma(gamma_db=-20.0) for name in ("weak", "strong")}
+    fit = fit_materials(levels, believed, CARRIER_HZ)
+    for name, truth in (("weak.cross_polar_db", -7.0), ("strong.cross_polar_db", -12.0), ("weak.gamma_db", -28.0)):
+        low, high = fit.intervals(3.0)[name]
+        assert low < truth < high
+        assert high - low < 3.5
+    assert fit.model_holds
+    assert fit.tables["weak"].cross_polar_db == pytest.approx(fit.estimates["weak.cross_polar_db"])
 
 
 @pytest.mark.study
@@ -295,7 +324,9 @@ def test_traced_echoes_of_rough_covers_have_the_levels_of_their_models():
     expected = np.empty(len(levels))
     for cover in set(levels.cover):
         own = levels.of(cover)
-        expected[own] = materials[cover].linear_sigma0(levels.incidence_rad[own], levels.polarization_rad[own])
+        expected[own] = materials[cover].linear_sigma0(
+            levels.incidence_rad[own], levels.polarization_rad[own], levels.cross[own]
+        )
     bias, variance = digamma(levels.looks) - np.log(levels.looks), polygamma(1, levels.looks)
     many = levels.looks >= 10
     deviation = ((np.log(levels.sigma0 / expected) - bias) / np.sqrt(variance))[many]
@@ -327,7 +358,7 @@ def test_the_command_fits_a_table_and_writes_what_pastes(cli, tmp_path, monkeypa
     ("row", "message"),
     [
         ("weak,95,VV,-20,10", "line 2: incidence_deg = 95"),
-        ("weak,45,VH,-20,10", "line 2 reads"),
+        ("weak,45,RL,-20,10", "line 2 reads"),
         ("weak,45,VV,-20", "line 2 reads"),
         ("weak,45,VV,nan,10", "line 2: sigma0_db = nan"),
         ("weak,45,HH,-20,0", "line 2: looks = 0"),
