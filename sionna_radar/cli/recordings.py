@@ -234,11 +234,12 @@ def calibrate_command(
     from sionna_radar.foundation.input_file import regular_file
     from sionna_radar.report.files.contents import Report
     from sionna_radar.report.studies.calibration import MARKER, print_calibration, write_calibration
-    from sionna_radar.studies.calibration import parse_deviations, parse_errors, run_calibration
+    from sionna_radar.studies.calibration import DRIFTS, PRIORS, parse_deviations, parse_errors, run_calibration
 
     page = Report.PAGE if report else Report.NONE
     names = parse_errors(estimate or [])
-    priors, between = parse_deviations("--prior", prior or []), parse_deviations("--drift", drift or [])
+    priors = parse_deviations("--prior", prior or [], PRIORS)
+    between = parse_deviations("--drift", drift or [], DRIFTS)
     if reference is not None:
         regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
     session.produce(

@@ -116,12 +116,16 @@ def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names)) or USUAL
 
 
-def parse_deviations(option: str, texts: Sequence[str]) -> dict[str, float]:
-    """Return standard deviations, SI, from NAME=SIGMA in the units of `UNKNOWNS`.
+# Units, SI, of the errors that have standard deviations beforehand, and of those that may drift.
+PRIORS = {name: unknown.si for name, unknown in UNKNOWNS.items() if name not in DATUM}
+DRIFTS = {name: unknown.si for name, unknown in UNKNOWNS.items()}
+
+
+def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return standard deviations, SI, from NAME=SIGMA in units by name; in that of the key, of any name, without them.
 
     Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
     """
-    known = [name for name in UNKNOWNS if option == "--drift" or name not in DATUM]
     found = {}
     for text in texts:
         name, _, number = text.partition("=")
@@ -129,10 +133,10 @@ def parse_deviations(option: str, texts: Sequence[str]) -> dict[str, float]:
             value = float(number)
         except ValueError:
             value = 0.0
-        if name not in known or not 0 < value < np.inf:
-            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. time_offset=5 in ms"
+        if (units is not None and name not in units) or not 0 < value < np.inf:
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a name and a positive number"
             raise ScenarioError([Problem(option, message)], "command line")
-        found[name] = value * UNKNOWNS[name].si
+        found[name] = value if units is None else value * units[name]
     return found
 
 
@@ -184,7 +188,7 @@ def run_calibration(
     changes = dict(overrides or {})
     path = None if reference is None else Path(reference)
     with ExitStack() as stack:
-        heard = [_heard(stack.enter_context(open_recording(_signals(Path(name)), changes))) for name in recordings]
+        heard = [echoes_of(stack.enter_context(open_recording(signals_in(Path(name)), changes))) for name in recordings]
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
             found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
@@ -226,7 +230,7 @@ class _Found:
 
 
 def _over_surface(
-    heard: Sequence["_Heard"],
+    heard: Sequence["Heard"],
     reference: ReferenceSurface,
     path: Path | None,
     names: Sequence[str],
@@ -248,7 +252,7 @@ def _over_surface(
 
 
 def _over_unknown(
-    heard: Sequence["_Heard"],
+    heard: Sequence["Heard"],
     known: Checkpoints | None,
     path: Path | None,
     names: Sequence[str],
@@ -290,7 +294,7 @@ def _footprint_m(echoes: WholeEchoes) -> float:
     return 4 * min(echoes.sightings.beam.spread) * range_m
 
 
-def _signals(path: Path) -> Path:
+def signals_in(path: Path) -> Path:
     """Return the recording of beat signals in a folder of results, or the recording itself."""
     if not path.is_dir():
         return path
@@ -303,7 +307,7 @@ def _signals(path: Path) -> Path:
 
 # --------------------------------------------------------------------------------------------------------- echoes
 @dataclass(frozen=True, kw_only=True)
-class _Heard:
+class Heard:
     """A recording with its detected echoes, and what they say."""
 
     source: RecordingSource
@@ -313,7 +317,7 @@ class _Heard:
     grid: Grid
 
 
-def _heard(source: RecordingSource) -> _Heard:
+def echoes_of(source: RecordingSource) -> Heard:
     """Return the echoes of a recording, with the poses as they were reported."""
     if not source.file.pulses.located:
         message = f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones"
@@ -341,14 +345,14 @@ def _heard(source: RecordingSource) -> _Heard:
             motion=own,
             reach_m=2 * float(points.range_m.max()),
         )
-        return _Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
+        return Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
     assert observed.profiles is not None
     own = motion.rows(observed.profiles.pulse)
     sightings = mapper.sightings(observed.profiles, own.pose)
     echo_ranges = mean_ranges(sightings)
     whole = WholeEchoes(sightings=sightings, motion=own, reach=sightings.repeated(echo_ranges.range_m))
     grid = reaching(mapper.grid, sightings, echo_ranges)
-    return _Heard(
+    return Heard(
         source=source,
         sensor=sensor,
         observed=observed,
@@ -363,7 +367,7 @@ def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | Recorded
     return settings.model_copy(update={"dem": dem})
 
 
-def _grid(heard: Sequence[_Heard]) -> Grid:
+def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
@@ -516,7 +520,7 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
 
 
 # ------------------------------------------------------------------------------------------------ before and after
-def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
+def _calibrated(heard: Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
     before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose
@@ -537,7 +541,7 @@ def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfi
     )
 
 
-def _mapped(heard: _Heard, errors: InstrumentErrors) -> Raster:
+def _mapped(heard: Heard, errors: InstrumentErrors) -> Raster:
     """Return the DEM of a recording without some errors."""
     source = heard.source.corrected(errors)
     sensor = source.build_sensor()

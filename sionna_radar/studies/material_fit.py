@@ -18,17 +18,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.constants import speed_of_light
 from scipy.optimize import least_squares
-from scipy.special import digamma, gammaincc, polygamma
+from scipy.special import digamma, gammaincc, gammaincinv, polygamma
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread, spread_indices
 from sionna_radar.mapping.calibration import Knowledge
+from sionna_radar.mapping.instrument_echoes import Readings
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
     ConstantGamma,
@@ -40,11 +42,13 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.studies.calibration import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
 from sionna_radar.surfaces.radar_material import TYPICAL_CROSS_POLAR_DB, as_radar_material
 from sionna_radar.surfaces.rough_surface import MAX_RELATIVE_HEIGHT
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.reprocessing import open_recording
 
 NEPERS_PER_DB = math.log(10) / 10
 # Known beforehand of a parameter unless stated: to a factor e, and levels to 10 dB.
@@ -242,24 +246,6 @@ def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.
 
 
 # -------------------------------------------------------------------------------------------------------- parameters
-def parse_priors(given: Sequence[str]) -> dict[str, float]:
-    """Return what is known beforehand of parameters, by NAME=VALUE.
-
-    Raises ScenarioError for a text that is none, or a value that is no positive number.
-    """
-    found = {}
-    for text in given:
-        name, _, number = text.partition("=")
-        try:
-            found[name] = float(number)
-        except ValueError:
-            found[name] = math.nan
-        if not 0 < found[name] < math.inf:
-            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. road.rms_height_m=2, a factor"
-            raise ScenarioError([Problem("--prior", message)], "command line")
-    return found
-
-
 def _unknowns(
     levels: Levels,
     tables: Mapping[str, MaterialParameters],
@@ -491,14 +477,16 @@ PURE = 0.99
 BLOCK = 500
 
 
-def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
-    """Return levels of the covers of a survey, measured from traced echoes of some of its pulses.
+def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | None = None) -> Levels:
+    """Return levels of the covers of a survey, measured from traced or recorded echoes of some of its pulses.
 
-    The power of an echo is that of the coherent sum of its paths, with speckle drawn for each pulse: one look. It is
-    divided by the power expected of ground of a sigma0 of 1, by the same antenna and over the same ground, and
-    averaged over echoes of one cover in classes of incidence and polarization. The plane of incidence is taken as that
-    of boresight and vertical, as over level ground. Antennas that receive across the wave give cross-polar levels. No
-    noise, targets, weather or errors of the radar; covers that are mirrors as well are left out.
+    The power of an echo is that of the coherent sum of its paths, with speckle drawn for each pulse: one look; or that
+    of the cells of a recorded profile less the noise, of as many looks as they are. It is divided by the power expected
+    of ground of a sigma0 of 1, by the same antenna and over the same ground, and averaged over echoes of one cover in
+    classes of incidence and polarization, without those that no speckle of the class explains, as of a target. The
+    plane of incidence is taken as that of boresight and vertical, as over level ground. Antennas that receive across
+    the wave give cross-polar levels. Traced echoes are without noise, targets, weather and errors of the radar; covers
+    that are mirrors as well are left out.
 
     Parameters
     ----------
@@ -506,11 +494,13 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
         The survey, with linear antennas.
     pulses:
         How many are taken at most, evenly over the flight.
+    recording:
+        Of beat signals of this flight, or a folder with one; None for traced echoes.
 
     Raises
     ------
-    ScenarioError
-        Another polarization, or no echoes of a single cover.
+    InputFileError, ScenarioError
+        A recording of another flight, another polarization, or no echoes of a single cover.
 
     """
     scenario = prepared.scenario.replace({"tracing.speckle": "per_pulse"})
@@ -523,9 +513,13 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
     same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})
     uniform = {f"materials.{name}": same for name in tables}
     surveys = (prepare(scenario, prepared.custom), prepare(scenario.replace(uniform), prepared.custom))
-    chosen = spread_indices(pulses, len(prepared))
-    blocks = [_looks(*surveys, chosen[low : low + BLOCK]) for low in range(0, len(chosen), BLOCK)]
+    heard = None if recording is None else _recorded(recording, prepared)
+    pulse = np.arange(len(prepared)) if heard is None else heard["pulse"]
+    chosen = spread_indices(pulses, len(pulse))
+    blocks = [_looks(*surveys, pulse[chosen[low : low + BLOCK]]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
+    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "looks")}
+    looks["sigma0"] = looks["power"] / looks["unit"]
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]
     groups: dict[tuple[str, int, int], list[int]] = {}
     for k in np.flatnonzero(~np.isin(looks["cover"], ["", *mirrors])):
@@ -536,22 +530,42 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError([Problem("terrain", message)])
     found = sorted(groups)
+    for key in found:
+        own = np.array(groups[key])
+        count, level = looks["looks"][own], looks["sigma0"][own]
+        mean = float(np.median(level * count / gammaincinv(count, 0.5)))
+        groups[key] = own[gammaincc(count, count * level / mean) > SURPRISE / len(looks["cover"])].tolist()
     means = {
         name: np.array([looks[name][groups[key]].mean() for key in found])
         for name in ("incidence_rad", "polarization_rad", "sigma0")
     }
     return Levels(
         cover=tuple(cover for cover, _, _ in found),
-        incidence_rad=means["incidence_rad"],
-        polarization_rad=means["polarization_rad"],
-        sigma0=means["sigma0"],
-        looks=np.array([float(len(groups[key])) for key in found]),
+        looks=np.array([looks["looks"][groups[key]].sum() for key in found]),
         cross=np.full(len(found), cross),
+        **means,
     )
 
 
+def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
+    """Return the pulses of a recording with an echo, its power over that transmitted, and its independent looks."""
+    with open_recording(signals_in(recording), {}) as source:
+        echoes = echoes_of(source).echoes
+        if isinstance(echoes, Readings) or len(source.file.pulses) != len(prepared):
+            message = f"{shown(recording)}: is no recording of signals of the {len(prepared)} pulses of this flight"
+            raise InputFileError(message)
+    profiles, middle = echoes.sightings.profiles, float(echoes.sightings.response.max())
+    row = np.repeat(np.arange(len(profiles)), np.diff(profiles.start))
+    cells = profiles.power - profiles.noise[row]
+    total = np.bincount(row, cells)
+    # Exponential powers have twice the mean square of their means.
+    looks = echoes.looks * total**2 / np.bincount(row, cells**2 / 2)
+    power = np.maximum(total, 0.0) * middle / prepared.receiver.transmit_power_w
+    return {"pulse": profiles.pulse, "power": power, "looks": looks}
+
+
 def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]) -> dict[str, np.ndarray]:
-    """Return sigma0 of each pulse's echo, incidence, polarization, and cover, which is empty for several or none."""
+    """Return power and looks of each echo, the power of a sigma0 of 1, angles, and the cover if it is single."""
     paths, flat = (each.rows(each.surface >= 0) for each in (survey.paths(index), uniform.paths(index)))
     field = np.zeros(len(index), dtype=np.complex128)
     np.add.at(field, np.searchsorted(index, paths.pulse), paths.gain)
@@ -572,7 +586,9 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
     incidence = np.bincount(row, weight * flat.incidence_rad, minlength=len(index))
     whole = np.where(single, total, 1.0)
     return {
-        "sigma0": np.abs(field) ** 2 / whole,
+        "power": np.abs(field) ** 2,
+        "unit": whole,
+        "looks": np.ones(len(index)),
         "incidence_rad": incidence / whole,
         "polarization_rad": np.arctan2(outside, inside),
         "cover": np.where(single, covers[share.argmax(axis=1)], ""),

@@ -32,7 +32,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import solve
 from sionna_radar.mapping.instrument_echoes import Readings, Together
 from sionna_radar.report.studies.calibration import calibration_document, calibration_page, write_calibration
-from sionna_radar.studies.calibration import USUAL, _manoeuvres, parse_deviations, parse_errors, run_calibration
+from sionna_radar.studies.calibration import PRIORS, USUAL, _manoeuvres, parse_deviations, parse_errors, run_calibration
 from sionna_radar.studies.planning import calibration_flights
 
 ERRORS = {"roll": 0.4, "pitch": -0.5, "heading": 0.3, "time_offset": 5.0}
@@ -172,7 +172,7 @@ def test_a_flight_that_calibrates_has_two_heights():
 )
 def test_names_and_priors_that_are_none_are_refused(names, priors, words):
     with pytest.raises(ScenarioError, match=words):
-        (parse_errors(names), parse_deviations("--prior", priors))
+        (parse_errors(names), parse_deviations("--prior", priors, PRIORS))
 
 
 def test_commands_say_what_is_missing(cli, tmp_path, lines):

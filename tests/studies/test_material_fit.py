@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import digamma, polygamma
 
+from sionna_radar import run
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.studies.material_fit import measure_words, trade_off_words
 from sionna_radar.scenario import load_scenario
@@ -275,6 +276,25 @@ def test_gamma_of_two_fields_returns_from_their_traced_echoes():
         assert low < truth < high
         assert high - low < 2.0
     assert fit.model_holds
+
+
+def test_gamma_returns_from_recorded_echoes_beside_a_target(cli, tmp_path):
+    """Signals with noise, of 500 pulses, in one of whose classes a target of 10 m2 stands out by 12 dB."""
+    scenario = load_scenario("two_fields", {"platform.length_m": 40.0, "platform.start_m": [-80.0, 0.0]})
+    run(scenario, recordings={"signals": tmp_path / "signals.nc"})
+    levels = measure_levels(prepare(scenario), 4000, tmp_path)
+    believed = {name: ConstantGamma(gamma_db=-20.0) for name in ("weak", "strong")}
+    fit = fit_materials(levels, believed, CARRIER_HZ)
+    for name, truth in (("weak", -28.0), ("strong", -25.0)):
+        low, high = fit.intervals(3.0)[f"{name}.gamma_db"]
+        assert low < truth < high
+        assert high - low < 1.0
+    assert fit.model_holds
+    with pytest.raises(InputFileError, match="of this flight"):
+        measure_levels(prepare(load_scenario("two_fields")), 4000, tmp_path)
+    done = cli("fit-materials", "two_fields", "--recording", tmp_path, "--levels", "levels.csv", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "give one of them" in done.stderr
 
 
 def test_levels_received_across_tell_the_cross_polar_ratio(tmp_path):
