@@ -518,7 +518,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     chosen = spread_indices(pulses, len(pulse))
     blocks = [_looks(*surveys, pulse[chosen[low : low + BLOCK]]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
-    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "looks")}
+    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "variance")}
     looks["sigma0"] = looks["power"] / looks["unit"]
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]
     groups: dict[tuple[str, int, int], list[int]] = {}
@@ -529,26 +529,30 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     if not groups:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError([Problem("terrain", message)])
-    found = sorted(groups)
+    found, count = sorted(groups), []
     for key in found:
         own = np.array(groups[key])
-        count, level = looks["looks"][own], looks["sigma0"][own]
-        mean = float(np.median(level * count / gammaincinv(count, 0.5)))
-        groups[key] = own[gammaincc(count, count * level / mean) > SURPRISE / len(looks["cover"])].tolist()
+        # The mean square of a power is that of its mean and the variance of its speckle; a target is in few medians.
+        square, variance, level = looks["power"][own] ** 2, looks["variance"][own], looks["sigma0"][own]
+        each = max(float(np.median(square / variance)) - 1, 1.0)
+        mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
+        kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
+        groups[key] = own[kept].tolist()
+        count.append(kept.sum() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
     means = {
         name: np.array([looks[name][groups[key]].mean() for key in found])
         for name in ("incidence_rad", "polarization_rad", "sigma0")
     }
     return Levels(
         cover=tuple(cover for cover, _, _ in found),
-        looks=np.array([looks["looks"][groups[key]].sum() for key in found]),
+        looks=np.array(count),
         cross=np.full(len(found), cross),
         **means,
     )
 
 
 def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
-    """Return the pulses of a recording with an echo, its power over that transmitted, and its independent looks."""
+    """Return the pulses of a recording with an echo, its power over that transmitted, and the variance by speckle."""
     with open_recording(signals_in(recording), {}) as source:
         echoes = echoes_of(source).echoes
         if isinstance(echoes, Readings) or len(source.file.pulses) != len(prepared):
@@ -559,13 +563,13 @@ def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
     cells = profiles.power - profiles.noise[row]
     total = np.bincount(row, cells)
     # Exponential powers have twice the mean square of their means.
-    looks = echoes.looks * total**2 / np.bincount(row, cells**2 / 2)
-    power = np.maximum(total, 0.0) * middle / prepared.receiver.transmit_power_w
-    return {"pulse": profiles.pulse, "power": power, "looks": looks}
+    variance = np.bincount(row, cells**2 / 2) / echoes.looks
+    scale = middle / prepared.receiver.transmit_power_w
+    return {"pulse": profiles.pulse, "power": np.maximum(total, 0.0) * scale, "variance": variance * scale**2}
 
 
 def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]) -> dict[str, np.ndarray]:
-    """Return power and looks of each echo, the power of a sigma0 of 1, angles, and the cover if it is single."""
+    """Return power and variance of each echo, the power of a sigma0 of 1, angles, and the cover if it is single."""
     paths, flat = (each.rows(each.surface >= 0) for each in (survey.paths(index), uniform.paths(index)))
     field = np.zeros(len(index), dtype=np.complex128)
     np.add.at(field, np.searchsorted(index, paths.pulse), paths.gain)
@@ -584,11 +588,11 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
     along = np.cross(across, pose.boresight)
     outside, inside = (np.abs(np.sum(electric * axis, axis=1)) for axis in (across, along))
     incidence = np.bincount(row, weight * flat.incidence_rad, minlength=len(index))
-    whole = np.where(single, total, 1.0)
+    whole, power = np.where(single, total, 1.0), np.abs(field) ** 2
     return {
-        "power": np.abs(field) ** 2,
+        "power": power,
         "unit": whole,
-        "looks": np.ones(len(index)),
+        "variance": power**2 / 2,
         "incidence_rad": incidence / whole,
         "polarization_rad": np.arctan2(outside, inside),
         "cover": np.where(single, covers[share.argmax(axis=1)], ""),
