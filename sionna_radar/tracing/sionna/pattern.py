@@ -67,10 +67,12 @@ def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
     match pattern:
         case ProductPattern():
             azimuth, elevation = (mi.Float(cut.astype(np.float32)) for cut in (pattern.azimuth, pattern.elevation))
-            product = lambda ahead, left, up: (  # noqa: E731
-                _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+            return (
+                lambda ahead, left, up: (
+                    _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+                ),
+                [azimuth, elevation],
             )
-            return product, [azimuth, elevation]
         case SphericalPattern():
             table = _Table(pattern.samples)
             return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left)), [table.samples]
