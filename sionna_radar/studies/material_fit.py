@@ -14,6 +14,7 @@ A constant gamma against the curve of another model is the special case of one p
 known beforehand.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -62,8 +63,8 @@ SURPRISE = 1e-3
 STEP = 1e-5
 # Standard deviation that stands for one of a parameter of which nothing is known.
 UNKNOWN = 1e6
-# Starts of the fit at most, if the first one ends far from the levels.
-MAX_STARTS = 16
+# Heights and lengths that are tried as a start, from those believed, in standard deviations beforehand.
+SCANNED = np.linspace(-1.5, 1.5, 7)
 # Of measurements that were not made: an amplitude known to this, dB, and incidence angles.
 CALIBRATED_DB = 0.5
 WIDE_DEG = np.arange(5.0, 76.0, 10.0)
@@ -210,12 +211,8 @@ def fit_materials(
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
     problem = _Problem(model=model, measured=np.log(levels.sigma0) - bias, sigma=sigma)
-    scaled, misfit = problem.solve()
+    scaled, misfit = min(map(problem.solve, problem.starts()), key=lambda found: found[1])
     freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
-    if gammaincc(freedom / 2, misfit / 2) < SURPRISE:
-        # Another valley may describe them: rougher or smoother, of longer or shorter waves.
-        candidates = [(scaled, misfit), *(problem.solve(start) for start in problem.corners())]
-        scaled, misfit = min(candidates, key=lambda found: found[1])
     rates = model.rates(scaled) / sigma[:, None]
     prior_known = np.minimum([u.prior for u in unknowns], UNKNOWN)
     knowledge = Knowledge(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
@@ -402,12 +399,10 @@ class _Problem:
     measured: Float[np.ndarray, " row"]
     sigma: Float[np.ndarray, " row"]
 
-    def solve(self, start: Float[np.ndarray, " unknown"] | None = None) -> tuple[Float[np.ndarray, " unknown"], float]:
+    def solve(self, start: Float[np.ndarray, " unknown"]) -> tuple[Float[np.ndarray, " unknown"], float]:
         """Return the estimate, and the sum of squared residuals."""
         unknowns = self.model.unknowns
-        beforehand, weight, most = (
-            np.array([getattr(u, name) for u in unknowns]) for name in ("start", "weight", "most")
-        )
+        beforehand, weight, most = np.array([(u.start, u.weight, u.most) for u in unknowns]).T
 
         def residuals(scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
             rows = (self.model.predict(scaled) - self.measured) / self.sigma
@@ -417,20 +412,28 @@ class _Problem:
             return np.concatenate([self.model.rates(scaled) / self.sigma[:, None], np.diag(weight)])
 
         # A quotient's step stays within the models' range.
-        limits, tight = (-np.inf, most - 2 * STEP), 1e-12
-        first = np.minimum(beforehand if start is None else start, most - 3 * STEP)
+        limits, first, tight = (-np.inf, most - 2 * STEP), np.minimum(start, most - 3 * STEP), 1e-12
         found = least_squares(residuals, first, jacobian, limits, x_scale="jac", xtol=tight, ftol=tight, gtol=tight)
         return found.x, float(2 * found.cost)
 
-    def corners(self) -> list[Float[np.ndarray, " unknown"]]:
-        """Return other starts: heights and lengths larger and smaller by what is known of them."""
-        unknowns = self.model.unknowns
-        starts = [np.array([u.start for u in unknowns])]
-        for k, unknown in enumerate(unknowns):
-            if unknown.key in ("rms_height_m", "correlation_length_m") and len(starts) < MAX_STARTS:
-                shift = min(unknown.prior, PRIOR_NEPERS) * np.eye(len(unknowns))[k]
-                starts = [start + sign * shift for start in starts for sign in (-1, 1)]
-        return starts if len(starts) > 1 else []
+    def starts(self) -> list[Float[np.ndarray, " unknown"]]:
+        """Return what was believed, and the heights and lengths near it at which the levels of each cover are met best.
+
+        The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
+        """
+        model, place = self.model, {u.name: k for k, u in enumerate(self.model.unknowns)}
+        believed, weight, most = np.array([(u.start, u.weight, u.most) for u in model.unknowns]).T
+        start, width = believed.copy(), np.minimum(1 / np.maximum(weight, 1e-9), PRIOR_NEPERS)
+        for cover in dict.fromkeys(model.levels.cover):
+            pair = [place.get(f"{cover}.{key}", -1) for key in ("rms_height_m", "correlation_length_m")]
+            tried, own = [], model.levels.of(cover)
+            for shift in itertools.product(SCANNED, SCANNED) if min(pair) >= 0 else ():
+                at = believed.copy()
+                at[pair] = np.minimum(at[pair] + shift * width[pair], most[pair] - 3 * STEP)
+                rows = (model.of_cover(cover, at) - self.measured[own]) / self.sigma[own]
+                tried.append((float(rows @ rows + np.sum(((at - believed) * weight) ** 2)), at[pair]))
+            start[pair] = min(tried, key=lambda found: found[0])[1] if tried else start[pair]
+        return [believed] if np.array_equal(start, believed) else [believed, start]
 
 
 def _measures(
@@ -532,17 +535,15 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     found, count = sorted(groups), []
     for key in found:
         own = np.array(groups[key])
-        # The mean square of a power is that of its mean and the variance of its speckle; a target is in few medians.
+        # The mean square of a power is that of its mean and its variance; a target is in no median.
         square, variance, level = looks["power"][own] ** 2, looks["variance"][own], looks["sigma0"][own]
         each = max(float(np.median(square / variance)) - 1, 1.0)
         mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
         kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
         groups[key] = own[kept].tolist()
         count.append(kept.sum() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
-    means = {
-        name: np.array([looks[name][groups[key]].mean() for key in found])
-        for name in ("incidence_rad", "polarization_rad", "sigma0")
-    }
+    columns = ("incidence_rad", "polarization_rad", "sigma0")
+    means = {name: np.array([looks[name][groups[key]].mean() for key in found]) for name in columns}
     return Levels(
         cover=tuple(cover for cover, _, _ in found),
         looks=np.array(count),
