@@ -329,6 +329,26 @@ def test_over_unknown_ground_the_truth_is_inside_what_is_stated():
 
 
 @pytest.mark.study
+def test_lines_that_overlap_may_stand_in_several_recordings(tmp_path):
+    """Three flights of a line each, over ground that none of them knows, with a roll that differs between them."""
+    given = flight(120.0, 3, 7, **{"radar.chirp_rate_hz": 120.0, "platform.length_m": 120.0, "dem.method": "linear"})
+    del given["platform.lines"]
+    lines = [(90.0, [-60.0, 0.0]), (270.0, [60.0, 10.0]), (0.0, [0.0, -60.0])]
+    for number, (heading, start) in enumerate(lines):
+        own = {"seed": number + 1, "platform.heading_deg": heading, "platform.start_m": start}
+        run(prepared_with(ERRORS, given | own), recordings={"signals": tmp_path / f"{number}.nc"})
+    names = [tmp_path / f"{number}.nc" for number in range(3)]
+    result = run_calibration(names, drift={"roll": np.deg2rad(0.05)})
+    assert {"roll", "time_offset"} <= set(result.errors)
+    for name, (value, sigma) in result.errors.items():
+        assert abs(value - ERRORS.get(name, 0.0)) < 4 * sigma, name
+    assert result.errors["roll"][1] > 0.05 / np.sqrt(3)
+    assert (np.abs(result.solution.apart) < 4 * result.solution.apart_sigma).all()
+    assert len(result.recordings) == 3
+    assert result.manoeuvres == ()
+
+
+@pytest.mark.study
 def test_two_opposite_lines_and_a_crossing_one_tell_mounting_range_and_time():
     """In gusts of a wind of 6 m/s, with an antenna fixed to the body: lines of 200 m, 20 s each."""
     truth = {"roll": 0.5, "pitch": -0.4, "heading": 0.6, "range_bias": 0.3, "time_offset": -5.0}
