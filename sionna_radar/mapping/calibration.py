@@ -352,7 +352,7 @@ def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
         variance = 1 / inverse.sum()
         level = variance * (inverse @ means)
         residual = cho_solve(system, means - level)
-        squares = float((means - level) @ residual)
+        squares = max(float((means - level) @ residual), np.finfo(float).tiny)
         log = -np.log(np.diag(system[0])).sum() + np.log(variance) / 2 - (count - 1) / 2 * np.log(squares)
         # With the level at the last stretch the further ones begin: its covariance with each mean is that of the walk.
         last = steps * number

@@ -64,7 +64,7 @@ STEP = 1e-5
 # Standard deviation that stands for one of a parameter of which nothing is known.
 UNKNOWN = 1e6
 # Heights and lengths that are tried as a start, from those believed, in standard deviations beforehand.
-SCANNED = np.linspace(-1.5, 1.5, 7)
+SCANNED = np.linspace(-3.0, 3.0, 13)
 # Of measurements that were not made: an amplitude known to this, dB, and incidence angles.
 CALIBRATED_DB = 0.5
 WIDE_DEG = np.arange(5.0, 76.0, 10.0)
