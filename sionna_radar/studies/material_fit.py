@@ -211,8 +211,10 @@ def fit_materials(
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
     problem = _Problem(model=model, measured=np.log(levels.sigma0) - bias, sigma=sigma)
-    scaled, misfit = min(map(problem.solve, problem.starts()), key=lambda found: found[1])
+    scaled, misfit = problem.solve(np.array([u.start for u in unknowns]))
     freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
+    if misfit > freedom:
+        scaled, misfit = min((scaled, misfit), problem.solve(problem.scanned()), key=lambda found: found[1])
     rates = model.rates(scaled) / sigma[:, None]
     prior_known = np.minimum([u.prior for u in unknowns], UNKNOWN)
     knowledge = Knowledge(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
@@ -416,11 +418,9 @@ class _Problem:
         found = least_squares(residuals, first, jacobian, limits, x_scale="jac", xtol=tight, ftol=tight, gtol=tight)
         return found.x, float(2 * found.cost)
 
-    def starts(self) -> list[Float[np.ndarray, " unknown"]]:
-        """Return what was believed, and the heights and lengths near it at which the levels of each cover are met best.
-
-        The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
-        """
+    def scanned(self) -> Float[np.ndarray, " unknown"]:
+        """Return what was believed, with heights and lengths near it at which the levels of a cover are met best."""
+        # The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
         model, place = self.model, {u.name: k for k, u in enumerate(self.model.unknowns)}
         believed, weight, most = np.array([(u.start, u.weight, u.most) for u in model.unknowns]).T
         start, width = believed.copy(), np.minimum(1 / np.maximum(weight, 1e-9), PRIOR_NEPERS)
@@ -433,7 +433,7 @@ class _Problem:
                 rows = (model.of_cover(cover, at) - self.measured[own]) / self.sigma[own]
                 tried.append((float(rows @ rows + np.sum(((at - believed) * weight) ** 2)), at[pair]))
             start[pair] = min(tried, key=lambda found: found[0])[1] if tried else start[pair]
-        return [believed] if np.array_equal(start, believed) else [believed, start]
+        return start
 
 
 def _measures(
