@@ -134,7 +134,8 @@ def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, floa
         except ValueError:
             value = 0.0
         if (units is not None and name not in units) or not 0 < value < np.inf:
-            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a name and a positive number"
+            known = "" if units is None else f" of {', '.join(units)}"
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
             raise ScenarioError([Problem(option, message)], "command line")
         found[name] = value if units is None else value * units[name]
     return found
