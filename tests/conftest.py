@@ -16,23 +16,8 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import parts
 from sionna_radar.scenario.registry import Registry
 from sionna_radar.scene.model import Scene
+from surveys import SMALL
 from worlds import make_scene, make_surface
-
-SMALL = """
-seed = 5
-[terrain]
-kind = "flat"
-size_m = [300.0, 300.0]
-[platform]
-altitude_m = 50.0
-speed_mps = 10.0
-length_m = 5.0
-start_m = [-60.0, 0.0]
-[radar]
-snr_db = 30.0
-[tracing]
-paths_per_pulse = 64
-"""
 
 # The workers share the cores; they and the programs they start take this over.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -8,7 +8,7 @@ from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.surfaces.backscatter import Backscatter, ConstantGammaBackscatter
 from sionna_radar.surfaces.permittivity import building_permittivity
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial
-from worlds import GAMMA
+from worlds import GAMMA, make_scene
 
 CARRIER_HZ = 77e9
 WAVELENGTH_M = speed_of_light / CARRIER_HZ
@@ -29,18 +29,12 @@ def plate(name: str, corners_m: np.ndarray, material: str) -> Surface:
     )
 
 
-def scene_of(surfaces: tuple[Surface, ...], materials: dict[str, Backscatter]) -> Scene:
-    return Scene(
-        surfaces=surfaces, materials=materials, targets=(), ground_material=surfaces[0].material, georeference=None
-    )
-
-
 def wall_on_ground(north_m: float = 52.0, ground: Backscatter | None = None, wall: Backscatter | None = None) -> Scene:
     """Return level ground, and on it a wall 40 m high that looks south."""
     half, n = 100.0, north_m
     level = plate("ground", [[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]], "ground")
     upright = plate("wall", [[-60, n, 0], [60, n, 0], [60, n, 40], [-60, n, 40]], "wall")
-    return scene_of((level, upright), {"ground": ground or rough_ground(), "wall": wall or mirror_of()})
+    return make_scene(level, upright, materials={"ground": ground or rough_ground(), "wall": wall or mirror_of()})
 
 
 def rough_ground(gamma: float = GAMMA, **changes: object) -> RadarMaterial:
@@ -61,4 +55,5 @@ def corner(depth_m: float, length_m: float, *, turn_rad: float = 0.0, roll_deg: 
         roll.apply(Rotation.from_rotvec([side * turn_rad / 2, 0.0, 0.0]).apply(face))
         for side, face in ((-1, level), (1, upright))
     ]
-    return scene_of(tuple(plate(n, f, "metal") for n, f in zip("ab", faces, strict=True)), {"metal": mirror_of()})
+    plates = (plate(name, face, "metal") for name, face in zip("ab", faces, strict=True))
+    return make_scene(*plates, materials={"metal": mirror_of()})

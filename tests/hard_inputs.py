@@ -14,13 +14,13 @@ from rasterio import Affine
 from typer.main import get_command
 
 from beams import make_antenna
-from conftest import SMALL
 from pattern_files import WRITERS
 from scenario_keys import keys_of
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.input_file import parse_toml
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.terrain import RasterTerrain
+from surveys import SMALL
 
 TABLES = (("terrain",), ("platform",), ("radar",))
 KEYS = sorted(".".join(key) for key in keys_of(Scenario) if key not in TABLES)

@@ -50,13 +50,12 @@ def make_sightings(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int =
         noise=np.full(len(scan), 1e-6),
         cell_m=CELL_M,
     )
-    response = np.array([0.0, 1.0, 0.0])
     return Sightings(
         profiles=profiles,
         pose=pose,
         chirp=CHIRP,
         beam=beam,
-        response=response,
+        response=np.array([0.0, 1.0, 0.0]),
         looks_per_cell=1.0,
         doppler=0.0,
         reach_m=150.0,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from scenario_keys import with_keys
 from sionna_radar.accuracy.truth import compare_dem
 from sionna_radar.flight.build import flight_plan, plan_track
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
@@ -18,8 +19,37 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
+# A scenario file that is flown in a second.
+SMALL = """
+seed = 5
+[terrain]
+kind = "flat"
+size_m = [300.0, 300.0]
+[platform]
+altitude_m = 50.0
+speed_mps = 10.0
+length_m = 5.0
+start_m = [-60.0, 0.0]
+[radar]
+snr_db = 30.0
+[tracing]
+paths_per_pulse = 64
+"""
+# A small survey of hills.
+HILLS = {
+    "seed": 4,
+    "terrain": {"kind": "hills", "size_m": [340.0, 340.0], "spacing_m": 2.0, "seed": 2},
+    "platform": {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 20.0},
+    "radar": {"snr_db": 30.0},
+    "tracing": {"paths_per_pulse": 128},
+}
 SIZE_M = 120.0
 EMPTY_PATCH = (slice(20, 32), slice(70, 90))
+
+
+def hills(**keys: object) -> Scenario:
+    """Return the small survey of hills with dotted keys (written with __) set."""
+    return parse_scenario(with_keys(HILLS, keys))
 
 
 def hill(point_m: np.ndarray, size_m: float = SIZE_M) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Ground and scenes to look at."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from sionna_radar.scenario.bases import TerrainParameters
 from sionna_radar.scene.landscape import TerrainInputs
 from sionna_radar.scene.model import Scene, Surface, mesh_of
 from sionna_radar.scene.terrains.build import build_landscape
-from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.surfaces.backscatter import Backscatter, ConstantGammaBackscatter
+from sionna_radar.surfaces.radar_material import RadarMaterial
 
 GAMMA = 0.01
 
@@ -32,14 +33,26 @@ def make_surface(
     return Surface(name=name, vertices_m=vertices, faces=faces, material="ground")
 
 
-def make_scene(*surfaces: Surface, gamma: float = GAMMA, targets: tuple = ()) -> Scene:
+def make_scene(
+    *surfaces: Surface,
+    materials: Mapping[str, Backscatter | RadarMaterial] | None = None,
+    gamma: float = GAMMA,
+    targets: tuple = (),
+) -> Scene:
+    """Return a scene whose ground is its first surface."""
     return Scene(
         surfaces=surfaces,
-        materials={"ground": ConstantGammaBackscatter(gamma)},
+        materials=materials or {"ground": ConstantGammaBackscatter(gamma)},
         targets=targets,
-        ground_material="ground",
+        ground_material=surfaces[0].material,
         georeference=None,
     )
+
+
+def plane_of(material: Backscatter | RadarMaterial, **place: object) -> Scene:
+    """Return a plane of a material, 2 km wide unless given otherwise."""
+    ground = make_surface(lambda x, y: 0 * x, **({"size_m": 2000.0, "spacing_m": 20.0} | place))
+    return make_scene(ground, materials={"ground": material})
 
 
 def load_ground(

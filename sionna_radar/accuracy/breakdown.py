@@ -50,7 +50,6 @@ def by_class(
         Classified value of each cell.
     bounds:
         Bounds of the classes, ascending.
-
     """
     number = np.searchsorted(bounds, value, side="right") - 1
     number[value == bounds[-1]] = len(bounds) - 2
@@ -137,7 +136,6 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
         Cells to use, where filled.
     seed:
         Seed of the scenario.
-
     """
     valid = error.filled & cells
     row, column = np.nonzero(valid)
@@ -231,7 +229,6 @@ def break_down(
         Seed of the scenario, for checkpoints and pairs.
     covered, own_error_m:
         See `checkpoint_test`.
-
     """
     cells = error.filled & lit
     sample = _some(cells, seed)
@@ -281,13 +278,8 @@ class CanopyReading:
 def read_canopy(error: Raster, height_m: Float[np.ndarray, "row column"]) -> CanopyReading:
     """Return the statistics of a DEM's height within the canopy.
 
-    Parameters
-    ----------
-    error:
-        The DEM less the ground.
-    height_m:
-        Height of the plants over each cell; NaN where none stand.
-
+    error: the DEM less the ground.
+    height_m: height of the plants over each cell; NaN where none stand.
     """
     among = error.filled & np.isfinite(height_m)
     if not among.any():

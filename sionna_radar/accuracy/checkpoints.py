@@ -108,7 +108,6 @@ def checkpoint_test(
         Shares of the cells covered by anything but open ground, by kind of cover.
     own_error_m:
         Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
-
     """
     cells = error.filled & lit
     wanted = checkpoints_wanted(float(cells.sum()) * error.grid.spacing_m**2)

@@ -85,13 +85,11 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
         DEM minus truth; empty where either is empty.
     illuminated:
         Mappable cells, the reference of the coverage.
-
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
     found = statistics(values, len(values))
     mappable = int(illuminated.sum())
-    coverage = float((error.filled & illuminated).sum() / mappable) if mappable else 0.0
-    return replace(found, coverage=coverage)
+    return replace(found, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
 
 
 def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
@@ -145,20 +143,15 @@ class SpeckleTest:
     probability: float
 
     def can_reject(self, probability: float) -> bool:
-        """Return whether the number of tiles allows so small a probability."""
+        """Return True if the number of tiles allows so small a probability."""
         return 3.0**-self.tiles <= probability
 
 
 def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], correlation_m: float) -> SpeckleTest:
     """Test two engines' pairs of DEMs.
 
-    Parameters
-    ----------
-    one, other:
-        DEMs from two seeds of each engine, all on one grid.
-    correlation_m:
-        Distance over which errors of the DEM are correlated: the footprint, or the gap between echoes.
-
+    one, other: DEMs from two seeds of each engine, all on one grid.
+    correlation_m: distance over which errors of the DEM are correlated: the footprint, or the gap between echoes.
     """
     grid = one[0].grid
     height = np.stack([dem.height_m.ravel() for dem in (*one, *other)])

@@ -132,7 +132,6 @@ def shadowed(
         Start and end of a straight, level flight.
     incidence_rad, half_swath_rad:
         The scan.
-
     """
     start, end = track_m
     length = float(np.linalg.norm(end - start))

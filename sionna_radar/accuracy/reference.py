@@ -15,7 +15,6 @@ come from the sums of Z'r over square tiles, wider than the correlation length o
 "Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
 """
 
-import csv
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -37,7 +36,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import height_system, horizontal_part
 from sionna_radar.elevation.point_cloud import Piece, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.mapping.points import Points
@@ -202,7 +201,6 @@ def compare_with_reference(
     >>> check = compare_with_reference("surveyed.tif", survey.dem, survey.dem_sigma, lit=survey.lit)
     >>> abs(check.statistics.rms_m - survey.lit_error.rms_m) < 1e-4
     True
-
     """
     path = Path(path)
     reference = read_reference(path, dem.grid, sigma_m)
@@ -488,28 +486,14 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
 
 
 def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
-    rows = list(csv.reader(read_text(path, f"{KEY} =", REMEDY).splitlines()))
-    header = [name.strip().lower() for name in rows[0]] if rows else []
-    if not {"x", "y", "z"} <= set(header):
-        message = f"{KEY} = {shown(path)}: line 1 names the columns {header}; name x, y, z and, if known, sigma"
+    columns = {"x": None, "y": None, "z": None, "sigma": sigma_m}
+    lines, table = read_numbers(path, f"{KEY} =", columns, REMEDY, further="ignored")
+    given = np.column_stack(table)
+    if (negative := np.flatnonzero(given[:, 3] < 0)).size:
+        message = f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more"
         raise InputFileError(message)
-    columns = [header.index(name) for name in ("x", "y", "z", "sigma") if name in header]
-    table = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not row:
-            continue
-        try:
-            values = [float(row[column]) for column in columns]
-        except (ValueError, IndexError):
-            values = [np.nan]
-        if not np.isfinite(values).all() or (len(values) == 4 and values[3] < 0):
-            message = f"{KEY} = {shown(path)}: line {number}, {','.join(row)!r}: give finite numbers, sigma at least 0"
-            raise InputFileError(message)
-        table.append(values)
-    given = np.array(table).reshape(len(table), len(columns))
     position_m = given[:, :3] - np.array(_origin_m(grid))
-    own_m = given[:, 3] if len(columns) == 4 else np.full(len(given), sigma_m)
-    return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=own_m)
+    return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=given[:, 3])
 
 
 # Local metres have no CRS; rasterio asks for one, and the same for both leaves coordinates as they are.

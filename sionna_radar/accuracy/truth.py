@@ -32,15 +32,9 @@ REACH_CELLS = 2.0
 def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
     """Return the mask of echoes with more power from rain, snow, fog or dust than from all other paths.
 
-    Parameters
-    ----------
-    echoes:
-        Echoes of a block of pulses, ranges corrected for Doppler.
-    paths:
-        Paths of the same pulses, sorted by pulse.
-    chirp:
-        The sweep, for its range cells.
-
+    echoes: echoes of a block of pulses, ranges corrected for Doppler.
+    paths: paths of the same pulses, sorted by pulse.
+    chirp: the sweep, for its range cells.
     """
     rain = paths.surface == VOLUME
     if not rain.any() or len(echoes) == 0:

@@ -94,17 +94,10 @@ def check_uncertainty(
 ) -> UncertaintyCheck | None:
     """Return the comparison of a DEM's stated uncertainty with its errors; None without a lit cell.
 
-    Parameters
-    ----------
-    error, sigma, truth:
-        DEM minus truth, its stated standard deviation, and the truth, on one grid.
-    lit:
-        Cells that the main beam reached.
-    points:
-        The located echoes; None if they are not known.
-    uncertainty:
-        Uncertainty of means over cells; None if the method does not provide it.
-
+    error, sigma, truth: DEM minus truth, its stated standard deviation, and the truth, on one grid.
+    lit: cells that the main beam reached.
+    points: the located echoes; None if they are not known.
+    uncertainty: uncertainty of means over cells; None if the method does not provide it.
     """
     cells = error.filled & sigma.filled & lit
     if not cells.any():

@@ -123,8 +123,7 @@ def _fly(
             execution = Execution(block_size=size)
             return heights.beside(run(survey, recordings=files, sample_type=sample_type, execution=execution))
         with session.team() as team:
-            checkpoints = keep(identity(checked, size))
-            execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)
+            execution = Execution(block_size=size, workers=team, checkpoints=keep(identity(checked, size)))
             return heights.beside(run(survey, execution=execution))
 
     outside, kinds = parse_records(record)
@@ -281,10 +280,9 @@ def sweep(
             execution = Execution(workers=team, checkpoints=checkpoints({**plan.identity(), "shard": str(part or "")}))
             return run_sweep(plan, shard=part, keep_maps=keep is not Keep.NONE, execution=execution)
 
-    suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     session.produce(
         fly,
-        suffix=suffix,
+        suffix=f"_sweep_{part.number}_of_{part.count}" if part else "_sweep",
         marker=MARKER,
         write=partial(write_sweep, runs=files, ranking=ranking, keep=keep),
         show=partial(print_sweep, ranking=ranking),

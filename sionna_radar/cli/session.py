@@ -132,21 +132,12 @@ class Session:
     ) -> None:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
-        Parameters
-        ----------
-        fly:
-            Returns the result; its argument opens the checkpoints.
-        suffix, marker:
-            Suffix of the default folder's name, and the file that marks a folder of such results.
-        write:
-            Writes a result into a folder, and returns the files.
-        show:
-            Prints a result.
-        exit_code:
-            Exit code of a result; may print its reason on standard error.
-        products:
-            Choice of output files.
-
+        fly: returns the result; its argument opens the checkpoints.
+        suffix, marker: suffix of the default folder's name, and the file that marks a folder of such results.
+        write: writes a result into a folder, and returns the files.
+        show: prints a result.
+        exit_code: exit code of a result; may print its reason on standard error.
+        products: choice of output files.
         """
         directory, described = check_output(self.directory(suffix), marker), dict[str, Any]()
         with ExitStack() as until_written:

@@ -18,7 +18,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.radar.antenna import Antenna, two_way_spread
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.radar.equation import collimated_m, two_way_beam_sr
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
@@ -78,7 +78,6 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
     ...         return Ranges(range_m=spans.start * spans.bin_m, sigma_m=0.0 * spans.start + spans.bin_m)
     >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
     'nearest_bin'
-
     """
     return RANGE_ESTIMATORS.register(name, parameters)
 
@@ -100,26 +99,15 @@ def build_detector(
 ) -> Detector:
     """Return the processing of a scenario.
 
-    Parameters
-    ----------
-    processing, chirp:
-        The processing and the sweep it is for.
-    antenna:
-        The antenna, for estimators that model the beam.
-    high_pass:
-        High-pass of the receiver, which the calibration removes from the spectra.
-    estimator:
-        A range estimator in place of that of `processing`.
-    speckle_looks:
-        Number of averaged powers in a pulse with independent speckle.
-    transmit_power_w:
-        Transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells the rain.
+    processing, chirp: the processing and the sweep it is for.
+    antenna: the antenna, for estimators that model the beam.
+    high_pass: high-pass of the receiver, which the calibration removes from the spectra.
+    estimator: a range estimator in place of that of `processing`.
+    speckle_looks: number of averaged powers in a pulse with independent speckle.
+    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells
+        the rain.
 
-    Raises
-    ------
-    ScenarioError
-        The window leaks the cell under test into the training cells.
-
+    Raises ScenarioError if the window leaks the cell under test into the training cells.
     """
     analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
     table = processing.cfar
@@ -130,7 +118,6 @@ def build_detector(
         raise ScenarioError([Problem("processing.cfar.guard", message)])
     cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
-    beam = None if antenna is None else beam_profile(antenna, response)
     return processing.to(
         Detector,
         analyser=analyser,
@@ -138,9 +125,10 @@ def build_detector(
         kept=processing.echoes,
         volume=processing.volume.to(VolumeOptions),
         estimator=estimator or build_range_estimator(processing),
-        beam=beam,
+        beam=None if antenna is None else beam_profile(antenna, response),
         speckle_looks=speckle_looks,
         volume_echo_w=_volume_echo_w(antenna, analyser, transmit_power_w),
+        collimated_m=0.0 if antenna is None else collimated_m(antenna, analyser.chirp.wavelength_m),
     )
 
 
@@ -163,26 +151,14 @@ def build_expected_ground(
 ) -> ExpectedGround | None:
     """Return the expected ground of a scenario; None if it has none.
 
-    Parameters
-    ----------
-    table:
-        `[processing.expected_ground]`.
-    altitude_m:
-        Nominal height of the flight above ground.
-    antenna:
-        The antenna, for its beam width.
-    grid:
-        Cells of the survey's DEM.
-    place:
-        Georeference of the local frame, if it has one.
+    table: `[processing.expected_ground]`.
+    altitude_m: nominal height of the flight above ground.
+    antenna: the antenna, for its beam width.
+    grid: cells of the survey's DEM.
+    place: georeference of the local frame, if it has one.
 
-    Raises
-    ------
-    InputFileError
-        The rough DEM cannot be read, or does not overlap the survey.
-    ScenarioError
-        Only one of the rough DEM and the terrain is georeferenced.
-
+    Raises InputFileError if the rough DEM cannot be read, or does not overlap the survey.
+    Raises ScenarioError if only one of the rough DEM and the terrain is georeferenced.
     """
     if table is None:
         return None

@@ -54,11 +54,6 @@ class Cfar:
     correlation: Float[np.ndarray, " lag"]
     looks: int = 1
 
-    def __post_init__(self) -> None:
-        if self.looks > 1 and self.kind != "CA":
-            message = f"{self.kind!r} supports single looks only"
-            raise ValueError(message)
-
     @cached_property
     def both_sides_factor(self) -> float:
         """Threshold over noise level where both sides fit."""

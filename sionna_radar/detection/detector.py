@@ -76,6 +76,7 @@ class Detector:
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
     volume_echo_w: mean power in a range cell at one metre of a volume of reflectivity one (m2/m3); None if unknown.
+    collimated_m: range up to which the beam is as wide as the aperture.
     """
 
     analyser: SpectrumAnalyser
@@ -93,6 +94,7 @@ class Detector:
     beam: BeamProfile | None = None
     speckle_looks: int = 1
     volume_echo_w: float | None = None
+    collimated_m: float = 0.0
 
     def spectra(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""
@@ -118,7 +120,6 @@ class Detector:
             Indices of the pulses in the survey.
         measured:
             Poses as the navigation system reports them; their velocity corrects for Doppler.
-
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
@@ -310,13 +311,8 @@ class PairedEchoes:
 def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
     """Combine the echoes of the rising and the falling halves.
 
-    Parameters
-    ----------
-    up, down:
-        At most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
-    chirp:
-        The rising half.
-
+    up, down: at most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
+    chirp: the rising half.
     """
     pulse, up_row, down_row = np.intersect1d(up.pulse, down.pulse, return_indices=True)
     up_m, down_m = up.range_m[up_row], down.range_m[down_row]

@@ -175,15 +175,9 @@ def cut_profiles(
 ) -> Profiles:
     """Return the profiles around the echoes of a block.
 
-    Parameters
-    ----------
-    spans:
-        The echoes.
-    pulse:
-        Indices of the block's pulses in the survey.
-    bins_per_cell:
-        Spectrum bins per range cell.
-
+    spans: the echoes.
+    pulse: indices of the block's pulses in the survey.
+    bins_per_cell: spectrum bins per range cell.
     """
     rows, begin = np.unique(spans.row, return_index=True)
     if len(rows) == 0:

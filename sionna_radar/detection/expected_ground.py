@@ -62,7 +62,7 @@ class ExpectedGround:
     def holds(
         self, place_m: Float[np.ndarray, "point 3"], platform_m: Float[np.ndarray, "3"]
     ) -> Bool[np.ndarray, " point"]:
-        """Return whether points seen from a platform lie within the tolerance of the expected ground."""
+        """Return True where points seen from a platform lie within the tolerance of the expected ground."""
         if self.surface is None:
             expected_m = np.full(len(place_m), platform_m[2] - self.altitude_m)
         else:

@@ -125,17 +125,10 @@ def factor_of_ordered(
 ) -> float:
     """Return the factor for an order statistic of the cells of one or two independent sides.
 
-    Parameters
-    ----------
-    correlation:
-        Correlation of the noise against lag in cells, from lag 0.
-    cells, sides:
-        Cells of each side, and number of sides.
-    place:
-        Index of the cell in increasing order, from 0.
-    probability:
-        The specified probability of false alarm.
-
+    correlation: correlation of the noise against lag in cells, from lag 0.
+    cells, sides: cells of each side, and number of sides.
+    place: index of the cell in increasing order, from 0.
+    probability: the specified probability of false alarm.
     """
     if np.all(np.abs(correlation[1:cells]) < INDEPENDENT):
         remaining = sides * cells - np.arange(place + 1)

@@ -58,17 +58,10 @@ def burst_mean(
 ) -> Inexact[np.ndarray, "pulse sample"]:
     """Return the aligned mean of each burst; an echo of the given range rate keeps its power.
 
-    Parameters
-    ----------
-    beat:
-        Beat signals of the chirps, burst by burst.
-    chirp:
-        The sweep.
-    offset_s:
-        Time of each chirp of a burst from its middle.
-    range_rate_mps:
-        Range rate of the ground in each burst, positive when receding.
-
+    beat: beat signals of the chirps, burst by burst.
+    chirp: the sweep.
+    offset_s: time of each chirp of a burst from its middle.
+    range_rate_mps: range rate of the ground in each burst, positive when receding.
     """
     delay_s = 2 * range_rate_mps[:, None] * offset_s / speed_of_light
     frequency_hz = chirp.carrier_hz + chirp.slope_hz_s * chirp.sample_time_s

@@ -126,7 +126,7 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
 
 
 def _given_on_the_map(source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]) -> bool:
-    """Return whether the window's middle, taken as map easting and northing, would be within the file."""
+    """Return True if the window's middle, taken as map easting and northing, would be within the file."""
     west, south, east, north = cutout.window_m
     x, y = (west + east) / 2 - source.origin[0], (south + north) / 2 - source.origin[1]
     return covered_m[0] <= x <= covered_m[2] and covered_m[1] <= y <= covered_m[3]
@@ -235,5 +235,4 @@ def _without_empty_border(raster: Raster) -> Raster:
         columns=int(last_column - first_column) + 1,
         rows=int(last_row - first_row) + 1,
     )
-    height_m = raster.height_m[first_row : last_row + 1, first_column : last_column + 1]
-    return Raster(grid=cropped, height_m=height_m)
+    return Raster(grid=cropped, height_m=raster.height_m[first_row : last_row + 1, first_column : last_column + 1])

@@ -175,22 +175,12 @@ REACH_POSTS, MAX_REACH = 6, 384
 def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) -> Float[np.ndarray, "row column"]:
     """Return heights of the detail on a grid, of zero mean.
 
-    Parameters
-    ----------
-    grid:
-        The cells; a whole multiple of their spacing leads from one grid to another with the same detail.
-    post_m:
-        Spacing of the file: there is no detail at wavelengths above twice this.
-    hurst, rms_m:
-        Exponent, and root mean square of the detail.
-    seed:
-        Of the detail.
+    grid: the cells; a whole multiple of their spacing leads from one grid to another with the same detail.
+    post_m: spacing of the file: there is no detail at wavelengths above twice this.
+    hurst, rms_m: exponent, and root mean square of the detail.
+    seed: of the detail.
 
-    Raises
-    ------
-    ScenarioError
-        The grid is too coarse for any detail.
-
+    Raises ScenarioError if the grid is too coarse for any detail.
     """
     if grid.spacing_m > post_m / 2:
         message = (

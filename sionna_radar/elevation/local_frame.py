@@ -103,11 +103,8 @@ class StatedFrame:
 def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
     """Return an open file (rasterio) with its local frame: own projection or UTM zone, about the centre.
 
-    Raises
-    ------
-    ScenarioError
-        There is no such CRS, it is neither projected nor geographic, or the centre is not valid in it.
-
+    Raises ScenarioError if there is no such CRS, it is neither projected nor geographic, or the centre is not valid in
+        it.
     """
     file_crs = _crs_of(dataset, stated.crs)
     crs = map_part(file_crs)
@@ -122,22 +119,12 @@ def frame_about(
 ) -> MapFrame:
     """Return the local frame of a file: its own projection, if that is true to scale, or else the UTM zone.
 
-    Parameters
-    ----------
-    crs, middle:
-        Of the file; the middle in its own coordinates.
-    wanted:
-        `terrain.centre_lonlat_deg`, the local origin; None for the middle.
-    what:
-        The middle in words, for messages.
-    kept:
-        Whether the file may keep its projection (north up).
+    crs, middle: of the file; the middle in its own coordinates.
+    wanted: `terrain.centre_lonlat_deg`, the local origin; None for the middle.
+    what: the middle in words, for messages.
+    kept: whether the file may keep its projection (north up).
 
-    Raises
-    ------
-    ScenarioError
-        The CRS does not contain the middle, or there is no such origin.
-
+    Raises ScenarioError if the CRS does not contain the middle, or there is no such origin.
     """
     lon, lat = _centre_lonlat(crs, middle, wanted, what)
     local = crs if kept and is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)

@@ -49,27 +49,17 @@ class HeightSystem:
             return horizontal.to_3d()
         if self.vertical is None:
             return horizontal
-        name = f"{horizontal.name} + {self.vertical.name}"
-        return CompoundCRS(name=name, components=[horizontal, self.vertical])
+        return CompoundCRS(name=f"{horizontal.name} + {self.vertical.name}", components=[horizontal, self.vertical])
 
 
 def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:
     """Return the height system of an open file: as stated, otherwise from its vertical CRS, its band's unit, or metres.
 
-    Parameters
-    ----------
-    dataset:
-        The open file (rasterio).
-    crs:
-        Its CRS, including any vertical part.
-    stated_crs, stated_unit:
-        `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
+    dataset: the open file (rasterio).
+    crs: its CRS, including any vertical part.
+    stated_crs, stated_unit: `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
 
-    Raises
-    ------
-    ScenarioError
-        The stated CRS is not vertical, or contradicts the unit of the file's band.
-
+    Raises ScenarioError if the stated CRS is not vertical, or contradicts the unit of the file's band.
     """
     file_vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
     vertical = _stated(stated_crs) if stated_crs else file_vertical

@@ -171,17 +171,10 @@ def gridded(
 ) -> Raster:
     """Return a statistic of the heights of the points in each cell, NaN where there are none.
 
-    Parameters
-    ----------
-    pieces:
-        Yields all points in each call; a percentile needs several calls.
-    grid:
-        The cells.
-    statistic:
-        The mean, the highest, or the height that a share of the points of a cell does not exceed.
-    share:
-        For the percentile, from 0 to 1; found to within 1/4096 of a cell's range of heights.
-
+    pieces: yields all points in each call; a percentile needs several calls.
+    grid: the cells.
+    statistic: the mean, the highest, or the height that a share of the points of a cell does not exceed.
+    share: for the percentile, from 0 to 1; found to within 1/4096 of a cell's range of heights.
     """
     if statistic == "mean":
         total, count = np.zeros(grid.rows * grid.columns), np.zeros(grid.rows * grid.columns)

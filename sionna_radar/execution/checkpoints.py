@@ -67,7 +67,7 @@ def abandoned(parent: Path) -> Iterator[Path]:
 
 
 def in_use(path: Path) -> bool:
-    """Return whether a path is a staging folder; once `abandoned` is exhausted, one of a live run."""
+    """Return True if a path is a staging folder; once `abandoned` is exhausted, one of a live run."""
     return path.name.startswith(PREFIX) and (path / OWNER).is_file()
 
 
@@ -132,7 +132,6 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
     OutputError
         Another process is writing into the folder; it holds checkpoints of another run, or checkpoints while
         `resume` is false; or it is not writable.
-
     """
     folder = directory / FOLDER
     made = not directory.exists()
@@ -163,7 +162,7 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
 
 
 def has_checkpoints(directory: Path) -> bool:
-    """Return whether a folder holds checkpoints of an unfinished run."""
+    """Return True if a folder holds checkpoints of an unfinished run."""
     return len(Checkpoints(directory / FOLDER)) > 0
 
 

@@ -90,7 +90,6 @@ def open_workers(
     >>> with open_workers() as workers:
     ...     workers.count
     0
-
     """
     if count is not None and scheduler is not None:
         _refuse("--workers", "both --workers and --scheduler are given; choose one")

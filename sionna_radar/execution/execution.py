@@ -34,7 +34,6 @@ class Execution:
     --------
     >>> run(load_scenario("hills", {"platform.length_m": 10.0}), execution=Execution(block_size=32)).pulses
     100
-
     """
 
     block_size: int = BLOCK_SIZE
@@ -85,7 +84,6 @@ class Execution:
             Progress steps of each task; default one.
         side_by_side:
             Whether this process runs several tasks at once, in threads.
-
         """
         keys = []
         for key in tasks:
@@ -109,3 +107,10 @@ class Execution:
                 self.checkpoints.put(keys[number], result)
             advance(counts[number] - (steps_done() - before))
             yield keys[number], result
+
+    def done(self, tasks: Mapping[str, Task], work: Work, **options: Any) -> Iterator[tuple[str, bytes]]:
+        """Yield key and result of each task as `over` does; raise the error of a failed one."""
+        for key, result in self.over(tasks, work, **options):
+            if isinstance(result, Failure):
+                raise result.error()
+            yield key, result

@@ -54,7 +54,6 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
     >>> scan = {"mode": "nodding", "amplitude_deg": 10.0}
     >>> len(prepare(load_scenario("hills", {"radar.scan": scan, "platform.length_m": 10.0})))
     360
-
     """
     return SCANS.register(name, parameters)
 
@@ -115,7 +114,6 @@ def register_navigation(name: str, parameters: type[NavigationParameters]) -> Ca
     >>> last = prepared.flight.sample(2)
     >>> bool((last.measured.position_m - last.true.position_m)[1, 0] > 0.2)
     True
-
     """
     return NAVIGATIONS.register(name, parameters)
 
@@ -213,18 +211,11 @@ def turn_radius_m(platform: Platform) -> float | None:
 def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Route:
     """Return the route of a scenario.
 
-    Parameters
-    ----------
-    platform:
-        The flight, in local metres.
-    frame:
-        Returns the local frame on the map, if there is one; called only for logs on the map.
+    platform: the flight, in local metres.
+    frame: returns the local frame on the map, if there is one; called only for logs on the map.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        Turns do not fit the track; the log cannot be read or flown, or has no place on the ground.
-
+    Raises ScenarioError, InputFileError if turns do not fit the track; the log cannot be read or flown, or has no place
+        on the ground.
     """
     if platform.log is not None:
         return read_route(_log_part(platform, platform.log), frame)

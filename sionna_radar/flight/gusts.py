@@ -163,22 +163,12 @@ class Wind:
 def in_wind(trajectory: Trajectory, wind: Wind, height_m: float, speed_mps: float, seed: int) -> Trajectory:
     """Return a planned flight in wind.
 
-    Parameters
-    ----------
-    trajectory:
-        The flight in still air.
-    wind:
-        The wind.
-    height_m, speed_mps:
-        Of the flight, over the ground.
-    seed:
-        Of the gusts.
+    trajectory: the flight in still air.
+    wind: the wind.
+    height_m, speed_mps: of the flight, over the ground.
+    seed: of the gusts.
 
-    Raises
-    ------
-    ScenarioError
-        The flight is too long.
-
+    Raises ScenarioError if the flight is too long.
     """
     if trajectory.end_s / STEP_S > MAX_STEPS:
         message = (

@@ -158,16 +158,10 @@ class BelievedMotion(Columns):
 def believed_motion(pulses: Pulses, scan: Scan | None, gap_s: float = 1.0) -> BelievedMotion:
     """Return the reported motion of all pulses of a flight.
 
-    Parameters
-    ----------
-    pulses:
-        With measured poses, in the order of their times.
-    scan:
-        Of the antenna in its mount; None if unknown: the nose then points along the velocity over ground, and wings are
-        level, to which axes mounting and lever arm refer.
-    gap_s:
-        Pause between pulses that parts one flight line from the next.
-
+    pulses: with measured poses, in the order of their times.
+    scan: of the antenna in its mount; None if unknown: the nose then points along the velocity over ground, and wings
+        are level, to which axes mounting and lever arm refer.
+    gap_s: pause between pulses that parts one flight line from the next.
     """
     pose, time_s = pulses.measured, pulses.time_s
     if scan is None:

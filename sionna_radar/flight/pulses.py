@@ -62,7 +62,6 @@ class Navigation(Protocol):
             True motion of the navigation system.
         R_body_antenna:
             Antenna in the platform, as measured by the encoders of its scan and its stabilisation.
-
         """
 
 
@@ -82,7 +81,6 @@ def antenna_pose(
         Antenna in the platform.
     lever_arm_m:
         From the navigation system to the antenna: nose, right, down.
-
     """
     motion = body_motion(trajectory, time_s)
     position_m, velocity_mps = antenna_place(motion, lever_arm_m)
@@ -381,15 +379,9 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
 
     None for bursts of a single chirp.
 
-    Parameters
-    ----------
-    schedule:
-        Of single chirps.
-    chirps:
-        Number per burst.
-    rate_hz:
-        Chirp rate.
-
+    schedule: of single chirps.
+    chirps: number per burst.
+    rate_hz: chirp rate.
     """
     if chirps == 1:
         return None

@@ -327,20 +327,11 @@ class RecordedRoute:
 def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
     """Return the recorded flight of a scenario.
 
-    Parameters
-    ----------
-    part:
-        Part of a log, and how it is placed.
-    frame:
-        Returns the local frame on the map, if the terrain has one.
+    part: part of a log, and how it is placed.
+    frame: returns the local frame on the map, if the terrain has one.
 
-    Raises
-    ------
-    InputFileError
-        The log cannot be read, or its part is unusable: with the time, and a remedy.
-    ScenarioError
-        It is on the map and the terrain is not, or the part begins after its end.
-
+    Raises InputFileError if the log cannot be read, or its part is unusable: with the time, and a remedy.
+    Raises ScenarioError if it is on the map and the terrain is not, or the part begins after its end.
     """
     log = read_log(part.path, KEY, part.columns)
     last_s = float(np.nanmax(log.positions.time_s))
@@ -360,14 +351,13 @@ def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedR
     finite = np.isfinite(metric.positions.place).all(axis=1)
     takeoff = metric.positions.place[int(np.argmax(finite))]
     shift = _shift(part, log_part.positions)
-    height = part.height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
     route = RecordedRoute(
         part=part,
         log=log,
         clean=replace(log_part, positions=replace(log_part.positions, place=log_part.positions.place + shift)),
         attitudes=attitudes,
         takeoff_m=(float(takeoff[0] + shift[0]), float(takeoff[1] + shift[1]), float(takeoff[2])),
-        height=height,
+        height=part.height or ("above_takeoff" if moved or log.datum == "take-off" else "datum"),
     )
     farthest = float(np.abs(route.clean.positions.place).max())
     if farthest > FARTHEST_M:

@@ -31,17 +31,10 @@ class SurveyLines:
 def lines_track(survey: SurveyLines, heading_rad: float, radius_m: float | None, lead_m: float = 0.0) -> CurvedTrack:
     """Return the track over all lines.
 
-    Parameters
-    ----------
-    survey:
-        The lines.
-    heading_rad:
-        Of the first one.
-    radius_m:
-        Of the turns between lines; None for straight transits with instantaneous turns.
-    lead_m:
-        Straight flight before and after each line, in which the aircraft rolls level.
-
+    survey: the lines.
+    heading_rad: of the first one.
+    radius_m: of the turns between lines; None for straight transits with instantaneous turns.
+    lead_m: straight flight before and after each line, in which the aircraft rolls level.
     """
     lines = _lines(survey, heading_rad)
     if survey.crossing:

@@ -136,16 +136,10 @@ def plan_trajectory(
 ) -> Trajectory:
     """Plan the flight along a track.
 
-    Parameters
-    ----------
-    plan:
-        Heights and speeds.
-    track:
-        Track of the cruise.
-    ground_m:
-        Ground height at horizontal positions [n, 2]; read under the start, or all along if the flight
-        follows the terrain.
-
+    plan: heights and speeds.
+    track: track of the cruise.
+    ground_m: ground height at horizontal positions [n, 2]; read under the start, or all along if the flight follows the
+        terrain.
     """
     start_ground = float(ground_m(track.waypoints_m[:1])[0])
     height = _cruise_height(plan, track, ground_m, start_ground)

@@ -90,11 +90,11 @@ class SharedCache(FunctionCache):
             self._held = None
 
     def holds_any(self) -> bool:
-        """Return whether compiled code of the function exists for any types."""
+        """Return True if compiled code of the function exists for any types."""
         return bool(self._cache_file._load_index())
 
     def is_claimed(self) -> bool:
-        """Return whether another process is compiling the function."""
+        """Return True if another process is compiling the function."""
         if self._held is not None:
             return False
         lock = self._new_lock()

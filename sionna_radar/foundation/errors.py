@@ -15,7 +15,6 @@ class RadarError(Exception):
     ... except RadarError as error:
     ...     print(type(error).__name__)
     InputFileError
-
     """
 
 
@@ -47,7 +46,6 @@ class ScenarioError(RadarError, ValueError):
     ... except ScenarioError as error:
     ...     print(error.problems[0])
     radar.snr_db: -1000 is refused: must be >= -100
-
     """
 
     def __init__(self, problems: Iterable[Problem], source: str = UNNAMED) -> None:

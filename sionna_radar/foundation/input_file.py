@@ -1,4 +1,4 @@
-"""Input files of the user, regular, of a bounded size, read as text or as TOML, and the permission to use the network.
+"""Input files of the user, regular, of a bounded size: text, TOML and tables; and the permission to use the network.
 
 A pipe may never end, a device has no size, and a path may contain characters that no file system accepts: all end
 in one `InputFileError` that names what was requested.
@@ -6,16 +6,18 @@ in one `InputFileError` that names what was requested.
 This process may reach the network only if the user allows it.
 """
 
+import csv
 import errno
+import math
 import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from sionna_radar.foundation.errors import InputFileError
 
@@ -40,22 +42,12 @@ def shown(value: object) -> str:
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
     """Check that a path is a regular file of a bounded size, and return its size in bytes.
 
-    Parameters
-    ----------
-    path:
-        The file.
-    name:
-        Beginning of the message: what requested the file.
-    remedy:
-        End of the message: what to give instead.
-    most_bytes:
-        Largest accepted size.
+    path: the file.
+    name: beginning of the message: what requested the file.
+    remedy: end of the message: what to give instead.
+    most_bytes: largest accepted size.
 
-    Raises
-    ------
-    InputFileError
-        It does not exist, is not a regular file or is too large, or the path is invalid.
-
+    Raises InputFileError if it does not exist, is not a regular file or is too large, or the path is invalid.
     """
     try:
         found = path.stat()
@@ -96,6 +88,54 @@ def read_text(path: Path, name: str, remedy: str) -> str:
     except UnicodeDecodeError as error:
         message = f"{name} {shown(path)} is not text; save it in UTF-8"
         raise InputFileError(message) from error
+
+
+def read_numbers(
+    path: Path,
+    name: str,
+    columns: Mapping[str, float | None],
+    remedy: str,
+    further: Literal["refused", "ignored"] = "refused",
+) -> tuple[list[int], list[tuple[float, ...]]]:
+    """Return the columns of a CSV table of finite numbers, in the order of `columns`, and the line of each row.
+
+    Lines starting with # are comments. Raises InputFileError, naming the line, for any other file.
+
+    columns: by name, with the value of a column that is left out; None for a required one.
+    further: what becomes of other columns.
+    """
+    lines = list(enumerate(read_text(path, name, remedy).splitlines(), start=1))
+    (first, head), *body = [(n, line) for n, line in lines if line.strip() and line.lstrip()[0] != "#"] or [(1, "")]
+    header = [cell.lower() for cell in _cells(head)]
+    required = {column for column, default in columns.items() if default is None}
+    unknown = len(set(header) - columns.keys()) if further == "refused" else 0
+    if unknown or not required <= set(header) or any(header.count(column) > 1 for column in columns):
+        message = f"{name} {shown(path)}: line {first} reads {shown(head.strip())}, and should name columns; {remedy}"
+        raise InputFileError(message)
+    absent: dict[str, Any] = {column: default for column, default in columns.items() if column not in header}
+    rows = []
+    for number, line in body:
+        row = absent | dict(zip(header, cells := _cells(line), strict=False))
+        try:
+            values = [float(row[column]) for column in columns]
+        except (ValueError, KeyError):
+            values = [math.nan]
+        if not all(map(math.isfinite, values)) or (further == "refused" and len(cells) > len(header)):
+            message = f"{name} {shown(path)}: line {number} reads {shown(line.strip())}; give finite numbers"
+            raise InputFileError(message)
+        rows.append(values)
+    if not rows:
+        message = f"{name} {shown(path)}: has no row of numbers; {remedy}"
+        raise InputFileError(message)
+    return [number for number, _ in body], list(zip(*rows, strict=True))
+
+
+def _cells(line: str) -> list[str]:
+    """Return the cells of a line of a CSV table; none if it is not one."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]), [])]
+    except csv.Error:
+        return []
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -169,7 +209,6 @@ def allow_network() -> Iterator[None]:
     >>> with allow_network():  # prepare(scenario) would read the address here
     ...     str(scenario.terrain.path)
     'https://example.org/dem.tif'
-
     """
     token = _allowed.set(True)
     try:

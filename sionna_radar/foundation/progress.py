@@ -109,13 +109,8 @@ def report(stage: str, done: int, total: int) -> None:
 def stage(name: str, total: int = 0) -> Iterator[None]:
     """Compute a stage, whose steps are counted by `advance`; without an exception it ends with all of them done.
 
-    Parameters
-    ----------
-    name:
-        What is shown.
-    total:
-        Number of steps; 0 if unknown, or until `expect_steps` gives it.
-
+    name: what is shown.
+    total: number of steps; 0 if unknown, or until `expect_steps` gives it.
     """
     own = _Stage(name, total)
     own.report()
@@ -169,7 +164,7 @@ def shown_progress(listener: Progress | None) -> Iterator[None]:
 
 
 def in_notebook() -> bool:
-    """Return whether this runs in a Jupyter kernel."""
+    """Return True if this runs in a Jupyter kernel."""
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython

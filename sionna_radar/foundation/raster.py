@@ -147,7 +147,6 @@ class Raster:
     >>> raster = Raster.from_array(np.array([[1.0, 2.0], [3.0, 4.0]]), spacing_m=2.0, west_m=0.0, south_m=0.0)
     >>> float(raster.at(np.array([[1.0, 1.0]]))[0])
     2.5
-
     """
 
     grid: Grid

@@ -68,19 +68,11 @@ SCHEMES = {"http": "/vsicurl/http://", "https": "/vsicurl/https://", "s3": "/vsi
 def open_raster(path: Path | str, key: str) -> Iterator[Any]:
     """Open a raster file for reading, and turn errors of GDAL and PROJ into one of ours.
 
-    Parameters
-    ----------
-    path:
-        The file, or the address of a GeoTIFF, as a string.
-    key:
-        The scenario's key that names it, for messages.
+    path: the file, or the address of a GeoTIFF, as a string.
+    key: the scenario's key that names it, for messages.
 
-    Raises
-    ------
-    InputFileError
-        It is an address and the network is not allowed, not a regular file, not of an accepted format, or larger than
-        can be read; or reading it fails.
-
+    Raises InputFileError if it is an address and the network is not allowed, not a regular file, not of an accepted
+        format, or larger than can be read; or reading it fails.
     """
     name = f"{key} ="
     if isinstance(path, str):
@@ -205,21 +197,12 @@ def write_pixels(
     The band has its description, its unit, and the statistics of its pixels as GDAL names them (STATISTICS_MINIMUM,
     _MAXIMUM, _MEAN, _STDDEV, _VALID_PERCENT): programs show them without reading a pixel.
 
-    Parameters
-    ----------
-    path:
-        Where to write.
-    pixels:
-        Rows from north to south; an empty one is NaN.
-    transform:
-        The six numbers from columns and rows, counted from the north-west corner, to coordinates.
-    crs_wkt:
-        Their reference system; None for local metres.
-    description, unit:
-        Contents of the band.
-    metadata:
-        Metadata of the file, besides the band's description.
-
+    path: where to write.
+    pixels: rows from north to south; an empty one is NaN.
+    transform: the six numbers from columns and rows, counted from the north-west corner, to coordinates.
+    crs_wkt: their reference system; None for local metres.
+    description, unit: contents of the band.
+    metadata: metadata of the file, besides the band's description.
     """
     profile = {
         "driver": "COG",

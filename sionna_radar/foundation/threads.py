@@ -46,15 +46,10 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
 def several_at_once(work: Callable[[int], Result], numbers: Sequence[int], steps: Sequence[int]) -> Iterator[Result]:
     """Yield the results of a function for each number, in their order, as many at once as there are cores.
 
-    Parameters
-    ----------
-    work:
-        Called with a number. It should spend its time where Python's lock is released. One alone has all cores for
+    work: called with a number. It should spend its time where Python's lock is released. One alone has all cores for
         loops of its own.
-    numbers, steps:
-        What to do, and how many steps of the current stage each takes at most: counted as they are done if there is one
-        number alone, otherwise when each has finished.
-
+    numbers, steps: what to do, and how many steps of the current stage each takes at most: counted as they are done if
+        there is one number alone, otherwise when each has finished.
     """
     if own_cores() == 1 or len(numbers) < 2:
         for number, most in zip(numbers, steps, strict=True):
@@ -107,11 +102,7 @@ def cores() -> int:
 def given_threads() -> int | None:
     """Return the thread limit set in the environment; None if unset.
 
-    Raises
-    ------
-    ScenarioError
-        It is not a number, or less than 1.
-
+    Raises ScenarioError if it is not a number, or less than 1.
     """
     text = os.environ.get(THREADS_VARIABLE)
     if text is None:

@@ -23,7 +23,6 @@ class World:
     >>> first, second = (prepare(scenario.replace({"seed": seed}), world=world) for seed in (1, 2))
     >>> first.scene.caster is second.scene.caster
     True
-
     """
 
     def __init__(self) -> None:

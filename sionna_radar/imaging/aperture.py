@@ -73,11 +73,7 @@ def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
     Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). The illuminated part
     |u| <= beam_reach must not alias into the focused part |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
 
-    Raises
-    ------
-    ScenarioError
-        The pulses are too far apart.
-
+    Raises ScenarioError if the pulses are too far apart.
     """
     left = measured.R_world_antenna[:, :, 1]
     speed = float(np.abs(np.einsum("pi,pi->p", measured.velocity_mps, left)).max(initial=0.0))
@@ -136,7 +132,6 @@ def ground_pixels(
         Height of the ground, world frame.
     along_m, across_m:
         Positions along the track from below the first pose, and ground ranges from the track.
-
     """
     start, end = pose.position_m[0, :2], pose.position_m[-1, :2]
     along = (end - start) / np.linalg.norm(end - start)

@@ -65,7 +65,7 @@ def point_beside(target: Target, strip: Strip) -> Point:
 
 
 def isolated(point: Point, others: Sequence[Point], theory: Widths) -> bool:
-    """Return whether no other point is close enough to disturb this one's response."""
+    """Return True if no other point is close enough to disturb this one's response."""
     return not any(
         other is not point
         and abs(other.along_m - point.along_m) < 2 * PATCH_WIDTHS * theory.along_m

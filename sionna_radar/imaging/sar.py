@@ -93,7 +93,6 @@ class BackProjection:
         ------
         ScenarioError
             The pulses are too far apart; see `check_sampling`.
-
         """
         check_sampling(measured, self._chirp, self._aperture)
         for start in range(0, len(beats), PULSES_AT_ONCE):
@@ -172,26 +171,15 @@ def project(
 ) -> None:
     """Add pulses to the pixels from low to high: their values, their weights and their number.
 
-    Parameters
-    ----------
-    low, high:
-        First pixel, and one past the last.
-    pixel_m:
-        Pixel positions.
-    row:
-        Pulses that illuminate some of them.
-    pose:
-        Measured positions and velocities of these, and the directions ahead and to the left of their antennas.
-    spectra:
-        Range spectra of all pulses.
-    sweep:
-        Carrier in hertz, slope in hertz per second, direction, and spectrum bins per hertz of beat.
-    weighting:
-        Weight of a pulse against the direction cosine u of a pixel: the reach; the taper at equal steps from -reach to
-        reach; the one-way voltage of the beam from -1 to 1; whether the beam is divided out.
-    image:
-        Sums of weighted values, sums of weights times two-way beam, and numbers of pulses.
-
+    low, high: first pixel, and one past the last.
+    pixel_m: pixel positions.
+    row: pulses that illuminate some of them.
+    pose: measured positions and velocities of these, and the directions ahead and to the left of their antennas.
+    spectra: range spectra of all pulses.
+    sweep: carrier in hertz, slope in hertz per second, direction, and spectrum bins per hertz of beat.
+    weighting: weight of a pulse against the direction cosine u of a pixel: the reach; the taper at equal steps from
+        -reach to reach; the one-way voltage of the beam from -1 to 1; whether the beam is divided out.
+    image: sums of weighted values, sums of weights times two-way beam, and numbers of pulses.
     """
     total, weight_sum, count = image
     reach, taper, voltage, flat = weighting

@@ -79,7 +79,6 @@ class SideLooking:
         ------
         ValueError
             No pulse was added.
-
         """
         if not self._rows:
             message = "no pulses to image; add some"
@@ -117,7 +116,6 @@ def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndar
         Height of the ground, world frame.
     ground_m:
         Ground ranges of the columns.
-
     """
     power = np.full((len(image.along_m), len(ground_m)), np.nan)
     for row in np.flatnonzero(np.isfinite(image.height_m)):

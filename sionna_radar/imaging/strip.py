@@ -75,7 +75,6 @@ def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " 
     ------
     ValueError
         The response does not fall to half on both sides.
-
     """
     peak = int(np.argmax(power))
     low = power < power[peak] / 2
@@ -153,19 +152,11 @@ def lit_strip(
 ) -> Strip:
     """Return the strip illuminated by a beam.
 
-    Parameters
-    ----------
-    track:
-        The first and the last measured pose.
-    side:
-        Look side of the antenna.
-    clearance_m:
-        Height of the track over the ground.
-    incidence_rad, elevation_width_rad:
-        The beam's angle from nadir, and its half-power width there.
-    max_range_m:
-        The unambiguous slant range of the sampling.
-
+    track: the first and the last measured pose.
+    side: look side of the antenna.
+    clearance_m: height of the track over the ground.
+    incidence_rad, elevation_width_rad: the beam's angle from nadir, and its half-power width there.
+    max_range_m: the unambiguous slant range of the sampling.
     """
     steep = max(incidence_rad - elevation_width_rad / 2, STEEPEST_RAD)
     flat = min(incidence_rad + elevation_width_rad / 2, FLATTEST_RAD, np.arccos(clearance_m / max_range_m))
@@ -183,11 +174,7 @@ def lit_strip(
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:
     """Return pixels of full-aperture coverage, two per focused half-power width in each direction.
 
-    Raises
-    ------
-    ScenarioError
-        The track is shorter than the aperture, or needs too many pixels.
-
+    Raises ScenarioError if the track is shorter than the aperture, or needs too many pixels.
     """
     reach = aperture.reach / float(np.sqrt(1 - aperture.reach**2))
     margin = reach * strip.slant_range_m(strip.far_m)

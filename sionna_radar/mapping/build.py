@@ -40,7 +40,6 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     >>> overrides = {"dem.method": "highest_point", "platform.length_m": 10.0}
     >>> run(load_scenario("hills", overrides)).lit_error.rms_m < 1.0
     True
-
     """
 
     def add(build: Builder) -> Builder:
@@ -75,23 +74,14 @@ def build_mapper(
 ) -> Mapper:
     """Return the mapper of a scenario.
 
-    Parameters
-    ----------
-    dem:
-        The scenario's `[dem]`.
-    grid, max_gap_m:
-        Cells of the DEM, and the largest distance of a filled one from a measured one.
-    antenna, analyser, doppler_corrected:
-        See `Mapper`.
-    method:
-        A custom method in place of the scenario's.
-    memory:
-        How long the ground keeps its speckle; without it, it stands still.
-    measured_ground:
-        Whether the ground is real or from a file, with relief finer than the footprint unless `dem` says another one.
-    errors:
-        Known ones of the instrument: those of its ranges; poses are without them.
-
+    dem: the scenario's `[dem]`.
+    grid, max_gap_m: cells of the DEM, and the largest distance of a filled one from a measured one.
+    antenna, analyser, doppler_corrected: see `Mapper`.
+    method: a custom method in place of the scenario's.
+    memory: how long the ground keeps its speckle; without it, it stands still.
+    measured_ground: whether the ground is real or from a file, with relief finer than the footprint unless `dem` says
+        another one.
+    errors: known ones of the instrument: those of its ranges; poses are without them.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:

@@ -45,15 +45,9 @@ class Illumination:
 
         A gap that is hidden from where the nearest illuminated cell was seen is a shadow, and stays open.
 
-        Parameters
-        ----------
-        gap_m:
-            Widest gap between illuminated cells that counts as illuminated.
-        surface:
-            Heights of the cells, on the same grid.
-        visible:
-            Returns whether points are visible from origins.
-
+        gap_m: widest gap between illuminated cells that counts as illuminated.
+        surface: heights of the cells, on the same grid.
+        visible: returns whether points are visible from origins.
         """
         lit = np.isfinite(self._origin_m[..., 0])
         gap = np.flatnonzero(closed(lit, gap_m, self.grid.spacing_m) & ~lit & surface.filled)

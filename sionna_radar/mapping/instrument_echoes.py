@@ -37,6 +37,7 @@ from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.mapping.echo_model.model import (
     BeamFootprints,
     EchoModel,
@@ -304,7 +305,7 @@ def _shift_per_rate(sightings: Sightings) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Readings:
+class Readings(Columns):
     """Ranges that were read along the axes of the beams, with the reported motion.
 
     range_m, sigma_m: as read, and their standard deviation. motion: of the same pulses.
@@ -317,14 +318,6 @@ class Readings:
     reach_m: float
     doppler_m: float = 0.0
     repeated: float = 1.0
-
-    def __len__(self) -> int:
-        return len(self.motion)
-
-    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "Readings":
-        """Return some of the readings."""
-        own = self.motion.rows(np.flatnonzero(kept))
-        return replace(self, range_m=self.range_m[kept], sigma_m=self.sigma_m[kept], motion=own)
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
         """Return score and information of the readings on named errors over a surface, at an estimate of them."""
@@ -517,21 +510,12 @@ def range_per_error(
 ) -> Float[np.ndarray, "pulse node error"]:
     """Return the change of the range that is read along each node of the beam, m, per SI unit of each error.
 
-    Parameters
-    ----------
-    direction:
-        Unit vectors toward the nodes, world frame.
-    motion:
-        Without the errors that are known already.
-    feet:
-        Where the nodes meet the surface; a node that meets nothing reads nothing.
-    surface:
-        The ground.
-    names:
-        Of the errors, in `UNKNOWNS`.
-    doppler_m:
-        Doppler shift of the range per m/s of range rate.
-
+    direction: unit vectors toward the nodes, world frame.
+    motion: without the errors that are known already.
+    feet: where the nodes meet the surface; a node that meets nothing reads nothing.
+    surface: the ground.
+    names: of the errors, in `UNKNOWNS`.
+    doppler_m: Doppler shift of the range per m/s of range rate.
     """
     slope = surface.slope(*feet.place_m.reshape(-1, 2).T)
     shape = feet.range_m.shape

@@ -183,7 +183,6 @@ class Mapper:
         ------
         ScenarioError
             The method requires range profiles, and there are none.
-
         """
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
@@ -285,22 +284,12 @@ MAX_CLOSED_CELLS = 100_000_000
 def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georeference | None) -> Grid:
     """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it.
 
-    Parameters
-    ----------
-    spacing_m:
-        Size of the cells.
-    extent_m:
-        Ground that the beam's axis meets.
-    max_gap_m:
-        Widest gap that a map of them closes.
-    place:
-        Georeference of the local frame, if it has one.
+    spacing_m: size of the cells.
+    extent_m: ground that the beam's axis meets.
+    max_gap_m: widest gap that a map of them closes.
+    place: georeference of the local frame, if it has one.
 
-    Raises
-    ------
-    ScenarioError
-        There are too many cells, or too many in a gap.
-
+    Raises ScenarioError if there are too many cells, or too many in a gap.
     """
     west, south, east, north = extent_m
     cells = (east - west + 2 * spacing_m) * (north - south + 2 * spacing_m) / spacing_m**2

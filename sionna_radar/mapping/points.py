@@ -33,7 +33,6 @@ class Points(Columns):
     >>> points = run(load_scenario("hills", {"platform.length_m": 10.0})).points
     >>> points.position_m.shape == (len(points), 3)
     True
-
     """
 
     pulse: Int[np.ndarray, " point"]
@@ -79,7 +78,6 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         Sorted indices of the block's pulses.
     measured:
         Their poses as the navigation system reports them.
-
     """
     row = rows_of(pulse, echoes.pulse)
     origin = measured.position_m[row]

@@ -280,7 +280,6 @@ def antenna_of(
     >>> horn = SphericalPattern.of(lambda d: np.maximum(d[:, 0], 0) ** 50, step_rad=np.deg2rad(1.0))
     >>> round(float(10 * np.log10(antenna_of(horn).peak_gain)), 1)  # 2 (2 n + 1), n = 50
     23.1
-
     """
     step = min(p.step_rad for p in (transmit, receive) if p is not None)
     samples = 2 * int(np.clip(np.ceil(8 / step), 500, MAX_CUT_SAMPLES)) + 1

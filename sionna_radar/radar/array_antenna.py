@@ -3,7 +3,6 @@
 Planar arrays with a Taylor taper are sized from their half-power beamwidths.
 """
 
-import csv
 from functools import cache
 from pathlib import Path
 
@@ -13,16 +12,15 @@ from scipy.optimize import brentq
 
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.numerics import taylor, to_db
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.array_pattern import ArrayPattern, steered
 
 KEY = "radar.antenna.path"
-COLUMNS = ("left_wavelengths", "up_wavelengths")
-EXTRAS = {"amplitude_db": 0.0, "phase_deg": 0.0}
+COLUMNS = {"left_wavelengths": None, "up_wavelengths": None, "amplitude_db": 0.0, "phase_deg": 0.0}
 MAX_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
-REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.join(EXTRAS)}"
+REMEDY = "give a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db,phase_deg"
 
 
 def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
@@ -58,27 +56,10 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
     Raises InputFileError for any other file.
     """
     name = f"{KEY} = {shown(path)}"
-    rows = csv.DictReader(read_text(path, f"{KEY} =", REMEDY).splitlines())
-    header = [column.strip() for column in rows.fieldnames or ()]
-    rows.fieldnames = header
-    if not set(COLUMNS) <= set(header) <= {*COLUMNS, *EXTRAS}:
-        message = f"{name}: line 1 names {', '.join(header)[:120]}; {REMEDY}"
+    left, up, amplitude_db, phase_deg = np.array(read_numbers(path, f"{KEY} =", COLUMNS, REMEDY)[1])
+    if len(left) > MAX_ELEMENTS or np.abs([left, up, amplitude_db, phase_deg]).max() > 1e6:
+        message = f"{name}: has {len(left):,} elements, or a number beyond 1e6; give at most {MAX_ELEMENTS:,} elements"
         raise InputFileError(message)
-    elements: list[list[float]] = []
-    for row in rows:
-        try:
-            values = [float(row[column]) for column in COLUMNS]
-            values += [float(row[column]) if column in header else default for column, default in EXTRAS.items()]
-        except (ValueError, TypeError):
-            values = [np.nan]
-        if not np.isfinite(values).all() or len(elements) >= MAX_ELEMENTS or max(map(abs, values)) > 1e6:
-            message = f"{name}: line {rows.line_num} is no element, or one too many; give numbers, one for each column"
-            raise InputFileError(message)
-        elements.append(values)
-    if not elements:
-        message = f"{name}: has no element; {REMEDY}"
-        raise InputFileError(message)
-    left, up, amplitude_db, phase_deg = np.array(elements).T
     if len(np.unique(np.round(np.column_stack([left, up]), 3), axis=0)) < len(left):
         message = f"{name}: has several elements at one place; give each its own, in wavelengths"
         raise InputFileError(message)

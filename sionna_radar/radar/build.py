@@ -43,7 +43,6 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
     >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
     >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
     True
-
     """
     return ANTENNAS.register(name, parameters)
 
@@ -176,13 +175,8 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
 def array_antenna(table: ArrayAntennaTable) -> Antenna:
     """Return the antenna of a scenario's table, with its beam steered.
 
-    Raises
-    ------
-    InputFileError
-        The table of elements, or the element's pattern, cannot be read.
-    ScenarioError
-        The array is too large, or its weights cancel.
-
+    Raises InputFileError if the table of elements, or the element's pattern, cannot be read.
+    Raises ScenarioError if the array is too large, or its weights cancel.
     """
     positions, weights = read_elements(table.path) if table.path is not None else _rectangle(table)
     size = np.ptp(positions, axis=0) + 0.5

@@ -35,7 +35,6 @@ def plane_echo(
         Wavelength, and height above the plane.
     incidence_rad:
         Angle of the boresight from nadir.
-
     """
     cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
     if not antenna.separable:
@@ -83,6 +82,14 @@ def two_way_beam_sr(antenna: Antenna) -> float:
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     mean_cosine = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).mean()
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
+
+
+def collimated_m(antenna: Antenna, wavelength_m: float) -> float:
+    """Return the range (m) up to which the beam is as wide as the aperture, and a volume's echo does not fall as r^-2.
+
+    lambda (G0^3 Omega_2 / (4 pi)^3)^(1/2), where the law of the far field falls below the echo of a collimated beam.
+    """
+    return float(wavelength_m * np.sqrt(antenna.peak_gain**3 * two_way_beam_sr(antenna) / (4 * np.pi) ** 3))
 
 
 def _parts_of_beam(

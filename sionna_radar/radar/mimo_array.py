@@ -200,15 +200,9 @@ class MimoArray:
     ) -> Complex[np.ndarray, "n channel"]:
         """Return the signals of a block, chirp by chirp and receiver by receiver, from scatterers of unit amplitude.
 
-        Parameters
-        ----------
-        direction:
-            Unit vectors in the antenna's frame.
-        range_rate_mps:
-            Of the scatterers in these directions.
-        range_m:
-            Their ranges; wavefronts are plane by default.
-
+        direction: unit vectors in the antenna's frame.
+        range_rate_mps: of the scatterers in these directions.
+        range_m: their ranges; wavefronts are plane by default.
         """
         sent, got = self.responses(direction, range_rate_mps, range_m)
         return (sent[:, :, None] * got[:, None, :]).reshape(len(direction), sent.shape[1] * got.shape[1])
@@ -246,16 +240,10 @@ def receiver_mixing(
 ) -> Complex[np.ndarray, "rx rx"]:
     """Return the matrix from ideal to true receiver signals.
 
-    Parameters
-    ----------
-    place_m, error:
-        Places of the receivers, and their complex gains after calibration.
-    coupling:
-        Amplitude that a receiver half a wavelength away couples over, which falls with the distance; its phase is that
-        of the way (Svantesson 1999 takes the same form for a first order of mutual coupling).
-    wavelength_m:
-        Of the carrier.
-
+    place_m, error: places of the receivers, and their complex gains after calibration.
+    coupling: amplitude that a receiver half a wavelength away couples over, which falls with the distance; its phase is
+        that of the way (Svantesson 1999 takes the same form for a first order of mutual coupling).
+    wavelength_m: of the carrier.
     """
     apart = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
     np.fill_diagonal(apart, np.inf)

@@ -77,7 +77,6 @@ class SphericalPattern:
             The relative amplitude toward unit vectors; its largest is taken as the peak.
         step_rad:
             Largest angle between neighbours.
-
         """
         rows = check_samples(step_rad)
         elevation, azimuth = np.linspace(-np.pi / 2, np.pi / 2, rows), np.linspace(-np.pi, np.pi, 2 * rows - 1)

@@ -62,15 +62,9 @@ class TwoWayGrid:
 def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarray, "3 3"]) -> TwoWayGrid:
     """Return the two-way power of an antenna.
 
-    Parameters
-    ----------
-    gain:
-        Its one-way gain over the peak's toward unit vectors in the antenna's frame; the square is the two-way gain.
-    step_rad:
-        Angle within which it hardly changes.
-    R_face_antenna:
-        See `TwoWayGrid`.
-
+    gain: its one-way gain over the peak's toward unit vectors in the antenna's frame; the square is the two-way gain.
+    step_rad: angle within which it hardly changes.
+    R_face_antenna: see `TwoWayGrid`.
     """
     count = int(np.clip(2 / step_rad, MIN_SEARCHED, MAX_SEARCHED))
     centre, width = (np.arange(count) + 0.5) * (2 / count) - 1, np.full(count, 2 / count)

@@ -52,7 +52,7 @@ def flushed_denormals() -> Iterator[None]:
 
 
 def can_flush() -> bool:
-    """Return whether Python threads can flush denormals to zero on this machine."""
+    """Return True if Python threads can flush denormals to zero on this machine."""
     return _library() is not None
 
 
@@ -95,11 +95,7 @@ class LlvmLibrary:
 def find_llvm() -> LlvmLibrary:
     """Return the first usable libLLVM: the user's, the wheel's, then the system's.
 
-    Raises
-    ------
-    BackendError
-        None is found, or the user's is too old.
-
+    Raises BackendError if none is found, or the user's is too old.
     """
     own = os.environ.get(LLVM_VARIABLE)
     if own:
@@ -111,7 +107,8 @@ def find_llvm() -> LlvmLibrary:
             )
             raise BackendError(message)
         return LlvmLibrary(own, version, f"environment variable {LLVM_VARIABLE}")
-    for path in _wheel_libraries():
+    wheels = _wheel_libraries()
+    for path in wheels:
         version = _llvm_version(str(path))
         if version is not None:
             return LlvmLibrary(str(path), version, f"wheel {WHEEL}")
@@ -121,7 +118,16 @@ def find_llvm() -> LlvmLibrary:
             return LlvmLibrary(name, version, "system")
     remedy = REMEDIES.get(platform.system(), "install LLVM")
     message = f"no libLLVM of version {OLDEST_LLVM} or newer was found; {remedy}, or point {LLVM_VARIABLE} at one"
-    raise BackendError(message)
+    raise BackendError(message + "".join(map(_obstacle, wheels[:1])))
+
+
+def _obstacle(path: Path) -> str:
+    """Return why a library does not load, such as one that it needs and a minimal system lacks (libatomic1)."""
+    try:
+        ctypes.CDLL(str(path))
+    except OSError as error:
+        return f". The wheel is installed but does not load: {error}"
+    return ""
 
 
 def use_backend(name: str) -> None:
@@ -171,7 +177,6 @@ def load_mitsuba() -> Any:
     BackendError
         The backend that is asked for cannot run here, no libLLVM is usable, or Dr.Jit was imported before one was
         selected.
-
     """
     backend = chosen_backend()
     if backend == "llvm":
@@ -258,7 +263,7 @@ def _llvm_version(path: str) -> str | None:
 
 @functools.cache
 def gpu_usable() -> bool:
-    """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
+    """Return True if a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
     try:
         cuda = ctypes.CDLL(library)

@@ -6,7 +6,7 @@ an encoding cannot represent.
 
 import codecs
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -33,6 +33,36 @@ def console(width: int | None = None) -> "Console":
     from rich.console import Console
 
     return Console(markup=False, emoji=False, highlight=False, width=width)
+
+
+def say(*texts: str) -> None:
+    """Print texts, each on a line of its own, however long."""
+    for text in texts:
+        console().print(text, soft_wrap=True)
+
+
+def table_of(
+    title: str, columns: Sequence[str], rows: Iterable[Iterable[str]], *, left: Collection[str] = ()
+) -> "Table":
+    """Return a table with a heading; columns of numbers are flush right, those of text, `left`, flush left."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for name in columns:
+        table.add_column(name, justify="left" if name in left else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def table_of_values(title: str | None, values: Mapping[str, str]) -> "Table":
+    """Return a table of names and values without a heading."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", show_header=False)
+    for row in values.items():
+        table.add_row(*row)
+    return table
 
 
 def print_whole(table: "Table") -> None:

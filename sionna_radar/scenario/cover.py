@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, Point2, Positive, Real, Table
 
 
 class MaterialField(Table):
@@ -38,14 +38,12 @@ class CoverRaster(Table):
     """material by class value; ground of any other class keeps `terrain.material`. Over synthetic ground the raster's
     own coordinates are the local metres, and it has no CRS."""
 
-    @model_validator(mode="after")
-    def _whole_classes(self) -> CoverRaster:
+    def _conflicts(self) -> Conflicts:
         if not self.classes:
-            raise refuse("classes", 'empty; map class values to materials, e.g. classes = {"1" = "forest"}')
+            yield "classes", 'empty; map class values to materials, e.g. classes = {"1" = "forest"}'
         for key in self.classes:
             if not key.lstrip("-").isdecimal():
-                raise refuse(f"classes.{key}", f"{key!r} is not a class value; give a whole number")
-        return self
+                yield f"classes.{key}", f"{key!r} is not a class value; give a whole number"
 
     @property
     def material_of_class(self) -> dict[int, str]:
@@ -69,11 +67,9 @@ class CoverVector(Table):
     layer: str | None = None
     """of a GeoPackage with several."""
 
-    @model_validator(mode="after")
-    def _some_class(self) -> CoverVector:
+    def _conflicts(self) -> Conflicts:
         if not self.classes:
-            raise refuse("classes", 'empty; map classes to materials, e.g. classes = { forest = "forest" }')
-        return self
+            yield "classes", 'empty; map classes to materials, e.g. classes = { forest = "forest" }'
 
 
 class VegetationTable(Table):
@@ -103,17 +99,15 @@ class VegetationTable(Table):
     backscatter_db_per_m: Annotated[Real, Field(ge=-100, le=30)]
     """radar cross-section of a cubic metre, in dB over a square metre."""
 
-    @model_validator(mode="after")
-    def _one_height(self) -> VegetationTable:
+    def _conflicts(self) -> Conflicts:
         if (self.height_m is None) == (self.path is None):
-            raise refuse("height_m", "give either height_m or path, not both and not neither")
+            yield "height_m", "give either height_m or path, not both and not neither"
         if self.polygon_m is None and self.path is None:
-            raise refuse("polygon_m", "missing; give the corners of the stand's outline")
+            yield "polygon_m", "missing; give the corners of the stand's outline"
         if self.path is None and self.changed("least_height_m"):
-            raise refuse("least_height_m", f"{self.least_height_m:g} has no effect without path; give it")
+            yield "least_height_m", f"{self.least_height_m:g} has no effect without path; give it"
         for name in () if self.of_cloud else self.changed("classes", "cloud_spacing_m"):
-            raise refuse(name, "has no effect without a point cloud; remove it, or give one as path")
-        return self
+            yield name, "has no effect without a point cloud; remove it, or give one as path"
 
     @property
     def of_cloud(self) -> bool:

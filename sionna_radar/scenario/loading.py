@@ -43,7 +43,6 @@ def shipped_scenarios() -> dict[str, Path]:
     --------
     >>> "hills" in shipped_scenarios()
     True
-
     """
     return {path.stem: path for path in sorted(scenes_directory().glob("*.toml"))}
 
@@ -70,7 +69,6 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     --------
     >>> load_scenario("hills", {"radar.antenna.beamwidth_deg": 4.0}).radar.antenna.beamwidth_deg
     4.0
-
     """
     # A copy: the caller's tables must not change.
     path, overrides = find_scenario(path_or_name), copy.deepcopy(dict(overrides or {}))
@@ -127,7 +125,6 @@ def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
     ... }
     >>> parse_scenario(tables).platform.altitude_m
     30.0
-
     """
     try:
         return Scenario.model_validate(data).read_from(source)
@@ -156,7 +153,6 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
     True
     >>> "window" in to_toml(load_scenario("hills"), defaults=False)
     False
-
     """
     try:
         return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True) if defaults else scenario.differing())
@@ -177,13 +173,8 @@ SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
 def scenario_from(sources: Sequence[str], folder: Path) -> str:
     """Return a scenario, TOML, that uses files and a radar preset of the user's, with paths relative to a folder.
 
-    Raises
-    ------
-    ScenarioError
-        A source is neither a preset nor a file of a known kind, or two are of one kind.
-    InputFileError
-        A file does not exist.
-
+    Raises ScenarioError if a source is neither a preset nor a file of a known kind, or two are of one kind.
+    Raises InputFileError if a file does not exist.
     """
     tables: dict[str, dict[str, Any]] = {}
     for source in sources:

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, field_validator, model_validator
+from pydantic import Discriminator, Field, field_validator
 
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table, refuse
 
 Percent = Annotated[Real, Field(ge=0, le=100)]
 Fraction = Annotated[Real, Field(ge=0, le=1)]
@@ -155,21 +155,16 @@ class SurfaceTable(MaterialParameters):
     fetch_m: Annotated[Real, Field(ge=1, le=1e6)] = 1000.0
     """of water, along which the wind has blown over it."""
 
-    @model_validator(mode="after")
-    def _fetch_of_water(self) -> SurfaceTable:
+    def _conflicts(self) -> Conflicts:
         if self.motion != "water" and self.fetch_m != SurfaceTable.model_fields["fetch_m"].default:
-            raise refuse("fetch_m", "has no effect here; remove it, or set motion = 'water'")
-        return self
+            yield "fetch_m", "has no effect here; remove it, or set motion = 'water'"
 
-    def check_one_medium(self) -> None:
-        """Refuse a surface made of two things, or of nothing."""
+    def _conflicts_of_media(self) -> Conflicts:
+        """Yield that the surface is made of two things, or of nothing."""
         if self.permittivity is not None and self.medium is not None:
-            raise refuse("medium", "contradicts permittivity; give the one or the other")
+            yield "medium", "contradicts permittivity; give the one or the other"
         if self.permittivity is None and self.medium is None:
-            raise refuse(
-                "permittivity",
-                'missing; give permittivity = [real, loss], or medium = {kind = "soil", ...}',
-            )
+            yield "permittivity", 'missing; give permittivity = [real, loss], or medium = {kind = "soil", ...}'
 
 
 class EmpiricalTable(SurfaceTable):
@@ -178,16 +173,15 @@ class EmpiricalTable(SurfaceTable):
     rms_height_m: NonNegative | None = None
     """roughness of the mirror; 0 for a smooth one."""
 
-    @model_validator(mode="after")
-    def _mirror(self) -> EmpiricalTable:
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
         mirror_keys = [k for k in ("permittivity", "medium", "rms_height_m") if getattr(self, k) is not None]
         if not self.specular and mirror_keys:
-            raise refuse(mirror_keys[0], "has no effect here; remove it, or set specular = true")
+            yield mirror_keys[0], "has no effect here; remove it, or set specular = true"
         if self.specular:
-            self.check_one_medium()
+            yield from self._conflicts_of_media()
             if self.rms_height_m is None:
-                raise refuse("rms_height_m", "missing; a mirror reflection needs the rms height, 0 if smooth")
-        return self
+                yield "rms_height_m", "missing; a mirror reflection needs the rms height, 0 if smooth"
 
 
 class ConstantGamma(EmpiricalTable):
@@ -199,11 +193,10 @@ class ConstantGamma(EmpiricalTable):
     gamma_db: Level | None = None
     """the value itself, instead of a class."""
 
-    @model_validator(mode="after")
-    def _one_source(self) -> ConstantGamma:
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
         if (self.terrain_class is None) == (self.gamma_db is None):
-            raise refuse("gamma_db", "give either gamma_db or terrain_class, not both and not neither")
-        return self
+            yield "gamma_db", "give either gamma_db or terrain_class, not both and not neither"
 
     @property
     def gamma(self) -> float:
@@ -248,16 +241,15 @@ class UlabyDobson(EmpiricalTable):
     source: Annotated[str, Field(min_length=1)]
     """of the parameters: document, band, polarization."""
 
-    @model_validator(mode="after")
-    def _increasing(self) -> UlabyDobson:
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
         if self.min_incidence_deg >= self.max_incidence_deg:
-            raise refuse(
+            yield (
                 "max_incidence_deg",
-                f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}",
+                (f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}"),
             )
         if not self.source.strip():
-            raise refuse("source", "empty; say where the parameters come from: document, band, polarization")
-        return self
+            yield "source", "empty; say where the parameters come from: document, band, polarization"
 
 
 class MeasuredTable(EmpiricalTable):
@@ -278,10 +270,9 @@ class RoughTable(SurfaceTable):
     correlation: Literal["gaussian", "exponential"] = "gaussian"
     """shape of the correlation function."""
 
-    @model_validator(mode="after")
-    def _of_something(self) -> RoughTable:
-        self.check_one_medium()
-        return self
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
+        yield from self._conflicts_of_media()
 
 
 class Kirchhoff(RoughTable):
@@ -289,14 +280,10 @@ class Kirchhoff(RoughTable):
 
     model: Literal["kirchhoff"] = "kirchhoff"
 
-    @model_validator(mode="after")
-    def _has_slopes(self) -> Kirchhoff:
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
         if self.correlation == "exponential":
-            raise refuse(
-                "correlation",
-                "'exponential' has no rms slope; use 'gaussian', or model = \"integral_equation\"",
-            )
-        return self
+            yield "correlation", "'exponential' has no rms slope; use 'gaussian', or model = \"integral_equation\""
 
 
 class PhysicalOptics(RoughTable):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table
 from sionna_radar.scenario.terrain import MeshFile, MeshShape
 
 
@@ -34,13 +34,11 @@ class MeshObject(MeshFile):
     on_ground: bool = Field(default=True, strict=True)
     """whether it stands on the ground."""
 
-    @model_validator(mode="after")
-    def _height_given_once(self) -> MeshObject:
+    def _conflicts(self) -> Conflicts:
         if self.on_ground and len(self.position_m) == 3:
-            raise refuse("position_m", "a third number is its height; remove it, or set on_ground = false")
+            yield "position_m", "a third number is its height; remove it, or set on_ground = false"
         if not self.on_ground and len(self.position_m) == 2:
-            raise refuse("position_m", "on_ground = false needs a third number, the height; add it")
-        return self
+            yield "position_m", "on_ground = false needs a third number, the height; add it"
 
 
 class Footprints(Table):
@@ -71,13 +69,11 @@ class Footprints(Table):
     materials: dict[str, str] = {}
     """materials of the scenario by its values; others are of `material`."""
 
-    @model_validator(mode="after")
-    def _some_height(self) -> Footprints:
+    def _conflicts(self) -> Conflicts:
         if self.height is None and self.levels is None and self.height_m is None:
-            raise refuse("height_m", "not given; give metres, or the attribute that has them as height or levels")
+            yield "height_m", "not given; give metres, or the attribute that has them as height or levels"
         if bool(self.materials) != (self.material_attribute is not None):
-            raise refuse("materials", "goes with material_attribute; give both or none")
-        return self
+            yield "materials", "goes with material_attribute; give both or none"
 
 
 class RotorTable(Table):
@@ -140,19 +136,17 @@ class PointTarget(Table):
     rotors: tuple[RotorTable, ...] = ()
     """blades that turn on it."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> PointTarget:
+    def _conflicts(self) -> Conflicts:
         if sum(source is not None for source in (self.rcs_dbsm, self.rcs_table, self.mesh)) != 1:
-            raise refuse("rcs_dbsm", "give one of rcs_dbsm, rcs_table and mesh, not several and not none")
+            yield "rcs_dbsm", "give one of rcs_dbsm, rcs_table and mesh, not several and not none"
         if self.mesh is not None and self.swerling != 0:
-            raise refuse("swerling", "a mesh fluctuates by its shape alone; remove swerling or the mesh")
+            yield "swerling", "a mesh fluctuates by its shape alone; remove swerling or the mesh"
         if bool(self.waypoints_m) != (self.speed_mps is not None):
-            raise refuse("speed_mps", "a way needs both waypoints_m and speed_mps; give the other, or neither")
+            yield "speed_mps", "a way needs both waypoints_m and speed_mps; give the other, or neither"
         if self.closed and not self.waypoints_m:
-            raise refuse("closed", "has no effect without waypoints_m; give them")
+            yield "closed", "has no effect without waypoints_m; give them"
         if self.waypoints_m and self.heading_deg != 0:
-            raise refuse("heading_deg", "has no effect on a way, along which the target looks; remove it")
+            yield "heading_deg", "has no effect on a way, along which the target looks; remove it"
         corners = (self.position_m, *self.waypoints_m)
         if any(a == b for a, b in pairwise(corners)) or (self.closed and corners[-1] == corners[0]):
-            raise refuse("waypoints_m", "two places in a row are the same; leave one out")
-        return self
+            yield "waypoints_m", "two places in a row are the same; leave one out"

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import NavigationParameters, Offset
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.overrides import PLANNED_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
-from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
 Spread = Annotated[NonNegative, Field(le=1e4)]
 Axes = Offset | tuple[Offset, Offset, Offset]
@@ -218,38 +218,35 @@ class Platform(Table):
         except ValidationError as error:
             raise refuse("", f"{shown(value)} is refused: give {WORDS_OR_NUMBERS[info.field_name]}") from error
 
-    @model_validator(mode="after")
-    def _one_flight(self) -> Platform:
+    def _conflicts(self) -> Conflicts:
         planned, recorded = self.changed(*PLANNED_KEYS), self.changed(*OF_A_LOG)
         if self.log is not None and planned:
-            raise refuse("log", f"contradicts {', '.join(planned)}; give the one or the other")
+            yield "log", f"contradicts {', '.join(planned)}; give the one or the other"
         if self.log is None and recorded:
-            raise refuse(recorded[0], "means nothing without log; remove it")
+            yield recorded[0], "means nothing without log; remove it"
         if self.log_stop_s is not None and self.log_stop_s <= self.log_start_s:
-            raise refuse("log_stop_s", f"{self.log_stop_s:g} is not after log_start_s = {self.log_start_s:g}; raise it")
-        return self
+            yield "log_stop_s", f"{self.log_stop_s:g} is not after log_start_s = {self.log_start_s:g}; raise it"
+        yield from self._conflicts_of_tracks()
 
-    @model_validator(mode="after")
-    def _one_track(self) -> Platform:
+    def _conflicts_of_tracks(self) -> Conflicts:
         conflicts = self.changed("start_m", "length_m", "heading_deg")
         if self.waypoints_m and conflicts:
-            raise refuse("waypoints_m", f"contradicts {', '.join(conflicts)}; give the one or the other")
+            yield "waypoints_m", f"contradicts {', '.join(conflicts)}; give the one or the other"
         line_conflicts = self.changed("start_m", "length_m", "waypoints_m")
         if self.lines is not None and line_conflicts:
-            raise refuse("lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other")
+            yield "lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other"
         if len(self.waypoints_m) == 1:
-            raise refuse("waypoints_m", "one point makes no leg; give at least two")
+            yield "waypoints_m", "one point makes no leg; give at least two"
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
             if a == b:
-                raise refuse("waypoints_m", f"{a} follows itself; remove the repeated point")
+                yield "waypoints_m", f"{a} follows itself; remove the repeated point"
         if self.bank_deg is not None and self.turn_radius_m is not None:
-            raise refuse("turn_radius_m", "contradicts bank_deg: speed and bank give the radius; remove the one")
+            yield "turn_radius_m", "contradicts bank_deg: speed and bank give the radius; remove the one"
         if self.profile == "full" and self.altitude_m is not None and self.takeoff_height_m >= self.altitude_m:
-            raise refuse(
+            yield (
                 "takeoff_height_m",
-                f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it",
+                (f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it"),
             )
-        return self
 
     @property
     def planned(self) -> tuple[float, float]:

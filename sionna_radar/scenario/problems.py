@@ -42,13 +42,8 @@ KINDS_OF_VALUE = ("float", "int", "constrained-float", "constrained-int")
 def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> list[Problem]:
     """Return the problems of a validation, the first of each key, in their order.
 
-    Parameters
-    ----------
-    errors:
-        Result of `ValidationError.errors()`.
-    model:
-        The validated table; its keys are suggested for misspelt ones.
-
+    errors: result of `ValidationError.errors()`.
+    model: the validated table; its keys are suggested for misspelt ones.
     """
     problems: dict[str, Problem] = {}
     for error in errors:
@@ -62,7 +57,7 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
 
 
 def _other_than_a_list(error: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether an error only rejects a list as a number, where a list is allowed and has its own errors."""
+    """Return True if an error only rejects a list as a number, where a list is allowed and has its own errors."""
     parent, kind = error["loc"][:-1], error["loc"][-1:]
     if not isinstance(error["input"], list | tuple) or not kind or kind[0] not in KINDS_OF_VALUE:
         return False

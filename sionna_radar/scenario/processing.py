@@ -2,14 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import window as window_of
 from sionna_radar.scenario.bases import Offset
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
-from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table, refuse
 
 Turn = Annotated[Real, Field(ge=-180.0, le=180.0)]
 
@@ -28,15 +28,13 @@ class CfarTable(Table):
     false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
     """in one cell."""
 
-    @model_validator(mode="after")
-    def _rank_of_a_cell(self) -> "CfarTable":
+    def _conflicts(self) -> Conflicts:
         if self.kind == "OS" and self.rank * self.training < 0.5:
-            raise refuse(
+            yield (
                 "rank",
                 f"{self.rank:g} of {self.training} training cells is less than half a cell; "
                 f"give at least {0.5 / self.training:g}",
             )
-        return self
 
 
 class AverageTable(Table):
@@ -163,17 +161,11 @@ class ProcessingTable(Table):
     doppler_correction: bool = Field(default=True, strict=True)
     """whether the measured velocity takes the Doppler shift of still ground out of the ranges."""
 
-    @model_validator(mode="after")
-    def _length_of_points(self) -> "ProcessingTable":
+    def _conflicts(self) -> Conflicts:
         if self.angle == "off" and self.angle_length_m is not None:
-            raise refuse("angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle")
-        return self
-
-    @model_validator(mode="after")
-    def _one_leakage(self) -> "ProcessingTable":
+            yield "angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle"
         if self.angle != "off" and self.leakage == "subtract":
-            raise refuse("leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it")
-        return self
+            yield "leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it"
 
     @field_validator("window")
     @classmethod

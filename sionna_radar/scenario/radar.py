@@ -20,7 +20,7 @@ from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable, SecondReceiverTable
-from sionna_radar.scenario.table import InputPath, Real, Table, one_of, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, Real, Table, one_of
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 
@@ -39,15 +39,13 @@ class AntennaTable(AntennaParameters):
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
     """major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's."""
 
-    @model_validator(mode="after")
-    def _ellipse_is_circular(self) -> AntennaTable:
+    def _conflicts(self) -> Conflicts:
         if self.axial_ratio_db > 0 and self.polarization in ("V", "H"):
-            raise refuse(
+            yield (
                 "axial_ratio_db",
                 f"{self.axial_ratio_db:g} has no effect on polarization = {self.polarization!r}; remove it, or set "
                 "polarization = 'RHCP' or 'LHCP'",
             )
-        return self
 
     @property
     def beamwidths_rad(self) -> tuple[float, float]:
@@ -104,13 +102,11 @@ class ArrayAntennaTable(AntennaParameters):
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
     """gain over directivity, each way."""
 
-    @model_validator(mode="after")
-    def _one_description(self) -> ArrayAntennaTable:
+    def _conflicts(self) -> Conflicts:
         if (self.elements is None) == (self.path is None):
-            raise refuse("elements", "give either elements = [columns, rows] or path = a CSV of elements")
+            yield "elements", "give either elements = [columns, rows] or path = a CSV of elements"
         if self.path is not None and self.changed("taper_db", "spacing_wavelengths"):
-            raise refuse("path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them")
-        return self
+            yield "path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them"
 
 
 class ElectronicScanTable(ScanParameters):
@@ -153,16 +149,14 @@ class ScanTable(ScanParameters):
     start_deg: Real = 0.0
     """scan angle at the start of the flight."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ScanTable:
+    def _conflicts(self) -> Conflicts:
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
-            raise refuse(
+            yield (
                 "half_swath_deg",
-                f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90",
+                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90"),
             )
         if self.side == "left" and self.mode != "side_looking":
-            raise refuse("side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'")
-        return self
+            yield "side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'"
 
 
 # Of a filter, over the highest beat.
@@ -217,69 +211,58 @@ class RadarTable(Table):
             return filled_in(values, IMPLIED_ANTENNAS)
         return values
 
-    @model_validator(mode="after")
-    def _consistent(self) -> RadarTable:
+    def _conflicts(self) -> Conflicts:
         scan = self.scan
         if isinstance(scan, ElectronicScanTable) and scan.beams * scan.scans_per_s > self.chirp_rate_hz * (1 + 1e-9):
-            raise refuse(
+            yield (
                 "scan.scans_per_s",
                 f"{scan.beams} beams {scan.scans_per_s:g} times a second are more than {self.chirp_rate_hz:g} chirps, "
                 f"so that some get none; lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
             )
         if self.bandwidth_hz >= 0.5 * self.carrier_hz:
-            raise refuse(
+            yield (
                 "bandwidth_hz",
-                f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it",
+                (f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it"),
             )
         highest_hz = self.samples_per_chirp * self.chirp_rate_hz * (1 if self.sampling == "iq" else 0.5)
         if self.sweep == "triangular":
             highest_hz *= 2
         if self.receiver.high_pass_corner_hz >= highest_hz:
-            raise refuse(
+            yield (
                 "receiver.high_pass_corner_hz",
-                f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
+                (f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"),
             )
-        self._check_receiver(highest_hz)
+        yield from self._conflicts_of_receiver(highest_hz)
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):
-            raise refuse(
-                "snr_db",
-                "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only",
-            )
+            yield "snr_db", "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only"
         if self.snr_db is None and self.transmit_power_dbm is None:
-            raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
+            yield "snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db"
         if self.snr_db is None and self.system_noise_figure_db is None:
-            raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
-        return self
+            yield "noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10"
 
-    def _check_receiver(self, highest_hz: float) -> None:
-        """Reject figures of the receiver that conflict with the sampling or the description of the noise."""
+    def _conflicts_of_receiver(self, highest_hz: float) -> Conflicts:
+        """Yield figures of the receiver that conflict with the sampling or the description of the noise."""
         receiver = self.receiver
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")
             if 0 < corner_hz < MIN_CORNER * highest_hz:
                 message = f"{corner_hz:g} is nothing beside the highest beat, {highest_hz:g}; raise it, or set 0"
-                raise refuse(f"receiver.{kind}_corner_hz", message)
+                yield f"receiver.{kind}_corner_hz", message
         if receiver.anti_alias_corner_hz > 4 * highest_hz:
-            raise refuse(
-                "receiver.anti_alias_corner_hz",
-                f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it",
-            )
+            message = f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it"
+            yield "receiver.anti_alias_corner_hz", message
         rising = receiver.range_gain
         if rising is not None and rising.from_hz >= highest_hz:
-            raise refuse(
-                "receiver.range_gain.from_hz",
-                f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
-            )
+            message = f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"
+            yield "receiver.range_gain.from_hz", message
         if receiver.converter.imbalanced and self.sampling == "real":
-            raise refuse("receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'")
+            yield "receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'"
         if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
-            raise refuse(
-                "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
-            )
+            yield "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
         if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
             noise_key = "noise_figure_db" if self.noise_figure_db is not None else "snr_db"
-            raise refuse("receiver.amplifiers", f"contradicts {noise_key}; describe the noise one way only")
+            yield "receiver.amplifiers", f"contradicts {noise_key}; describe the noise one way only"
 
     @property
     def system_noise_figure_db(self) -> float | None:
@@ -305,59 +288,45 @@ class RadarTable(Table):
         return float(cells * speed_of_light / (2 * self.bandwidth_hz))
 
 
-def check_average(
+def conflicts_of_average(
     processing: ProcessingTable,
     radar: RadarTable,
     weather: WeatherTable,
     tracing: TracingTable,
     sensor: str,
     whole_echoes: str | None,
-) -> None:
-    """Reject an average of chirps that conflicts with the rest of a scenario.
+) -> Conflicts:
+    """Yield what an average of chirps contradicts in the rest of a scenario.
 
-    Parameters
-    ----------
-    processing, radar, weather, tracing, sensor:
-        Of the scenario.
-    whole_echoes:
-        Its DEM method, if that models whole echoes.
-
+    whole_echoes: its DEM method, if that models whole echoes.
     """
-    average = processing.average
+    average, key = processing.average, "processing.average.chirps"
     if average.chirps == 1:
         return
-    key, problem = "processing.average.chirps", ""
     if sensor != "radar":
-        problem = f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
-    elif radar.sweep == "triangular":
-        problem = f"{average.chirps} is not for pairs of sweeps; set 1, or radar.sweep = 'up'"
-    elif radar.stagger > 0:
-        problem = f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
-    elif isinstance(radar.scan, ElectronicScanTable):
-        problem = f"{average.chirps} is not for a beam that is steered anew for each chirp; set 1"
-    elif weather.falling or weather.dust_visibility_m is not None:
-        problem = f"{average.chirps} does not tell rain, snow or dust from ground; set 1, or remove the weather"
-    elif average.mode == "coherent" and tracing.speckle == "per_pulse":
-        key = "processing.average.mode"
-        problem = "'coherent' needs the same scatterers in all chirps; set tracing.speckle = 'persistent'"
-    elif average.mode == "incoherent":
-        key, problem = _of_powers(processing, whole_echoes)
-    if problem:
-        raise refuse(key, problem)
-
-
-def _of_powers(processing: ProcessingTable, whole_echoes: str | None) -> tuple[str, str]:
-    """Return the key and the problem of an average of powers; empty for none."""
-    kind = processing.cfar.kind
-    if kind != "CA":
-        message = f"{kind!r} has no false-alarm rate in closed form over averaged powers; set 'CA'"
-        return "processing.cfar.kind", message
+        yield key, f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
+    if radar.sweep == "triangular":
+        yield key, f"{average.chirps} is not for pairs of sweeps; set 1, or radar.sweep = 'up'"
+    if radar.stagger > 0:
+        yield key, f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
+    if isinstance(radar.scan, ElectronicScanTable):
+        yield key, f"{average.chirps} is not for a beam that is steered anew for each chirp; set 1"
+    if weather.falling or weather.dust_visibility_m is not None:
+        yield key, f"{average.chirps} does not tell rain, snow or dust from ground; set 1, or remove the weather"
+    if average.mode == "coherent":
+        if tracing.speckle == "per_pulse":
+            message = "'coherent' needs the same scatterers in all chirps; set tracing.speckle = 'persistent'"
+            yield "processing.average.mode", message
+        return
+    if processing.cfar.kind != "CA":
+        message = f"{processing.cfar.kind!r} has no false-alarm rate in closed form over averaged powers; set 'CA'"
+        yield "processing.cfar.kind", message
     if processing.angle != "off":
-        return "processing.average.mode", "an angle needs phases, which averaged powers have lost; set 'coherent'"
+        message = "an angle needs phases, which averaged powers have lost; set 'coherent'"
+        yield "processing.average.mode", message
     if whole_echoes is not None:
         message = f"{whole_echoes!r} knows the likelihood of single chirps alone; set 'linear'"
-        return "dem.method", f"{message}, or processing.average.mode = 'coherent'"
-    return "", ""
+        yield "dem.method", f"{message}, or processing.average.mode = 'coherent'"
 
 
 def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
@@ -375,68 +344,53 @@ def refuse_average(processing: ProcessingTable, what: str) -> None:
 NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": "row"}
 
 
-def check_angle(
+def conflicts_of_angle(
     processing: ProcessingTable, radar: RadarTable, weather: WeatherTable, sensor: str, whole_echoes: str | None
-) -> None:
-    """Reject an angle of arrival that conflicts with the rest of a scenario.
-
-    Parameters
-    ----------
-    processing, radar, weather, sensor:
-        Of the scenario.
-    whole_echoes:
-        Its DEM method, if that models whole echoes.
-
-    """
-    angle = processing.angle
+) -> Conflicts:
+    """Yield what an angle of arrival contradicts in the rest of a scenario; whole_echoes as for an average."""
+    angle, key = processing.angle, "processing.angle"
     if angle == "off":
         return
-    problem: tuple[str, str] | None = None
     if sensor != "radar":
-        problem = "processing.angle", f"{angle!r} needs sensor = 'radar', not {sensor!r}; set 'off'"
-    elif radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]:
-        problem = "processing.angle", f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
-    elif radar.sweep == "triangular":
-        problem = "processing.angle", f"{angle!r} is not for pairs of sweeps; set radar.sweep = 'up'"
-    elif isinstance(radar.scan, ElectronicScanTable):
-        problem = "processing.angle", f"{angle!r} is not for beams steered electronically; set another radar.scan.mode"
-    elif weather.falling or weather.dust_visibility_m is not None:
-        problem = "processing.angle", f"{angle!r} does not tell rain, snow or dust from ground; remove the weather"
-    elif whole_echoes is not None:
+        yield key, f"{angle!r} needs sensor = 'radar', not {sensor!r}; set 'off'"
+    if radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]:
+        yield key, f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
+    if radar.sweep == "triangular":
+        yield key, f"{angle!r} is not for pairs of sweeps; set radar.sweep = 'up'"
+    if isinstance(radar.scan, ElectronicScanTable):
+        yield key, f"{angle!r} is not for beams steered electronically; set another radar.scan.mode"
+    if weather.falling or weather.dust_visibility_m is not None:
+        yield key, f"{angle!r} does not tell rain, snow or dust from ground; remove the weather"
+    if whole_echoes is not None:
         message = f"{whole_echoes!r} models whole echoes, and processing.angle = {angle!r} gives points; "
-        problem = "dem.method", message + "set 'linear' or 'smooth'"
-    if problem is not None:
-        raise refuse(*problem)
+        yield "dem.method", message + "set 'linear' or 'smooth'"
 
 
-def check_array(processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str) -> None:
-    """Reject an array, or its absence, that conflicts with the rest of a scenario."""
-    array = radar.array
+def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str) -> Conflicts:
+    """Yield what an array, or its absence, contradicts in the rest of a scenario."""
+    array, receiver = radar.array, radar.receiver
     if sensor != "mimo":
         if array is not None and sensor == "radar":
-            raise refuse("radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it")
+            yield "radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it"
         return
     if array is None:
-        raise refuse("radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some")
-    receiver = radar.receiver
-    problem: tuple[str, str] | None = None
+        yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some"
+        return
     if radar.sweep == "triangular":
-        problem = "radar.sweep", "'triangular' is not for frames of an array; set 'up'"
-    elif radar.stagger > 0:
-        problem = "radar.stagger", f"{radar.stagger:g} is not for frames of an array; set 0"
-    elif radar.scan.mode not in ("fixed", "side_looking"):
-        problem = "radar.scan.mode", f"{radar.scan.mode!r} moves the array within its frames; set 'fixed'"
-    elif processing.angle != "off":
-        problem = "processing.angle", f"{processing.angle!r} is of a second receiver; set 'off'"
-    elif processing.average.chirps > 1:
-        problem = "processing.average.chirps", "frames of an array are no averages; set 1, and radar.array.chirps"
-    elif tracing.speckle == "per_pulse":
-        problem = "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
-    elif receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
-        problem = "radar.receiver", "an array's receivers are ideal but for noise and radar.array; remove the others"
-    if problem is not None:
-        raise refuse(*problem)
+        yield "radar.sweep", "'triangular' is not for frames of an array; set 'up'"
+    if radar.stagger > 0:
+        yield "radar.stagger", f"{radar.stagger:g} is not for frames of an array; set 0"
+    if radar.scan.mode not in ("fixed", "side_looking"):
+        yield "radar.scan.mode", f"{radar.scan.mode!r} moves the array within its frames; set 'fixed'"
+    if processing.angle != "off":
+        yield "processing.angle", f"{processing.angle!r} is of a second receiver; set 'off'"
+    if processing.average.chirps > 1:
+        yield "processing.average.chirps", "frames of an array are no averages; set 1, and radar.array.chirps"
+    if tracing.speckle == "per_pulse":
+        yield "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
+    if receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
+        yield "radar.receiver", "an array's receivers are ideal but for noise and radar.array; remove the others"
     frame_s = array.chirps_per_frame / radar.chirp_rate_hz
     if frame_s * array.frame_rate_hz > 1 + 1e-9:
         message = f"{array.frame_rate_hz:g} frames of {1e3 * frame_s:.3g} ms do not fit into a second; lower it to "
-        raise refuse("radar.array.frame_rate_hz", f"{message}{1 / frame_s:.3g}, or lower radar.array.chirps")
+        yield "radar.array.frame_rate_hz", f"{message}{1 / frame_s:.3g}, or lower radar.array.chirps"

@@ -9,13 +9,13 @@ from math import log10
 from types import MappingProxyType
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from sionna_radar.foundation.numerics import from_db, to_db
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import RECEIVER_STAGES
-from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, one_of, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table, one_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,22 +97,20 @@ class OscillatorTable(Table):
     """the shares of the sweep between which samples are used: fewer samples of less bandwidth, at the same rate. The
     time of a pulse is that of their middle."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> OscillatorTable:
+    def _conflicts(self) -> Conflicts:
         offsets = [offset for offset, _ in self.phase_noise_dbc_hz]
         if any(log10(b) <= log10(a) for a, b in pairwise(offsets)):
-            raise refuse("phase_noise_dbc_hz", "its offsets must increase from pair to pair; sort them")
+            yield "phase_noise_dbc_hz", "its offsets must increase from pair to pair; sort them"
         if offsets and self.phase_noise_preset is not None:
-            raise refuse("phase_noise_preset", "contradicts phase_noise_dbc_hz; give one of them")
+            yield "phase_noise_preset", "contradicts phase_noise_dbc_hz; give one of them"
         if (self.settling_hz != 0) != (self.settling_time_s is not None):
-            raise refuse("settling_time_s", "goes with settling_hz; give both or none")
+            yield "settling_time_s", "goes with settling_hz; give both or none"
         if abs(self.scale - 1) > MAX_DRIFT:
             message = f"{self.drift_ppm_per_k:g} over {self.warmer_k:g} K scale ranges by {self.scale:g}; lower it"
-            raise refuse("drift_ppm_per_k", message)
+            yield "drift_ppm_per_k", message
         first, last = self.used_window
         if last - first < 0.05:
-            raise refuse("used_window", f"{first:g} to {last:g} is less than a twentieth of the sweep; widen it")
-        return self
+            yield "used_window", f"{first:g} to {last:g} is less than a twentieth of the sweep; widen it"
 
     @property
     def levels_dbc_hz(self) -> tuple[Offset, ...]:
@@ -169,8 +167,7 @@ class ConverterTable(Table):
     iq_phase_deg: Annotated[Real, Field(ge=-45, le=45)] = 0.0
     """by which the quadrature part lags behind a quarter of a turn."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ConverterTable:
+    def _conflicts(self) -> Conflicts:
         scales = {
             "full_scale_dbm": self.full_scale_dbm,
             "full_scale_over_noise_db": self.full_scale_over_noise_db,
@@ -178,13 +175,12 @@ class ConverterTable(Table):
         }
         given_scales = [key for key, value in scales.items() if value is not None]
         if len(given_scales) > 1:
-            raise refuse(given_scales[1], f"contradicts {given_scales[0]}; give one of {', '.join(scales)}")
+            yield given_scales[1], f"contradicts {given_scales[0]}; give one of {', '.join(scales)}"
         for key in ("bits", "dc_offset_db"):
             if getattr(self, key) is not None and not given_scales:
-                raise refuse(key, f"needs a full scale; give one of {', '.join(scales)}")
+                yield key, f"needs a full scale; give one of {', '.join(scales)}"
         if self.gain_db != 0 and self.full_scale_dbm is None:
-            raise refuse("gain_db", "has no effect without full_scale_dbm; give it")
-        return self
+            yield "gain_db", "has no effect without full_scale_dbm; give it"
 
     @property
     def limited(self) -> bool:
@@ -211,11 +207,9 @@ class RangeGainTable(Table):
     order: Order = 2
     """1 against the spreading of a volume that fills the beam, 2 against that of points."""
 
-    @model_validator(mode="after")
-    def _rising(self) -> RangeGainTable:
+    def _conflicts(self) -> Conflicts:
         if self.to_hz <= self.from_hz:
-            raise refuse("to_hz", f"{self.to_hz:g} is not beyond from_hz = {self.from_hz:g}; raise it")
-        return self
+            yield "to_hz", f"{self.to_hz:g} is not beyond from_hz = {self.from_hz:g}; raise it"
 
 
 class ReceiverTable(Table):
@@ -244,24 +238,22 @@ class ReceiverTable(Table):
     """stages of the receiver that custom ones replace, by their names: leakage, mixer, interference, noise, filters,
     converter."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ReceiverTable:
+    def _conflicts(self) -> Conflicts:
         for kind in ("high_pass", "anti_alias"):
             if getattr(self, f"{kind}_corner_hz") == 0 and self.changed(f"{kind}_order"):
                 message = f"{getattr(self, f'{kind}_order')} has no effect without {kind}_corner_hz; give it"
-                raise refuse(f"{kind}_order", message)
+                yield f"{kind}_order", message
         gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
         excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
         if excess_db is not None:
             message = (
                 f"their gains come to {excess_db:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
             )
-            raise refuse("amplifiers", message)
+            yield "amplifiers", message
         for slot, stage in self.stages.items():
             if stage.stage != slot and stage.stage in get_args(Place):
                 message = f"{stage.stage!r} is the program's own, of another place; name one of a plug-in, or remove it"
-                raise refuse(f"stages.{slot}", message)
-        return self
+                yield f"stages.{slot}", message
 
     @property
     def amplifier_gain_db(self) -> float:
@@ -304,15 +296,13 @@ class Interferer(Table):
     offset_s: Annotated[Real, Field(ge=-1e6, le=1e6)] = 0.0
     """when a sweep of its begins, after the start of the survey."""
 
-    @model_validator(mode="after")
-    def _sweep_is_given(self) -> Interferer:
+    def _conflicts(self) -> Conflicts:
         sweep = {"bandwidth_hz": self.bandwidth_hz, "chirp_rate_hz": self.chirp_rate_hz}
         for key, value in sweep.items():
             if self.kind == "fmcw" and value is None:
-                raise refuse(key, "missing; give it, or kind = 'cw'")
+                yield key, "missing; give it, or kind = 'cw'"
             if self.kind == "cw" and value is not None:
-                raise refuse(key, "a steady carrier has none; remove it, or set kind = 'fmcw'")
-        return self
+                yield key, "a steady carrier has none; remove it, or set kind = 'fmcw'"
 
 
 class SecondReceiverTable(Table):
@@ -336,17 +326,15 @@ class SecondReceiverTable(Table):
     phase_error_deg: Annotated[Real, Field(ge=-180, le=180)] = 0.0
     """of a second receiver against the first, not calibrated out; not for "monopulse"."""
 
-    @model_validator(mode="after")
-    def _halves_have_no_baseline(self) -> SecondReceiverTable:
+    def _conflicts(self) -> Conflicts:
         if self.kind == "row" and self.receivers is None:
-            raise refuse("receivers", "missing; give how many a row has, for example 8")
+            yield "receivers", "missing; give how many a row has, for example 8"
         if self.kind != "row" and self.receivers is not None:
-            raise refuse("receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'")
+            yield "receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'"
         for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):
             if self.kind == "monopulse":
                 message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
-                raise refuse(name, message)
-        return self
+                yield name, message
 
 
 Place2 = tuple[Annotated[Real, Field(ge=-500, le=500)], Annotated[Real, Field(ge=-500, le=500)]]
@@ -392,23 +380,21 @@ class ArrayTable(Table):
     max_sigma_m: Positive = 2.0
     """points of a larger standard deviation, along the ray or across it, are left out."""
 
-    @model_validator(mode="after")
-    def _elements_are_apart(self) -> ArrayTable:
+    def _conflicts(self) -> Conflicts:
         limits = {"transmitters_wavelengths": MAX_TRANSMITTERS, "receivers_wavelengths": MAX_RECEIVERS}
         for name, most in limits.items():
             places = getattr(self, name)
             if not 1 <= len(places) <= most:
-                raise refuse(name, f"has {len(places)} elements; give 1 to {most}")
+                yield name, f"has {len(places)} elements; give 1 to {most}"
             rounded = [tuple(round(x / SAME_WAVELENGTHS) for x in place) for place in places]
             for number, place in enumerate(rounded):
                 if place in rounded[:number]:
                     first = rounded.index(place)
                     message = f"elements {first} and {number} are both at {list(places[number])}; move or remove one"
-                    raise refuse(name, message)
+                    yield name, message
         channels = len(self.transmitters_wavelengths) * len(self.receivers_wavelengths)
         if channels > MAX_CHANNELS:
-            raise refuse("receivers_wavelengths", f"{channels} channels are more than {MAX_CHANNELS}; give fewer")
-        return self
+            yield "receivers_wavelengths", f"{channels} channels are more than {MAX_CHANNELS}; give fewer"
 
     @property
     def chirps_per_frame(self) -> int:
@@ -446,11 +432,7 @@ class LidarTable(Table):
     reflectivities: dict[str, Annotated[Real, Field(ge=0, le=1)]] = {}
     """of other surfaces, by the names of their materials; 0 for calm water, which mirrors the light away."""
 
-    @model_validator(mode="after")
-    def _of_light(self) -> LidarTable:
+    def _conflicts(self) -> Conflicts:
         changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))
         if changed and self.wavelength_nm is None:
-            raise refuse(
-                changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"
-            )
-        return self
+            yield changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -20,7 +20,7 @@ from sionna_radar.scenario.processing import DemTable, ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
-from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table
 
 # Adjustable tables of any recording; additional ones of a recording without a scenario.
 OPEN = ("processing", "dem")
@@ -48,11 +48,9 @@ class RecordedRadar(Table):
     noise_power_w: NonNegative | None = None
     """of a sample of a simulated radar."""
 
-    @model_validator(mode="after")
-    def _narrow(self) -> RecordedRadar:
+    def _conflicts(self) -> Conflicts:
         if self.bandwidth_hz >= 2 * self.carrier_hz:
-            raise refuse("bandwidth_hz", f"{self.bandwidth_hz:g} reaches below 0 Hz about carrier_hz; give the carrier")
-        return self
+            yield "bandwidth_hz", f"{self.bandwidth_hz:g} reaches below 0 Hz about carrier_hz; give the carrier"
 
 
 class RecordedReception(Table):
@@ -70,15 +68,13 @@ class RecordedReception(Table):
     conjugate: bool = False
     """whether the Q samples have the other sign, so that echoes have negative beats."""
 
-    @model_validator(mode="after")
-    def _only_the_high_pass(self) -> RecordedReception:
+    def _conflicts(self) -> Conflicts:
         unsupported = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
         if unsupported:
-            raise refuse(
+            yield (
                 f"receiver.{unsupported[0]}",
-                "has no effect on samples that are recorded already; only high-pass and range gain have",
+                ("has no effect on samples that are recorded already; only high-pass and range gain have"),
             )
-        return self
 
 
 class RecordedSettings(Table):
@@ -133,18 +129,16 @@ class RecordingTable(Table):
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
     """range that the radar reads at range zero: cables, filters, internal delay."""
 
-    @model_validator(mode="after")
-    def _axes_of_pulses(self) -> RecordingTable:
+    def _conflicts(self) -> Conflicts:
         kinds = {"sample", "range"} & set(self.axes)
         if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
-            raise refuse("axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them")
+            yield "axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them"
         if self.values != "complex" and (self.kind == "sample" or "iq" in self.axes):
-            raise refuse("values", f"{self.values!r} is of range profiles; name their axis range, and no iq")
+            yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
-            raise refuse("used_samples", "is of beat signals; of range profiles set processing.min_range_m")
+            yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
         if self.values != "complex" and self.background is not None:
-            raise refuse("background", "is subtracted from signals and complex profiles; powers have no phase")
-        return self
+            yield "background", "is subtracted from signals and complex profiles; powers have no phase"
 
     @property
     def kind(self) -> Literal["sample", "range"]:
@@ -158,11 +152,10 @@ class SweepTable(RecordedRadar):
     pulse_rate_hz: Annotated[Positive, Field(le=1e9)]
     """of the pulses that were recorded."""
 
-    @model_validator(mode="after")
-    def _one_sweep(self) -> SweepTable:
+    def _conflicts(self) -> Conflicts:
+        yield from super()._conflicts()
         if self.sweep == "triangular":
-            raise refuse("sweep", "'triangular' has two sweeps in a pulse; write a netCDF file instead")
-        return self
+            yield "sweep", "'triangular' has two sweeps in a pulse; write a netCDF file instead"
 
 
 class PosesTable(Table):
@@ -192,11 +185,9 @@ class DescribedRecording(RecordedSettings):
     poses: PosesTable | None = None
     """where the antenna was; without them there are ranges, and no map."""
 
-    @model_validator(mode="after")
-    def _samples_or_ranges(self) -> DescribedRecording:
+    def _conflicts(self) -> Conflicts:
         if (self.recording is None) == (self.readings is None):
-            raise refuse("recording", "give [recording] with samples or [readings] with ranges, one of them")
-        return self
+            yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings of its processing by dotted keys, those that are given."""

@@ -49,7 +49,6 @@ def scenario_schema() -> dict[str, Any]:
     >>> from sionna_radar.scenario import scenario_schema
     >>> "platform" in scenario_schema()["required"]
     True
-
     """
     json_schema = _of_toml(Scenario.model_json_schema(schema_generator=_WithMeanings))
     return {"$schema": GenerateJsonSchema.schema_dialect, **json_schema, "title": "sionna_radar scenario"}
@@ -120,7 +119,6 @@ def reference() -> str:
     >>> from sionna_radar.scenario import reference
     >>> "## `[platform]`" in reference()
     True
-
     """
     lines = []
     for section in sections():

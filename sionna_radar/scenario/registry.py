@@ -126,15 +126,9 @@ class BuiltIn:
 class Registry:
     """The parts of one kind.
 
-    Parameters
-    ----------
-    kind:
-        Kind of the parts, in words.
-    ours:
-        The built-in parts by name.
-    base:
-        Base table of all parameters.
-
+    kind: kind of the parts, in words.
+    ours: the built-in parts by name.
+    base: base table of all parameters.
     """
 
     def __init__(self, kind: str, ours: Mapping[str, BuiltIn], base: type[Table] = Table) -> None:
@@ -146,20 +140,11 @@ class Registry:
     ) -> Callable[[Builder], Builder]:
         """Return a decorator that registers the builder of a part.
 
-        Parameters
-        ----------
-        name:
-            Name in scenarios.
-        parameters:
-            The table of its parameters, the first argument of the builder.
-        facts:
-            What a scenario must know of it.
+        name: name in scenarios.
+        parameters: the table of its parameters, the first argument of the builder.
+        facts: what a scenario must know of it.
 
-        Raises
-        ------
-        PluginError
-            The name is taken, or the table would let a misspelt key pass.
-
+        Raises PluginError if the name is taken, or the table would let a misspelt key pass.
         """
         if not NAME.fullmatch(name) or name == "none":
             message = f"{self.kind} {shown(name)}: not a name; give letters, digits and any of _ - + : . (not 'none')"
@@ -318,18 +303,10 @@ def _place(build: Callable[..., Any]) -> tuple[str | None, str | None]:
 def require(part: object, protocol: type, what: str) -> None:
     """Check that an object is a part of a kind.
 
-    Parameters
-    ----------
-    part, protocol:
-        The part, and its required protocol or class.
-    what:
-        The part in words, the beginning of the message.
+    part, protocol: the part, and its required protocol or class.
+    what: the part in words, the beginning of the message.
 
-    Raises
-    ------
-    PluginError
-        The part lacks members of the protocol, or is a class instead of an instance.
-
+    Raises PluginError if the part lacks members of the protocol, or is a class instead of an instance.
     """
     if isinstance(part, type):
         message = f"{what} is the class {part.__name__}, not an instance; give {part.__name__}(...)"

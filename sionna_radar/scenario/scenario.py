@@ -29,9 +29,16 @@ from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, RadarTable, ScanTable, check_angle, check_array, check_average
+from sionna_radar.scenario.radar import (
+    AntennaTable,
+    RadarTable,
+    ScanTable,
+    conflicts_of_angle,
+    conflicts_of_array,
+    conflicts_of_average,
+)
 from sionna_radar.scenario.receiver import Interferer, LidarTable
-from sionna_radar.scenario.table import Seed, Table, refuse
+from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,
     CityTerrain,
@@ -89,7 +96,7 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
 
 
 def _dense(tables: Mapping[str, Any]) -> bool:
-    """Return whether the lines of a whisk-broom scan are at most two footprints apart; True if unknown.
+    """Return True if the lines of a whisk-broom scan are at most two footprints apart; True if unknown.
 
     The footprint is the length along the track of the elevation beam on level ground in the middle of the scan.
     """
@@ -174,7 +181,6 @@ class Scenario(Table):
     ... )
     >>> scenario.radar.carrier_hz
     77000000000.0
-
     """
 
     version: Annotated[Literal[1], BeforeValidator(_known_version)] = 1
@@ -254,7 +260,6 @@ class Scenario(Table):
         >>> wide = load_scenario("hills").replace({"radar.antenna.beamwidth_deg": 4.0})
         >>> wide.radar.antenna.beamwidth_deg
         4.0
-
         """
         # A copy: the caller's tables must not change.
         changes, data = copy.deepcopy(dict(changes)), self.model_dump(mode="json", exclude_none=True)
@@ -266,143 +271,94 @@ class Scenario(Table):
         except ValidationError as error:
             raise ScenarioError(translate(error.errors(), Scenario), self.source) from error
 
-    @model_validator(mode="after")
-    def _materials_exist(self) -> Scenario:
-        defined = self.all_materials
-        for field, name in self._used_materials():
-            if name not in defined:
-                suggestion = nearest(name, sorted(defined))
-                message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
-                raise refuse(field, f"{message}{', '.join(sorted(defined))}.{suggestion}")
-        return self
-
-    @model_validator(mode="after")
-    def _coordinates_have_a_place(self) -> Scenario:
-        nowhere = isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain | CityTerrain)
-        nowhere = nowhere or (isinstance(self.terrain, MeshTerrain) and self.terrain.crs is None)
-        if self.coordinates != "local" and nowhere and self.terrain.centre_lonlat_deg is None:
-            raise refuse("coordinates", f"{shown(self.coordinates)} {NO_PLACE_ON_THE_MAP.format(self.terrain.kind)}")
-        return self
-
-    @model_validator(mode="after")
-    def _interference_has_powers(self) -> Scenario:
-        if self.interferers and self.radar.transmit_power_dbm is None:
-            raise refuse(
-                "interferers",
-                "their powers count in watts, and radar.snr_db tells none; give radar.transmit_power_dbm and "
-                "radar.noise_figure_db instead",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _cfar_fits(self) -> Scenario:
-        radar, cfar = self.radar, self.processing.cfar
-        start, stop = radar.used_samples
-        cells = (stop - start) // (2 if radar.sampling == "real" else 1)
-        if 2 * (cfar.guard + cfar.training) >= cells:
-            raise refuse(
-                "processing.cfar.guard",
-                f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
-                f"{cells} range cells; lower them or raise radar.samples_per_chirp",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _fog_is_known(self) -> Scenario:
-        if self.weather.water_in_air_g_per_m3 > 0 and self.radar.carrier_hz > FOG_HIGHEST_FREQUENCY_HZ:
-            raise refuse(
-                "weather.fog",
-                f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
-                f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
-            )
-        return self
-
     @model_validator(mode="before")
     @classmethod
     def _map_is_chosen(cls, given: Any) -> Any:
         return with_map(given) if isinstance(given, dict) else given
 
-    @model_validator(mode="after")
-    def _snow_and_dust_are_known(self) -> Scenario:
+    def _conflicts(self) -> Conflicts:
+        defined = self.all_materials
+        for field, name in self._used_materials():
+            if name not in defined:
+                suggestion = nearest(name, sorted(defined))
+                message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
+                yield field, f"{message}{', '.join(sorted(defined))}.{suggestion}"
+        nowhere = isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain | CityTerrain)
+        nowhere = nowhere or (isinstance(self.terrain, MeshTerrain) and self.terrain.crs is None)
+        if self.coordinates != "local" and nowhere and self.terrain.centre_lonlat_deg is None:
+            yield "coordinates", f"{shown(self.coordinates)} {NO_PLACE_ON_THE_MAP.format(self.terrain.kind)}"
+        if self.interferers and self.radar.transmit_power_dbm is None:
+            yield (
+                "interferers",
+                "their powers count in watts, and radar.snr_db tells none; give radar.transmit_power_dbm and "
+                "radar.noise_figure_db instead",
+            )
+        cfar, (start, stop) = self.processing.cfar, self.radar.used_samples
+        cells = (stop - start) // (2 if self.radar.sampling == "real" else 1)
+        if 2 * (cfar.guard + cfar.training) >= cells:
+            yield (
+                "processing.cfar.guard",
+                f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
+                f"{cells} range cells; lower them or raise radar.samples_per_chirp",
+            )
+        yield from self._conflicts_of_weather()
+        yield from self._conflicts_of_echoes()
+
+    def _conflicts_of_weather(self) -> Conflicts:
         weather, carrier_hz = self.weather, self.radar.carrier_hz
-        if LOWEST_SNOW_FREQUENCY_HZ <= carrier_hz <= HIGHEST_SNOW_FREQUENCY_HZ:
-            return self
+        if weather.water_in_air_g_per_m3 > 0 and carrier_hz > FOG_HIGHEST_FREQUENCY_HZ:
+            yield (
+                "weather.fog",
+                f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
+                f"{carrier_hz:g}; remove the fog or lower the carrier",
+            )
         obscurants = [key for key in ("haze", "dust", "smoke") if getattr(weather, f"{key}_visibility_m") is not None]
         keys = ["snowfall_mm_per_h"] * (weather.snowfall_mm_per_h > 0) + [f"{key}_visibility_m" for key in obscurants]
-        if keys:
-            raise refuse(
+        if keys and not LOWEST_SNOW_FREQUENCY_HZ <= carrier_hz <= HIGHEST_SNOW_FREQUENCY_HZ:
+            yield (
                 f"weather.{keys[0]}",
                 f"is modelled from {LOWEST_SNOW_FREQUENCY_HZ:g} to {HIGHEST_SNOW_FREQUENCY_HZ:g} Hz, and "
                 f"radar.carrier_hz = {carrier_hz:g}; remove it or change the carrier",
             )
-        return self
 
-    @model_validator(mode="after")
-    def _sweeps_pair(self) -> Scenario:
-        if self.radar.sweep == "triangular" and self.processing.echoes == "all":
-            raise refuse(
+    def _conflicts_of_echoes(self) -> Conflicts:
+        method, radar, processing, antenna = self.dem.method, self.radar, self.processing, self.radar.antenna
+        if radar.sweep == "triangular" and processing.echoes == "all":
+            yield (
                 "processing.echoes",
                 "'all' does not say which echoes of an up- and a down-sweep belong together; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _map_has_its_echoes(self) -> Scenario:
-        method = self.dem.method
         uneven = [k for k in ("rain_cell", "rain_field") if getattr(self.weather, k) is not None]
         if uneven and self.sensor == "lidar" and self.lidar.wavelength_nm is not None:
-            raise refuse(
+            yield (
                 f"weather.{uneven[0]}",
-                "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
+                ("rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm"),
             )
-        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
-        if needs_profiles and not SENSORS.entry(self.sensor).facts.provides_profiles:
-            raise refuse(
+        profiles = DEM_METHODS.entry(method).facts.profiles
+        if profiles == "required" and not SENSORS.entry(self.sensor).facts.provides_profiles:
+            yield (
                 "dem.method",
-                f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",
+                (f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'"),
             )
-        if needs_profiles and self.sensor == "radar" and self.radar.sweep == "triangular":
-            raise refuse(
+        if profiles == "required" and self.sensor == "radar" and radar.sweep == "triangular":
+            yield (
                 "dem.method",
                 f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
                 "or radar.sweep = 'up'",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _angle_is_measured(self) -> Scenario:
-        method = self.dem.method
-        needs_profiles = DEM_METHODS.entry(method).facts.profiles == "required"
-        check_angle(self.processing, self.radar, self.weather, self.sensor, method if needs_profiles else None)
-        return self
-
-    @model_validator(mode="after")
-    def _array_is_flown(self) -> Scenario:
-        check_array(self.processing, self.radar, self.tracing, self.sensor)
-        return self
-
-    @model_validator(mode="after")
-    def _average_is_measured(self) -> Scenario:
-        method = self.dem.method
-        uses_profiles = DEM_METHODS.entry(method).facts.profiles != "unused"
-        chosen = method if uses_profiles else None
-        check_average(self.processing, self.radar, self.weather, self.tracing, self.sensor, chosen)
-        return self
-
-    @model_validator(mode="after")
-    def _beam_is_modelled(self) -> Scenario:
-        antenna = self.radar.antenna
-        if not isinstance(antenna, AntennaTable):
-            return self
-        width_deg = float(np.rad2deg(antenna.beamwidths_rad[1]))
-        if self.processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
-            raise refuse(
+        needing = method if profiles == "required" else None
+        yield from conflicts_of_angle(processing, radar, self.weather, self.sensor, needing)
+        yield from conflicts_of_array(processing, radar, self.tracing, self.sensor)
+        using = method if profiles != "unused" else None
+        yield from conflicts_of_average(processing, radar, self.weather, self.tracing, self.sensor, using)
+        width_deg = float(np.rad2deg(antenna.beamwidths_rad[1])) if isinstance(antenna, AntennaTable) else 0.0
+        if processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
+            yield (
                 "processing.ranging",
                 f"'model_fit' takes ranges to grow along the beam, as they do over at most {WIDEST_FITTED_DEG:g} deg; "
                 f"radar.antenna.beamwidth_deg is {width_deg:g} in elevation; set 'centroid' or narrow it",
             )
-        return self
 
     def _used_materials(self) -> list[tuple[str, str]]:
         references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]

@@ -5,13 +5,13 @@ The meaning of a key is the string under its field, or the field's description. 
 
 import inspect
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import tomli_w
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
@@ -24,8 +24,12 @@ LARGEST, SMALLEST = 1e15, 1e-15
 LONGEST_PATH = 4096
 
 
+# Keys that contradict others, with the reason and the remedy.
+Conflicts = Iterator[tuple[str, str]]
+
+
 def refuse(field: str, message: str) -> PydanticCustomError:
-    """Return the error of a check across fields, for a dotted key."""
+    """Return the error of a check, for a dotted key."""
     return PydanticCustomError("scenario", "{message}", {"message": message, "field": field})
 
 
@@ -97,6 +101,16 @@ class Table(BaseModel):
             )
             raise AttributeError(message)
 
+    @model_validator(mode="after")
+    def _no_conflict(self) -> "Table":
+        for key, message in self._conflicts():
+            raise refuse(key, message)
+        return self
+
+    def _conflicts(self) -> Conflicts:
+        """Yield what keys contradict each other; only the first is reported."""
+        yield from ()
+
     def to(self, kind: type[Made], **others: Any) -> Made:
         """Return a dataclass: its fields that have names of this table have its values, and `others` the rest."""
         same = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
@@ -149,7 +163,6 @@ class Parameters(Table):
     ...     width_m: float = 2.0
     >>> Window(width_m=3.0).width_m
     3.0
-
     """
 
 

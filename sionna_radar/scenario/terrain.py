@@ -14,7 +14,7 @@ from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.cover import MaterialField
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.table import InputPath, InputSource, Point3, Positive, Real, Seed, Table, refuse
+from sionna_radar.scenario.table import Conflicts, InputPath, InputSource, Point3, Positive, Real, Seed, Table
 
 Unit = Literal["m", "cm", "mm", "km", "in", "ft", "ftUS", "yd"]
 METRES = {
@@ -188,11 +188,9 @@ class PointsTerrain(CoveredTerrain):
     holes: Literal["keep", "fill", "refuse"] = "fill"
     """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
 
-    @model_validator(mode="after")
-    def _percentile_is_used(self) -> PointsTerrain:
+    def _conflicts(self) -> Conflicts:
         if self.statistic != "percentile" and self.changed("percentile"):
-            raise refuse("percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it")
-        return self
+            yield "percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it"
 
 
 class MeshTerrain(CoveredTerrain, MeshFile):
@@ -211,12 +209,10 @@ class MeshTerrain(CoveredTerrain, MeshFile):
     """that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map. Land
     cover lies on the faces of `material`, not on those that `materials` names."""
 
-    @model_validator(mode="after")
-    def _placed_once(self) -> MeshTerrain:
+    def _conflicts(self) -> Conflicts:
         placed = self.changed("position_m", "heading_deg", "scale", "centre")
         if self.crs is not None and placed:
-            raise refuse(placed[0], "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs")
-        return self
+            yield placed[0], "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs"
 
 
 class CityTerrain(TerrainParameters):

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import ENGINES
-from sionna_radar.scenario.table import Real, Table, refuse
+from sionna_radar.scenario.table import Conflicts, Real, Table
 
 MAX_PATHS_PER_PULSE = 100_000
 
@@ -47,18 +47,16 @@ class TracingTable(Table):
             return {**given, "speckle": "per_pulse"}
         return given
 
-    @model_validator(mode="after")
-    def _speckle_of_the_engine(self) -> TracingTable:
+    def _conflicts(self) -> Conflicts:
         if self.decorrelation_time_s is not None and self.speckle == "per_pulse":
-            raise refuse("decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one")
+            yield "decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one"
         if self.engine == "path_solver" and self.speckle == "persistent":
-            raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
+            yield "speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'"
         if self.bounces == 2 and self.engine != "sionna":
-            raise refuse("bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'")
+            yield "bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'"
         if self.engine == "sionna" and self.paths_per_pulse > MAX_PATHS_PER_PULSE:
-            raise refuse(
+            yield (
                 "paths_per_pulse",
                 f"{self.paths_per_pulse:,} of a block of pulses do not fit into memory; give at most "
                 f"{MAX_PATHS_PER_PULSE:,} (the rays of engine = 'path_solver', most of which miss, may be more)",
             )
-        return self

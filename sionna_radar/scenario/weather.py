@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from sionna_radar.scenario.table import NoneOrSome, Point2, Point3, Positive, Real, Seed, Table, refuse
+from sionna_radar.scenario.table import Conflicts, NoneOrSome, Point2, Point3, Positive, Real, Seed, Table
 from sionna_radar.weather.obscurants import FogClass, liquid_water_of_visibility_g_per_m3
 from sionna_radar.weather.permittivity import HIGHEST_TEMPERATURE_K, WATER_MIN_TEMPERATURE_K
 from sionna_radar.weather.validity import Obscurant, Precipitation
@@ -85,18 +85,17 @@ class WeatherTable(Table):
     vapour_g_per_m3: Annotated[Real, Field(ge=0, le=60)] = 7.5
     """density of the water vapour."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> WeatherTable:
+    def _conflicts(self) -> Conflicts:
         if self.fog != "none" and self.liquid_water_g_per_m3 > 0:
-            raise refuse("liquid_water_g_per_m3", f"contradicts fog = {self.fog!r}; give the one or the other")
+            yield "liquid_water_g_per_m3", f"contradicts fog = {self.fog!r}; give the one or the other"
         if self.fog != "none" and self.fog_visibility_m is not None:
-            raise refuse(
+            yield (
                 "fog_visibility_m",
                 f"contradicts fog = {self.fog!r}, whose visibility is {FogClass[self.fog.upper()].visibility_m:g} m; "
                 "give the one or the other",
             )
         if any(abs(v) > FASTEST_WIND_MPS for v in self.wind_mps):
-            raise refuse(
+            yield (
                 "wind_mps",
                 f"{list(self.wind_mps)} has more than {FASTEST_WIND_MPS:g} m/s; give metres per second toward east, "
                 "north and up",
@@ -104,8 +103,7 @@ class WeatherTable(Table):
         fields = type(self).model_fields
         gas_keys = [k for k in ("dry_pressure_hpa", "vapour_g_per_m3") if getattr(self, k) != fields[k].default]
         if gas_keys and not self.gases:
-            raise refuse("gases", f"false, so {', '.join(gas_keys)} would go unused; set gases = true or remove them")
-        return self
+            yield "gases", f"false, so {', '.join(gas_keys)} would go unused; set gases = true or remove them"
 
     @property
     def water_in_air_g_per_m3(self) -> float:

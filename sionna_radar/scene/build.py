@@ -61,23 +61,13 @@ def build_scene(
 ) -> BuiltScene:
     """Build the scene of a scenario.
 
-    Parameters
-    ----------
-    scenario:
-        The scenario.
-    window_m:
-        Extent visible to the survey (west, south, east, north); files are read only within it.
-    terrain, materials:
-        A custom terrain and custom materials instead of the scenario's.
-    world:
-        Of an earlier survey, for what is the same in this one.
+    scenario: the scenario.
+    window_m: extent visible to the survey (west, south, east, north); files are read only within it.
+    terrain, materials: a custom terrain and custom materials instead of the scenario's.
+    world: of an earlier survey, for what is the same in this one.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        A building or target is beyond the terrain; a material is undefined at the carrier; an input file
-        cannot be used.
-
+    Raises ScenarioError, InputFileError if a building or target is beyond the terrain; a material is undefined at the
+        carrier; an input file cannot be used.
     """
     radar = scenario.radar
     inputs = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
@@ -179,11 +169,7 @@ def build_ground(
 ) -> Ground:
     """Return the ground of a scenario, or a custom one, with the objects on it.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        It has no surface; a building is beyond it; an input file cannot be used.
-
+    Raises ScenarioError, InputFileError if it has no surface; a building is beyond it; an input file cannot be used.
     """
     if isinstance(terrain, Raster):
         land = landscape_of_raster(terrain, scenario.terrain, given)
@@ -242,24 +228,13 @@ def target_of(
 ) -> Target:
     """Return a target over the ground.
 
-    Parameters
-    ----------
-    table, key:
-        The target in the scenario, and its dotted key.
-    ground_m:
-        Height of the ground at its position.
-    standing_m:
-        Returns the ground height at horizontal positions.
-    wavelength_m:
-        Of the carrier; sets the subdivision of a body.
+    table, key: the target in the scenario, and its dotted key.
+    ground_m: height of the ground at its position.
+    standing_m: returns the ground height at horizontal positions.
+    wavelength_m: of the carrier; sets the subdivision of a body.
 
-    Raises
-    ------
-    ScenarioError
-        It stands, or moves, beyond the terrain.
-    InputFileError
-        Its table of cross-sections, or its mesh, cannot be read.
-
+    Raises ScenarioError if it stands, or moves, beyond the terrain.
+    Raises InputFileError if its table of cross-sections, or its mesh, cannot be read.
     """
     if not np.isfinite(ground_m):
         message = f"{table.position_m} is beyond the terrain; move it or enlarge the terrain"

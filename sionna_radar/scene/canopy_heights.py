@@ -30,22 +30,12 @@ def plant_heights(
 ) -> Float[np.ndarray, " n"]:
     """Return the heights of a stand's plants above ground at horizontal positions; NaN without data.
 
-    Parameters
-    ----------
-    georeference, ground_m:
-        Of the terrain; the ground's height is NaN beyond it.
-    stand, key:
-        The stand, with a file, and its dotted key.
-    point_m:
-        East and north, local.
+    georeference, ground_m: of the terrain; the ground's height is NaN beyond it.
+    stand, key: the stand, with a file, and its dotted key.
+    point_m: east and north, local.
 
-    Raises
-    ------
-    InputFileError
-        The file cannot be used.
-    ScenarioError
-        Only one of it and the terrain is on the map.
-
+    Raises InputFileError if the file cannot be used.
+    Raises ScenarioError if only one of it and the terrain is on the map.
     """
     assert stand.path is not None
     if stand.of_cloud:

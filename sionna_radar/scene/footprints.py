@@ -88,20 +88,12 @@ def build_footprints(
 
     Each stands on the lowest ground along its outline, with a level roof and without an underside.
 
-    Parameters
-    ----------
-    file, index:
-        The file and its number in the scenario.
-    frame, window_m:
-        Position of the local frame on the map, and the extent visible to the survey (west, south, east, north).
-    ground_m:
-        Height of the ground at horizontal positions; NaN beyond the terrain.
+    file, index: the file and its number in the scenario.
+    frame, window_m: position of the local frame on the map, and the extent visible to the survey (west, south, east,
+        north).
+    ground_m: height of the ground at horizontal positions; NaN beyond the terrain.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        The file cannot be used, or none of its buildings stands on the terrain.
-
+    Raises ScenarioError, InputFileError if the file cannot be used, or none of its buildings stands on the terrain.
     """
     import shapely
 
@@ -239,11 +231,7 @@ def _extruded(
 def build_box(box: Box, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]) -> Surface:
     """Return a box as a surface: its base on the lowest ground in its outline, its height above that.
 
-    Raises
-    ------
-    ScenarioError
-        Part of the outline is outside the terrain.
-
+    Raises ScenarioError if part of the outline is outside the terrain.
     """
     length, width, height = box.size_m
     heading = box.heading_rad

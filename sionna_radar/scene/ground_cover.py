@@ -93,11 +93,8 @@ def cover_ground(
 ) -> tuple[Surface, ...]:
     """Return the ground's mesh as one surface for each visible cover.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        A polygon covers no face; the raster of classes cannot be read or georeferenced.
-
+    Raises ScenarioError, InputFileError if a polygon covers no face; the raster of classes cannot be read or
+        georeferenced.
     """
     if cover.bare:
         return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=cover.material),)
@@ -159,13 +156,8 @@ def vector_classes_at(
 
     The last of overlapping polygons in the file counts; polygons of classes outside the table are ignored.
 
-    Raises
-    ------
-    InputFileError
-        The file cannot be read, or none of its polygons of these classes lies over the points.
-    ScenarioError
-        Only one of the file and the terrain is georeferenced.
-
+    Raises InputFileError if the file cannot be read, or none of its polygons of these classes lies over the points.
+    Raises ScenarioError if only one of the file and the terrain is georeferenced.
     """
     import shapely
 
@@ -203,13 +195,8 @@ def classes_at(
 ) -> Int[np.ndarray, " n"]:
     """Return the class value of the raster cell at each horizontal position; NO_CLASS beyond the raster.
 
-    Raises
-    ------
-    InputFileError
-        The raster cannot be read, or does not overlap the points.
-    ScenarioError
-        Only one of the raster and the terrain is georeferenced.
-
+    Raises InputFileError if the raster cannot be read, or does not overlap the points.
+    Raises ScenarioError if only one of the raster and the terrain is georeferenced.
     """
     key, content = "terrain.cover_raster.path", "class values; give a GeoTIFF of whole numbers"
     covered, cells = raster_at(cover.path, key, content, point_m, georeference)
@@ -223,20 +210,11 @@ def raster_at(
 ) -> tuple[Bool[np.ndarray, " n"], np.ma.MaskedArray]:
     """Return a mask of the horizontal positions that a raster covers, and the values of its cells there.
 
-    Parameters
-    ----------
-    path, key, wanted:
-        The file, its dotted key, and its expected content, for messages.
-    point_m, georeference:
-        The positions, and the georeference of the local frame.
+    path, key, wanted: the file, its dotted key, and its expected content, for messages.
+    point_m, georeference: the positions, and the georeference of the local frame.
 
-    Raises
-    ------
-    InputFileError
-        The raster cannot be read, or does not overlap the points.
-    ScenarioError
-        Only one of the raster and the terrain is georeferenced.
-
+    Raises InputFileError if the raster cannot be read, or does not overlap the points.
+    Raises ScenarioError if only one of the raster and the terrain is georeferenced.
     """
     with open_raster(path, key) as source:
         require_cells(source, str(path), wanted)

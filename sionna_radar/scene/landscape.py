@@ -64,11 +64,8 @@ class Landscape:
 def covered_landscape(raster: Raster, cover: GroundCover, georeference: Georeference | None = None) -> Landscape:
     """Return ground of given heights, with its covers.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        A polygon covers no face; the raster of classes cannot be read or georeferenced.
-
+    Raises ScenarioError, InputFileError if a polygon covers no face; the raster of classes cannot be read or
+        georeferenced.
     """
     surfaces = cover_ground(*mesh_of(raster), cover, georeference)
     if len(surfaces) == 1 and raster.filled.all():

@@ -3,7 +3,6 @@
 Targets of a scene: points, tables of cross-sections, and bodies from meshes.
 """
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
@@ -185,20 +184,12 @@ class ReadObject:
 def build_objects(items: Sequence[StandingMesh], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
     """Return objects as surfaces, one or two per material of each; copies of one file are read once.
 
-    Parameters
-    ----------
-    items:
-        The objects, in the order of the scenario.
-    ground_m:
-        Height of the ground at horizontal positions; NaN beyond the terrain.
-    datum_m:
-        Height of the local origin in the heights of the terrain.
+    items: the objects, in the order of the scenario.
+    ground_m: height of the ground at horizontal positions; NaN beyond the terrain.
+    datum_m: height of the local origin in the heights of the terrain.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        One stands beyond the terrain, names materials that its file does not have, or its file cannot be used.
-
+    Raises ScenarioError, InputFileError if one stands beyond the terrain, names materials that its file does not have,
+        or its file cannot be used.
     """
     cache: dict[str, ReadObject] = {}
     surfaces: list[Surface] = []
@@ -269,46 +260,22 @@ def _under(plan_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
 
 AZIMUTH, ELEVATION, RCS = "azimuth_deg", "elevation_deg", "rcs_dbsm"
 REMEDY = f"give a CSV file with the columns {AZIMUTH},{RCS}, and {ELEVATION} if it depends on that"
-MAX_ROWS = 1_000_000
 
 
 def read_rcs(path: Path) -> RcsTable:
     """Return the table in a file; raises InputFileError for any other file."""
-    rows = [line for line in read_text(path, "rcs_table", REMEDY).splitlines() if line.strip() and line[0] != "#"]
-    try:
-        header = [name.strip() for name in next(csv.reader(rows[:1]), [])]
-        values = [[float(cell) for cell in row] for row in csv.reader(rows[1:])]
-        _check(header, values)
-        return _table(header, np.array(values))
-    except (ValueError, csv.Error) as error:
-        message = f"{shown(path)} holds no radar cross-section by angle ({error}); {REMEDY}"
-        raise InputFileError(message) from error
-
-
-def _check(header: list[str], values: list[list[float]]) -> None:
-    """Raise ValueError for other columns, for too many rows or none, and for non-finite values."""
-    if set(header) not in ({AZIMUTH, RCS}, {AZIMUTH, ELEVATION, RCS}) or len(set(header)) != len(header):
-        message = f"its header is {shown(','.join(header))}"
-        raise ValueError(message)
-    if not 1 <= len(values) <= MAX_ROWS or any(len(row) != len(header) for row in values):
-        message = f"its rows are not from 1 to {MAX_ROWS:,} of {len(header)} numbers each"
-        raise ValueError(message)
-    if not np.all(np.isfinite(values)):
-        message = "not all of its numbers are finite"
-        raise ValueError(message)
-
-
-def _table(header: list[str], values: Float[np.ndarray, "row column"]) -> RcsTable:
-    azimuth, rcs_db = values[:, header.index(AZIMUTH)], values[:, header.index(RCS)]
-    elevation = values[:, header.index(ELEVATION)] if ELEVATION in header else np.zeros(len(values))
+    columns_of_file = {AZIMUTH: None, ELEVATION: 0.0, RCS: None}
+    azimuth, elevation, rcs_db = np.array(read_numbers(path, "rcs_table", columns_of_file, REMEDY)[1])
+    reason = ""
     if np.ptp(azimuth) >= 360 or np.abs(elevation).max() > 90 or np.abs(rcs_db).max() > 200:
-        message = "azimuths cover a turn or more (leave out the last), elevations exceed 90, or levels 200 dB"
-        raise ValueError(message)
+        reason = "azimuths cover a turn or more (leave out the last), elevations exceed 90, or levels 200 dB"
     columns, column = np.unique(azimuth, return_inverse=True)
     heights, row = np.unique(elevation, return_inverse=True)
-    if len(columns) * len(heights) != len(values) or len(set(zip(row, column, strict=True))) != len(values):
-        message = "there is not one row for each azimuth at each elevation"
-        raise ValueError(message)
+    if len(columns) * len(heights) != len(rcs_db) or len(set(zip(row, column, strict=True))) != len(rcs_db):
+        reason = reason or "there is not one row for each azimuth at each elevation"
+    if reason:
+        message = f"rcs_table {shown(path)}: {reason}; {REMEDY}"
+        raise InputFileError(message)
     rcs_m2 = np.empty((len(heights), len(columns)))
     rcs_m2[row, column] = 10 ** (rcs_db / 10)
     return RcsTable(azimuth_rad=np.deg2rad(columns), elevation_rad=np.deg2rad(heights), rcs_m2=rcs_m2)
@@ -325,13 +292,8 @@ def body_of(source: MeshSource, key: str, wavelength_m: float, reflectivity: flo
 
     reflectivity: of its surface, power over that of a perfect conductor.
 
-    Raises
-    ------
-    InputFileError
-        The mesh cannot be used.
-    ScenarioError
-        It is so large that it would have too many faces.
-
+    Raises InputFileError if the mesh cannot be used.
+    Raises ScenarioError if it is so large that it would have too many faces.
     """
     mesh = repair(upright(source, key), f"{key}.path = {shown(source.path)}")
     longest_m = np.sqrt(wavelength_m * NEAREST_M / 4)

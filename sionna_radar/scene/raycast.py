@@ -171,7 +171,7 @@ class RayCaster:
         point_m: Float[np.ndarray, "ray 3"],
         tolerance_m: float = 0.01,
     ) -> Bool[np.ndarray, " ray"]:
-        """Return whether points are visible from origins; a point may lie on a surface within the tolerance."""
+        """Return True where points are visible from origins; a point may lie on a surface within the tolerance."""
         offset_m = point_m - origin_m
         distance = np.linalg.norm(offset_m, axis=1)
         return self.cast(origin_m, offset_m / distance[:, None]).distance_m >= distance - tolerance_m
@@ -184,7 +184,7 @@ class RayCaster:
         point_m: Float[np.ndarray, "ray 3"],
         short: float,
     ) -> Bool[np.ndarray, " ray"]:
-        """Return whether anything is between points and the origins in given rows.
+        """Return True where anything is between points and the origins in given rows.
 
         The last fraction `short` of the path is ignored.
         """

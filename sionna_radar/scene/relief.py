@@ -58,7 +58,7 @@ class Relief:
         point_m: Float[np.ndarray, "ray 3"],
         short: float,
     ) -> Bool[np.ndarray, " ray"]:
-        """Return whether the ground is between points and the origins in given rows.
+        """Return True where the ground is between points and the origins in given rows.
 
         The last share `short` of the way to the points is not looked at.
         """

@@ -76,26 +76,14 @@ def read_polygons(
 ) -> Polygons:
     """Return the polygons of a vector file that touch a window.
 
-    Parameters
-    ----------
-    path, layer:
-        The file, and its layer, required if there are several.
-    key:
-        The scenario's table that names them, for messages.
-    attributes:
-        Names of the attributes to read.
-    frame:
-        Position of the local frame on the map; None without one: coordinates are then local metres.
-    window_m:
-        West, south, east and north of the region of interest.
+    path, layer: the file, and its layer, required if there are several.
+    key: the scenario's table that names them, for messages.
+    attributes: names of the attributes to read.
+    frame: position of the local frame on the map; None without one: coordinates are then local metres.
+    window_m: west, south, east and north of the region of interest.
 
-    Raises
-    ------
-    InputFileError
-        It is of another format, too large or damaged, or lacks the attribute or layer.
-    ScenarioError
-        Only one of file and terrain is georeferenced.
-
+    Raises InputFileError if it is of another format, too large or damaged, or lacks the attribute or layer.
+    Raises ScenarioError if only one of file and terrain is georeferenced.
     """
     name = f"{key}.path = {shown(path)}"
     kind = _kind(path, f"{key}.path =")

@@ -95,25 +95,14 @@ def vegetation_of(
 ) -> PlantCover | None:
     """Return all stands as one cover; None for none.
 
-    Parameters
-    ----------
-    stands:
-        The stands.
-    ground_m:
-        Returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
-    window_m:
-        Extent visible to the survey (west, south, east, north), for stands without an outline; large ones are
+    stands: the stands.
+    ground_m: returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
+    window_m: extent visible to the survey (west, south, east, north), for stands without an outline; large ones are
         clipped to it.
-    heights:
-        Reads the heights of a stand from its raster.
+    heights: reads the heights of a stand from its raster.
 
-    Raises
-    ------
-    ScenarioError
-        A stand covers no ground.
-    InputFileError
-        A raster of heights cannot be read, or has implausible heights.
-
+    Raises ScenarioError if a stand covers no ground.
+    Raises InputFileError if a raster of heights cannot be read, or has implausible heights.
     """
     if not stands:
         return None
@@ -176,7 +165,7 @@ def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, 
 
 
 def _beyond(corner_m: Float[np.ndarray, "corner 2"], window_m: tuple[float, float, float, float]) -> bool:
-    """Return whether an outline lies outside a window."""
+    """Return True if an outline lies outside a window."""
     lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
     return bool(np.any(lower > window_m[2:]) or np.any(upper < window_m[:2]))
 

@@ -75,15 +75,9 @@ def array_beats(
 ) -> Complex[np.ndarray, "chirp rx sample"]:
     """Return the beat signals of a frame in each receiver, sqrt(W) for a unit transmitted power, without noise.
 
-    Parameters
-    ----------
-    paths:
-        Of the frame.
-    chirps:
-        True poses of the radar in the middle of each of its chirps.
-    array, chirp:
-        The array and its sweep. Real samples are the real part of these times the square root of 2.
-
+    paths: of the frame.
+    chirps: true poses of the radar in the middle of each of its chirps.
+    array, chirp: the array and its sweep. Real samples are the real part of these times the square root of 2.
     """
     count, samples = len(chirps.position_m), chirp.samples
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))

@@ -71,7 +71,6 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The pulses of the block.
     chirp:
         The sweep.
-
     """
     beat = analytic_beats(paths, pulses, chirp)
     return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real

@@ -40,19 +40,11 @@ def exponential_sums(
 
     A path adds weight exp(2 pi j (frequency n + bend n^2)).
 
-    Parameters
-    ----------
-    first, last:
-        Begin and end of the paths of each row.
-    frequency:
-        Cycles per sample; whole cycles change nothing.
-    weight:
-        Of each path.
-    bend:
-        Cycles per sample squared, of all paths of a row.
-    samples:
-        Number per row.
-
+    first, last: begin and end of the paths of each row.
+    frequency: cycles per sample; whole cycles change nothing.
+    weight: of each path.
+    bend: cycles per sample squared, of all paths of a row.
+    samples: number per row.
     """
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
     grid = np.empty((len(first), points), dtype=np.complex128)

@@ -64,7 +64,6 @@ def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Cal
     ...     return lambda received: dataclasses.replace(received, noise=0.0 * received.samples)
     >>> load_scenario("hills", {"radar.receiver.stages.noise": "deaf"}).radar.receiver.stages["noise"].stage
     'deaf'
-
     """
     return RECEIVER_STAGES.register(name, parameters)
 
@@ -106,7 +105,7 @@ def build_chain(
 
 
 def _real(inputs: StageInputs) -> bool:
-    """Return whether a receiver has other effects than noise and a high-pass."""
+    """Return True if a receiver has other effects than noise and a high-pass."""
     receiver = inputs.radar.receiver
     oscillator, converter = receiver.oscillator, receiver.converter
     effects = (
@@ -153,13 +152,8 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
     With a noise figure it is k T F times the sampled bandwidth. With `snr_db` it is that much below the
     reference echo, and constant over the survey like receiver noise.
 
-    Parameters
-    ----------
-    radar, chirp:
-        The radar and its sweep.
-    reference_echo:
-        Received over transmitted power of the echo that `snr_db` refers to.
-
+    radar, chirp: the radar and its sweep.
+    reference_echo: received over transmitted power of the echo that `snr_db` refers to.
     """
     if radar.snr_db is not None:
         return reference_echo / from_db(radar.snr_db)
@@ -319,18 +313,10 @@ def lidar_receiver(
 def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:
     """Return the oscillator of a scenario.
 
-    Parameters
-    ----------
-    table:
-        Its parameters.
-    whole_s, middle_s:
-        Duration of a whole sweep, and the middle of its used window after its own.
+    table: its parameters.
+    whole_s, middle_s: duration of a whole sweep, and the middle of its used window after its own.
 
-    Raises
-    ------
-    InputFileError
-        The table of the sweep's error cannot be used.
-
+    Raises InputFileError if the table of the sweep's error cannot be used.
     """
     points = None if table.sweep_error is None else read_sweep_error(table.sweep_error)
     error = table.to(SweepError, duration_s=whole_s, middle_s=middle_s, points=points)

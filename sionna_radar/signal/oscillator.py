@@ -5,7 +5,6 @@ its beat as e(t) - e(t - tau). A random error of spectrum S(f) becomes 4 sin^2(p
 cleaner than far ones (Budge and Burt 1993, "Range correlation effects on phase and amplitude noise", Southeastcon).
 """
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +13,11 @@ import scipy.fft
 from jaxtyping import Complex, Float, Int
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.radar.chirp import Chirp
 
-COLUMNS = ("time_s", "error_hz")
+COLUMNS = {"time_s": None, "error_hz": None}
 # Number of frequencies over which a spectrum is summed.
 FREQUENCIES = 512
 # Upper limit of the extrapolation of steep tables below their first offset.
@@ -181,15 +180,8 @@ class Oscillator:
 def read_sweep_error(path: Path) -> Float[np.ndarray, "2 point"]:
     """Return the times (s) and errors (Hz) of a table of a sweep; InputFileError where it cannot be used."""
     name = "radar.receiver.oscillator.sweep_error"
-    rows = list(csv.reader(read_text(path, name, "give a CSV of time_s,error_hz").splitlines()))
-    header = [entry.strip().lower() for entry in rows[0]] if rows else []
-    try:
-        columns = [header.index(column) for column in COLUMNS]
-        points = np.array([[float(row[column]) for column in columns] for row in rows[1:] if row]).T
-    except (ValueError, IndexError) as error:
-        message = f"{name} {shown(path)} is not a table of numbers with the columns {', '.join(COLUMNS)}"
-        raise InputFileError(message) from error
-    if points.ndim < 2 or points.shape[1] < 2 or not np.all(np.isfinite(points)) or np.any(np.diff(points[0]) <= 0):
-        message = f"{name} {shown(path)}: time_s must increase from row to row, in two rows or more, all finite"
+    points = np.array(read_numbers(path, name, COLUMNS, f"give a CSV of {','.join(COLUMNS)}", further="ignored")[1])
+    if points.shape[1] < 2 or np.any(np.diff(points[0]) <= 0):
+        message = f"{name} {shown(path)}: time_s must increase from row to row, in two rows or more"
         raise InputFileError(message)
     return points

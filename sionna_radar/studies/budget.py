@@ -33,7 +33,6 @@ from pydantic import ValidationError
 from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 from sionna_radar.execution.workers import (
     SHARED,
-    Failure,
     Task,
     document_bytes,
     document_of,
@@ -106,11 +105,7 @@ GRADES = {
 def load_grades(path: Path) -> dict[str, Grade]:
     """Read grades from a TOML file: one table each, with the keys of [platform.navigation] and a `source`.
 
-    Raises
-    ------
-    InputFileError
-        The file is missing or not TOML, or a table is wrong.
-
+    Raises InputFileError if the file is missing or not TOML, or a table is wrong.
     """
     text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:
@@ -192,7 +187,6 @@ class Budget:
     >>> budget = run_budget(scenario, errors=(), grades={})
     >>> print(repr(budget).splitlines()[0])
     Budget: Hills from 50 m: the DEM and its error (paper Fig. 12, Table 3)
-
     """
 
     scenario: Scenario
@@ -277,7 +271,6 @@ def run_budget(
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
     >>> run_budget(scenario, errors=(), grades={}).rms_m < 0.2
     True
-
     """
     errors = navigation_errors() if errors is None else errors
     execution = execution or Execution()
@@ -301,7 +294,8 @@ def run_budget(
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
     with execution.reported(), stage("mapping", len(tasks)):
-        results = _mapped(survey, tasks, execution)
+        shared = survey.observed.packed() if execution.distributed else survey
+        results = {key: document_of(result) for key, result in execution.done(tasks, map_task, shared=shared)}
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -310,17 +304,6 @@ def run_budget(
         limits=tuple(Limit(error=error, size=results[f"limit {error}"]) for error in errors),
         grades=tuple(GradeResult(**results[f"grade {name} {grade}"]) for name, grade in grades.items()),
     )
-
-
-def _mapped(survey: ObservedSurvey, tasks: Mapping[str, Task], execution: Execution) -> dict[str, Any]:
-    """Return the result of each task by its key."""
-    results: dict[str, Any] = {}
-    shared = survey.observed.packed() if execution.distributed else survey
-    for key, result in execution.over(tasks, map_task, shared=shared):
-        if isinstance(result, Failure):
-            raise result.error()
-        results[key] = document_of(result)
-    return results
 
 
 def map_task(task: Task) -> bytes:

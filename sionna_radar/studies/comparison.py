@@ -188,14 +188,14 @@ def _values_of(case: Case, closed: Mapping[str, float], ranking: Ranking) -> dic
 
 
 def _better(rival: Sequence[float], point: Sequence[float]) -> bool:
-    """Return whether a rival is nowhere worse and somewhere better; any defined point is better than NaN."""
+    """Return True if a rival is nowhere worse and somewhere better; any defined point is better than NaN."""
     if np.isnan(point).any():
         return True
     return bool(np.all(np.less_equal(rival, point)) and np.any(np.less(rival, point)))
 
 
 def _same(sample: Float[np.ndarray, " a"], other: Float[np.ndarray, " b"]) -> bool:
-    """Return whether the means of two samples differ by chance alone with a probability above `UNDECIDED`."""
+    """Return True if the means of two samples differ by chance alone with a probability above `UNDECIDED`."""
     if min(sample.size, other.size) < 2 or not (np.ptp(sample) > 0 or np.ptp(other) > 0):
         return False
     return bool(ttest_ind(sample, other, equal_var=False).pvalue > UNDECIDED)

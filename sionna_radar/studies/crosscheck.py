@@ -27,7 +27,7 @@ from scipy.special import ndtri
 
 from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import SHARED, Failure, Task
+from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
@@ -108,7 +108,6 @@ class CrossCheck:
     >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> sorted(check.verdict())
     ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
-
     """
 
     scenario: Scenario
@@ -323,7 +322,6 @@ def run_crosscheck(
     >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> abs(check.mean_power_difference_db) < 0.1
     True
-
     """
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
@@ -362,13 +360,9 @@ def _observe_all(prepared: Prepared, execution: Execution) -> dict[str, EngineRe
             engine = "gamma" if name.startswith("gamma") else "sionna"
             tasks[key] = {"scenario": scenario, "engine": engine, "seed": seed, "blocks": blocks}
             pulses[key] = blocks[-1][1] - blocks[0][0]
-    results: dict[str, bytes] = {}
     shared = None if execution.distributed else prepared
     with stage("tracing", 4 * len(prepared)):
-        for key, result in execution.over(tasks, engine_task, shared=shared, steps=pulses):
-            if isinstance(result, Failure):
-                raise result.error()
-            results[key] = result
+        results = dict(execution.done(tasks, engine_task, shared=shared, steps=pulses))
     return {
         name: _joined(prepared, seed, [columns_of(results[f"{name} {key_of(blocks)}"]) for blocks in segments])
         for name, seed in runs.items()

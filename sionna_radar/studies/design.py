@@ -202,7 +202,7 @@ def _without_repeats(values: Sequence[Any]) -> list[Any]:
 
 
 def is_whole(base: Scenario, key: str) -> bool:
-    """Return whether a key of a scenario holds whole numbers only."""
+    """Return True if a key of a scenario holds whole numbers only."""
     *tables, name = key.split(".")
     table: Any = base
     for attribute in tables:
@@ -233,7 +233,6 @@ def parse_design(assignments: Iterable[str], sample: str | None = None, table: P
         No key, no value, a value given twice; or as `Design`.
     InputFileError
         The table cannot be read.
-
     """
     listed, spans = parse_varied(assignments)
     return Design(
@@ -282,7 +281,6 @@ def read_settings(path: Path) -> tuple[Setting, ...]:
         It cannot be read, is not such a table, or contains a setting twice.
     ScenarioError
         A value is invalid in a scenario.
-
     """
     text = read_text(path, "--table", REMEDY)
     try:

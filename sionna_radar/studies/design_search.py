@@ -20,7 +20,7 @@ from scipy.stats import qmc, sobol_indices, uniform
 
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure
-from sionna_radar.foundation.errors import BackendError, InputFileError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.randomness import Stream
@@ -44,7 +44,7 @@ from sionna_radar.studies.radar_design import (
     worst,
 )
 from sionna_radar.studies.surrogate import Surrogate, flown_probability, improvement, pareto
-from sionna_radar.studies.sweep import Trial, failure, label, trial_of, trial_task
+from sionna_radar.studies.sweep import Trial, failure, fly_trials, label
 from sionna_radar.survey.chain import run
 
 # Proposed at once, whatever the number of workers.
@@ -81,7 +81,6 @@ def run_design(plan: DesignPlan, *, execution: Execution | None = None) -> Radar
         No setting could be flown.
     BackendError, WorkerError
         As for `run_sweep`.
-
     """
     execution = execution or Execution()
     search = _Search(plan, execution)
@@ -133,11 +132,7 @@ class _Search:
             keys[number], flown = list(documents), flown | documents
         fixed = {"block_size": self.execution.block_size, "keep_maps": False}
         tasks = {key: {"scenario": key, **fixed} for key in flown}
-        done: dict[str, Trial | Failure] = {}
-        for key, result in self.execution.over(tasks, trial_task):
-            if isinstance(result, Failure) and result.kind == BackendError.__name__:
-                raise result.error()
-            done[key] = result if isinstance(result, Failure) else trial_of(result)
+        done = dict(fly_trials(self.execution, tasks))
         for number, setting in enumerate(settings):
             seed, reason, results = self.plan.base.seed + first + number, refused.get(number, ""), {}
             outcomes = [(flown[key], done[key]) for key in keys.get(number, ())]
@@ -234,12 +229,13 @@ class _Search:
     def holds(
         self, values: Numbers, settings: int, relaxed: Mapping[int, float] | None = None
     ) -> Bool[np.ndarray, "n draw"]:
-        """Return whether all requirements hold in each draw."""
+        """Return True where all requirements hold in each draw."""
         return np.logical_and.reduce(
             np.broadcast_arrays(np.ones((settings, 1), dtype=bool), *(m > 0 for m in self.margins(values, relaxed)))
         )
 
     def flyable(self, settings: Sequence[Setting]) -> Float[np.ndarray, " n"]:
+        """Return the probability of each setting to be flown."""
         flown = [not o.reason for o in self.observations]
         inputs = self.plan.space.inputs([o.setting for o in self.observations])
         return flown_probability(inputs, flown, self.plan.space.inputs(settings))

@@ -86,7 +86,6 @@ class Imagery:
     >>> imagery = run_images(scenario)
     >>> imagery.focused is None
     True
-
     """
 
     scenario: Scenario
@@ -128,7 +127,6 @@ def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Ima
     >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
     >>> run_images(scenario).slar.across_m < 1.0
     True
-
     """
     _check(scenario)
     execution = execution or Execution()
@@ -199,6 +197,7 @@ class _ImageFormation:
         return BackProjection(receiver.chirp, pixels, aperture, self._window, receiver.high_pass)
 
     def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        """Add a block of pulses to all images."""
         self._slar.add(beats, measured)
         for image in (self._sar, *self._patches.values()):
             if image is not None:
@@ -361,7 +360,6 @@ def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, executi
     >>> seen = run_frames(load_scenario("slar"), chirps=32, frames=2)
     >>> len(seen.targets), seen.last.power.shape
     (3, (64, 512))
-
     """
     _check_frames(scenario)
     with (execution or Execution()).reported():

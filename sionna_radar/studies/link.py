@@ -264,7 +264,6 @@ def run_link_budget(
     >>> budget = run_link_budget(load_scenario("hills"), incidences_deg=[45.0], rains_mm_per_h=[0.0], pulses=600)
     >>> budget.largest_difference_db < 1.0
     True
-
     """
     _check(scenario, incidences_deg, rains_mm_per_h)
     prepared = prepare(scenario)

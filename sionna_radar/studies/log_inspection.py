@@ -78,7 +78,6 @@ def inspect_log(
     ------
     InputFileError, ScenarioError
         The log or the terrain cannot be read.
-
     """
     log = read_log(path, "log")
     frame = map_frame(terrain) if terrain is not None else None

@@ -130,7 +130,6 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     ------
     ScenarioError
         No flight satisfies the area, the sampling and the limits.
-
     """
     base = base or _default_base()
     _check(wanted)
@@ -176,7 +175,6 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
         The flight contradicts the rest of the scenario.
     InputFileError
         The base's positions are given on the map, and its terrain cannot be read.
-
     """
     # The planned waypoints are local, and so must be the rest of the base.
     base = in_local_frame(base or _default_base())
@@ -220,18 +218,11 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
     Opposite lines part mounting from datum, crossing ones roll from pitch, and the second height the bias of ranges
     from angles.
 
-    Parameters
-    ----------
-    base:
-        Scenario of a planned flight to take terrain, radar, height and speed from.
-    length_m:
-        Of each line; without it that of the base's track, and at least two heights, besides what the beam looks ahead.
+    base: scenario of a planned flight to take terrain, radar, height and speed from.
+    length_m: of each line; without it that of the base's track, and at least two heights, besides what the beam looks
+        ahead.
 
-    Raises
-    ------
-    ScenarioError
-        The base flies a log, or the flight cannot be flown over its terrain.
-
+    Raises ScenarioError if the base flies a log, or the flight cannot be flown over its terrain.
     """
     base = in_local_frame(base)
     if base.platform.log is not None:
@@ -435,7 +426,6 @@ def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
     ------
     ScenarioError, InputFileError
         The plan cannot be flown; see `prepare`.
-
     """
     prepared = prepare(scenario)
     echoes = []

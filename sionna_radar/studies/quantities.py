@@ -193,7 +193,7 @@ def _swath_m(scenario: Scenario, _area: Area | None = None) -> float:
 
 
 def _looks_aside(scan: ScanParameters) -> bool:
-    """Return whether the beam looks to a side of the track in the middle of the scan."""
+    """Return True if the beam looks to a side of the track in the middle of the scan."""
     return scan.look != "forward" if isinstance(scan, ElectronicScanTable) else scan.mode == "side_looking"
 
 
@@ -562,7 +562,6 @@ def read_costs(path: Path) -> Costs:
         It cannot be read, or is no such table.
     ScenarioError
         An expression is wrong.
-
     """
     text = read_text(path, "--costs", COSTS_REMEDY)
     try:

@@ -162,7 +162,6 @@ def plan_design(
     >>> plan = plan_design("hills", free, minimise=["aperture_m"], require=["rms_m < 0.2"], overrides=short)
     >>> plan.results
     ('rms_m',)
-
     """
     check_installed()
     costs, overrides = costs or Costs(), dict(overrides or {})
@@ -171,17 +170,14 @@ def plan_design(
     base = load_scenario(source, overrides | one_setting(listed, spans))
     whole = frozenset(span.key for span in spans if is_whole(base, span.key))
     space = Space(spans, listed, whole)
-    objectives = (
-        *(Objective(parse_expression(text, "--minimise")) for text in minimise),
-        *(Objective(parse_expression(text, "--maximise"), -1) for text in maximise),
-    )
-    worlds = [(str(source), overrides), *(_world(text, str(source), overrides) for text in worst_of)]
+    least = (Objective(parse_expression(text, "--minimise")) for text in minimise)
+    most = (Objective(parse_expression(text, "--maximise"), -1) for text in maximise)
     plan = DesignPlan(
         source=str(source),
         base=base,
-        worlds=tuple(worlds),
+        worlds=((str(source), overrides), *(_world(text, str(source), overrides) for text in worst_of)),
         space=space,
-        objectives=objectives,
+        objectives=(*least, *most),
         requirements=tuple(parse_requirement(text) for text in require),
         costs=costs,
         area=area,

@@ -113,7 +113,7 @@ class Shard:
         return f"{self.number}/{self.count}"
 
     def holds(self, survey: int) -> bool:
-        """Return whether a survey is in the shard, by index in the study from 0."""
+        """Return True if a survey is in the shard, by index in the study from 0."""
         return survey % self.count == self.number - 1
 
 
@@ -149,7 +149,6 @@ def plan_sweep(
     >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [2.0, 4.0]}, repeat=5, overrides=short)
     >>> len(plan.cells), plan.trials
     (2, 10)
-
     """
     design, overrides = Design.of(varied), dict(overrides or {})
     _check_request(design, repeat, overrides)
@@ -337,7 +336,6 @@ class Sweep:
     >>> sweep = run_sweep(plan)
     >>> [case.setting for case in sweep.cases]
     [{'radar.snr_db': 20.0}, {'radar.snr_db': 40.0}]
-
     """
 
     source: str
@@ -400,7 +398,6 @@ def run_sweep(
     >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
     >>> run_sweep(plan).failed
     False
-
     """
     flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
     execution = execution or Execution()
@@ -410,10 +407,7 @@ def run_sweep(
     steps = {key: len(surveys) for key, surveys in places.items()}
     try:
         with execution.reported(), stage("surveys", len(flights)):
-            for key, outcome in execution.over(tasks, trial_task, steps=steps):
-                if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
-                    raise outcome.error()
-                result = outcome if isinstance(outcome, Failure) else trial_of(outcome)
+            for key, result in fly_trials(execution, tasks, steps):
                 flown |= dict.fromkeys(places[key], result)
     except (KeyboardInterrupt, Interrupted):
         if execution.checkpoints is not None:
@@ -459,6 +453,16 @@ def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place,
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
 
 
+def fly_trials(
+    execution: Execution, tasks: Mapping[str, Task], steps: Mapping[str, int] | None = None
+) -> Iterator[tuple[str, Trial | Failure]]:
+    """Yield the trial of each survey by its key, or its failure; BackendError if the ray tracer cannot run."""
+    for key, outcome in execution.over(tasks, trial_task, steps=steps):
+        if isinstance(outcome, Failure) and outcome.kind == BackendError.__name__:
+            raise outcome.error()
+        yield key, outcome if isinstance(outcome, Failure) else trial_of(outcome)
+
+
 def trial_task(task: Task) -> bytes:
     """Fly the survey of a task, and return its trial and what maps it keeps, packed."""
     scenario = Scenario.model_validate_json(task["scenario"])
@@ -478,8 +482,7 @@ def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
     if f"{place}.crs_wkt" in columns:
         origin_m = tuple(columns[f"{place}.origin_m"].tolist())
         georeference = table_of(Georeference, place, columns, origin_m=origin_m, cells=None)
-    raster: Raster = table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
-    return raster
+    return table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
 
 
 def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
@@ -546,11 +549,7 @@ def _common_windows(maps: Sequence[Raster]) -> Float[np.ndarray, "map row column
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:
     """Return the whole study from its shards, identical to one flown at once.
 
-    Raises
-    ------
-    InputFileError
-        They are shards of different studies, one is missing or duplicate, or one is not a shard.
-
+    Raises InputFileError if they are shards of different studies, one is missing or duplicate, or one is not a shard.
     """
     reference = shards[0]
     parsed = [Shard.parse(sweep.shard) for sweep in shards if sweep.shard]
@@ -579,8 +578,7 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
 
 def _merged(cases: Sequence[Case]) -> Case:
     trials = sorted((trial for case in cases for trial in case.trials), key=lambda trial: trial.seed)
-    reason = next((case.reason for case in cases if case.reason), "")
-    return replace(cases[0], trials=tuple(trials), reason=reason)
+    return replace(cases[0], trials=tuple(trials), reason=next((case.reason for case in cases if case.reason), ""))
 
 
 def _refuse(message: str) -> None:

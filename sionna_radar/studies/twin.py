@@ -130,7 +130,6 @@ def run_twin(
     100
     >>> run_twin("flown.nc").differing
     ()
-
     """
     changes = dict(overrides or {})
     both = {key: value for key, value in changes.items() if key.split(".")[0] in PROCESSED_KEYS}

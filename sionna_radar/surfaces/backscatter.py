@@ -10,7 +10,6 @@ for 1 to 18 GHz only: do not use those at 77 GHz.
 
 import csv
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -20,7 +19,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import PchipInterpolator
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.input_file import read_numbers, read_text, shown
 
 
 @runtime_checkable
@@ -71,7 +70,7 @@ class LambertianBackscatter:
         return np.full(len(incidence_rad), self.nadir_sigma0 / 4)
 
 
-_COLUMNS = ("incidence_deg", "sigma0_db")
+_COLUMNS = {"incidence_deg": None, "sigma0_db": None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,21 +92,6 @@ class UlabyDobsonBackscatter:
     min_incidence_rad: float
     max_incidence_rad: float
     source: str
-
-    def __post_init__(self) -> None:
-        for field in ("p1", "p2", "p3", "p4", "p5", "p6"):
-            if not math.isfinite(getattr(self, field)):
-                message = f"{field} = {getattr(self, field)} must be finite"
-                raise ValueError(message)
-        if not 0.0 <= self.min_incidence_rad < self.max_incidence_rad <= math.pi / 2:
-            message = (
-                f"min_incidence_rad = {self.min_incidence_rad:g} and max_incidence_rad = "
-                f"{self.max_incidence_rad:g} must increase within 0 to pi/2"
-            )
-            raise ValueError(message)
-        if not self.source.strip():
-            message = "source is empty; say where the parameters come from (document, band, polarization)"
-            raise ValueError(message)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area; zero at and beyond 90 deg."""
@@ -151,9 +135,16 @@ class TableBackscatter:
 
         Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
         """
-        rows = _read_rows(path)
-        angles_deg, levels_db = zip(*rows, strict=True)
-        return cls(incidence_rad=tuple(np.radians(angles_deg).tolist()), sigma0_db=tuple(levels_db))
+        remedy = f"give a CSV file with the columns {' and '.join(_COLUMNS)}"
+        lines, (angles_deg, levels_db) = read_numbers(path, "table of sigma0", _COLUMNS, remedy)
+        for number, angle_deg, before_deg in zip(lines, angles_deg, (-math.inf, *angles_deg), strict=False):
+            if not before_deg < angle_deg or not 0.0 <= angle_deg <= 90.0:
+                message = f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase within 0 to 90"
+                raise InputFileError(message)
+        if len(lines) < 2:
+            message = f"{path}: holds 1 row; a table needs two or more"
+            raise InputFileError(message)
+        return cls(incidence_rad=tuple(np.radians(angles_deg).tolist()), sigma0_db=levels_db)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
@@ -166,63 +157,6 @@ class TableBackscatter:
 
 def _is_lit(incidence_rad: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     return np.abs(incidence_rad) < math.pi / 2
-
-
-def _read_rows(path: Path) -> list[tuple[float, float]]:
-    """Return the (incidence_deg, sigma0_db) rows of a CSV file, checked."""
-    text = read_text(path, "table of sigma0", f"give a CSV file with the columns {' and '.join(_COLUMNS)}")
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if not lines:
-        message = f"{path}: is empty; give the header {','.join(_COLUMNS)} and two rows or more"
-        raise InputFileError(message)
-    header = tuple(name.strip() for name in _cells(path, *lines[0]))
-    if header != _COLUMNS:
-        header_text = shown(",".join(header))[1:-1]
-        message = f"{path}: line {lines[0][0]} reads {header_text}; the header is {','.join(_COLUMNS)}"
-        raise InputFileError(message)
-    rows = [_parse_row(path, number, line) for number, line in lines[1:]]
-    _check_rows(path, rows, (number for number, _ in lines[1:]))
-    return rows
-
-
-def _cells(path: Path, number: int, line: str) -> list[str]:
-    try:
-        return next(csv.reader([line]))
-    except csv.Error as error:
-        message = f"{path}: line {number} is not a row of a table ({error}); give {' and '.join(_COLUMNS)}"
-        raise InputFileError(message) from error
-
-
-def _parse_row(path: Path, number: int, line: str) -> tuple[float, float]:
-    cells = _cells(path, number, line)
-    try:
-        angle_deg, level_db = (float(cell) for cell in cells)
-    except ValueError as error:
-        message = f"{path}: line {number} reads {shown(line.strip())}; give two numbers, {' and '.join(_COLUMNS)}"
-        raise InputFileError(message) from error
-    return angle_deg, level_db
-
-
-def _check_rows(path: Path, rows: list[tuple[float, float]], numbers: Iterable[int]) -> None:
-    if len(rows) < 2:
-        message = f"{path}: holds {len(rows)} row(s); a table needs two or more"
-        raise InputFileError(message)
-    previous = -math.inf
-    for number, (angle_deg, level_db) in zip(numbers, rows, strict=True):
-        if not 0.0 <= angle_deg <= 90.0:
-            message = f"{path}: line {number}: incidence_deg = {angle_deg:g} is outside 0 to 90"
-            raise InputFileError(message)
-        if angle_deg <= previous:
-            message = f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase; sort, and merge repeats"
-            raise InputFileError(message)
-        if not math.isfinite(level_db):
-            message = f"{path}: line {number}: sigma0_db = {level_db:g} must be finite; leave the row out"
-            raise InputFileError(message)
-        previous = angle_deg
 
 
 LEVEL_COLUMNS = ("cover", "incidence_deg", "polarization", "sigma0_db")

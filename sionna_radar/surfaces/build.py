@@ -122,7 +122,6 @@ def register_material(name: str, parameters: type[MaterialParameters]) -> Callab
     >>> scenario = load_scenario("hills", {"materials.ground": {"model": "moss", "level_db": -20.0}})
     >>> scenario.materials["ground"].level_db
     -20.0
-
     """
     return MATERIALS.register(name, parameters)
 
@@ -146,7 +145,6 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
         Parameters outside the range of a formula, each with its dotted key.
     InputFileError
         A table cannot be read.
-
     """
     built, problems = {}, []
     for name, table in tables.items():

@@ -134,9 +134,6 @@ _BUILDING: Mapping[str, _BuildingRow] = MappingProxyType(
     }
 )
 
-BUILDING_MATERIALS: tuple[str, ...] = tuple(_BUILDING)
-
-
 # Real permittivity of dry road surfaces at 76 to 81 GHz: asphalt concrete and stone mastic asphalt, by grain in mm.
 _ASPHALT: Mapping[str, float] = MappingProxyType({"AC11DS": 8.6, "SMA8S": 10.4, "SMA11S": 8.3})
 
@@ -337,11 +334,7 @@ def asphalt_permittivity(frequency_hz: float, *, mix: str) -> complex:
     """
     source = SOURCES["asphalt"]
     _require("frequency_hz", frequency_hz, *source.published_hz, "give a measured complex permittivity instead")
-    real = _ASPHALT.get(mix)
-    if real is None:
-        message = f"mix = {mix!r} is unknown; use one of {', '.join(_ASPHALT)}"
-        raise ValueError(message)
-    return complex(real)
+    return complex(_ASPHALT[mix])
 
 
 def building_permittivity(material: str, frequency_hz: float) -> complex:
@@ -350,11 +343,7 @@ def building_permittivity(material: str, frequency_hz: float) -> complex:
     At 77 GHz: concrete, plasterboard, wood, glass, ceiling_board, chipboard, floorboard and metal. Brick,
     plywood and asphalt_concrete end at 40 GHz and marble at 60 GHz, and are rejected above.
     """
-    row = _BUILDING.get(material)
-    if row is None:
-        message = f"material = {material!r} is unknown; use one of {', '.join(BUILDING_MATERIALS)}"
-        raise ValueError(message)
-    f = frequency_hz / _GHZ
+    row, f = _BUILDING[material], frequency_hz / _GHZ
     if not row.lowest_ghz <= f <= row.highest_ghz:
         message = (
             f"frequency_hz = {frequency_hz:g} is outside {row.lowest_ghz:g} to {row.highest_ghz:g} GHz, "

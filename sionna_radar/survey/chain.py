@@ -71,7 +71,6 @@ def run(
     >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> survey.pulses, survey.warnings
     (100, ())
-
     """
     if isinstance(scenario, Prepared) and parts is not None:
         message = "a prepared survey has its parts already; give them to `prepare`"

@@ -236,20 +236,11 @@ def check_limits(
 ) -> None:
     """Raise ScenarioError with every reason for which a survey would not fit into memory.
 
-    Parameters
-    ----------
-    scenario, chirp:
-        The survey and its sweep.
-    route:
-        Where it flies.
-    beamwidths_rad, incidence_rad:
-        Of the antenna in azimuth and elevation, and of the scan from nadir.
+    scenario, chirp: the survey and its sweep.
+    route: where it flies.
+    beamwidths_rad, incidence_rad: of the antenna in azimuth and elevation, and of the scan from nadir.
 
-    Raises
-    ------
-    ScenarioError
-        With the field, its value and a value that works.
-
+    Raises ScenarioError with the field, its value and a value that works.
     """
     problems = [*_flight_limits(scenario, chirp, route), *_processing_limits(scenario, chirp)]
     if route.altitude_m is not None:

@@ -71,7 +71,6 @@ class CustomParts:
     >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}), custom)
     >>> run(prepared).replaced
     {'radar.antenna': 'sionna_radar.radar.antenna.Antenna, half-power beam 3 x 3 deg'}
-
     """
 
     antenna: Antenna | None = None

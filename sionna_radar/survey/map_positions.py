@@ -23,11 +23,8 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 def in_local_frame(scenario: Scenario) -> Scenario:
     """Return a scenario with all of its positions in local metres.
 
-    Raises
-    ------
-    ScenarioError, InputFileError
-        There is no such CRS, a position is not valid in it, or the terrain cannot be read.
-
+    Raises ScenarioError, InputFileError if there is no such CRS, a position is not valid in it, or the terrain cannot
+        be read.
     """
     if scenario.coordinates == "local":
         return scenario

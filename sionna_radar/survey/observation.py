@@ -31,7 +31,7 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, Task, Work
+from sionna_radar.execution.workers import Task, Work
 from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.navigation import InertialErrors
 from sionna_radar.flight.pulses import Bursts, Pulses, PulseSchedule, PulseSequence
@@ -231,7 +231,6 @@ def observe(
         The survey has custom parts, which workers lack.
     RadarError
         A segment cannot be simulated.
-
     """
     if recorders:
         execution = Execution(block_size=execution.block_size)
@@ -261,12 +260,7 @@ def observe(
 def _results(
     execution: Execution, tasks: dict[str, Task], work: Callable[[Task], bytes], steps: dict[str, int]
 ) -> dict[str, tuple[Segment, Counted | None]]:
-    found = {}
-    for key, result in execution.over(tasks, work, steps=steps):
-        if isinstance(result, Failure):
-            raise result.error()
-        found[key] = _segment_and_counts(result)
-    return found
+    return {key: _segment_and_counts(content) for key, content in execution.done(tasks, work, steps=steps)}
 
 
 def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:
@@ -372,7 +366,6 @@ def navigation_sigma(
     Returns
     -------
     None for exact navigation, or a system that states no errors.
-
     """
     system = schedule.navigation
     if not isinstance(system, InertialErrors) or len(points) == 0 or not dem.filled.any():

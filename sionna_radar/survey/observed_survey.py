@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import SHARED, Failure, Task
+from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.flight.build import build_navigation
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.numerics import on_one_thread
@@ -45,7 +45,6 @@ class ObservedSurvey:
         ------
         ScenarioError
             The DEM method needs range profiles, which the sensor does not provide.
-
         """
         prepared = self.prepared.with_navigation(navigation)
         # Without its uncertainty a linear map takes a tenth of the time.
@@ -79,7 +78,6 @@ def observe_survey(
     ------
     ScenarioError, InputFileError
         The scenario cannot be flown; see `prepare`.
-
     """
     execution = execution or Execution()
     with execution.reported():
@@ -102,13 +100,8 @@ NOTHING = b""
 def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
     """Return a survey's DEM, bit-identical to `Mapper.map`.
 
-    Parameters
-    ----------
-    prepared, observed, points:
-        The survey, what its sensor observed, and the located echoes.
-    execution:
-        Provides checkpoints and workers for the tiles of the map.
-
+    prepared, observed, points: the survey, what its sensor observed, and the located echoes.
+    execution: provides checkpoints and workers for the tiles of the map.
     """
 
     def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
@@ -122,11 +115,8 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         means = execution if distributed else Execution(checkpoints=execution.checkpoints)
         work = tile_task if distributed else lambda task: _content_of(make(task["tile"]))
         shared = observed.packed() if distributed else None
-        found = {}
-        for key, result in means.over(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True):
-            if isinstance(result, Failure):
-                raise result.error()
-            found[key] = result
+        done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True)
+        found = dict(done)
         for key in tasks:
             content = found.pop(key)
             yield None if content == NOTHING else Piece.unpacked(content)

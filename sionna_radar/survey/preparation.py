@@ -94,7 +94,6 @@ class Prepared:
     >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> len(prepared), prepared.mapper.grid.spacing_m
     (100, 1.0)
-
     """
 
     scenario: Scenario
@@ -212,7 +211,6 @@ class Prepared:
         >>> seen = prepare(load_scenario("hills", {"platform.length_m": 10.0})).observe([0, 50])
         >>> seen.paths.delay_s.shape == seen.paths.gain.shape, len(seen.echoes)
         (True, 2)
-
         """
         return self._own_sensor.observe(self._chosen(index))
 
@@ -302,7 +300,6 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None, *, world: Worl
     >>> survey = run(prepared)
     >>> survey.prepared is prepared
     True
-
     """
     custom = parts or CustomParts()
     with named_after(scenario.source), LogCapture() as said, stage("preparing", BUILDING_STEPS + 3):

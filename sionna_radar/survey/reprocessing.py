@@ -115,7 +115,6 @@ def process(
     100
     >>> process("flight.nc", {"dem.spacing_m": 2.0}).dem.grid.spacing_m
     2.0
-
     """
     execution = execution or Execution()
     with execution.reported(), open_recording(Path(recording), dict(overrides or {}), parts) as source:
@@ -583,7 +582,7 @@ def _warnings(
 
 
 def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
-    """Return whether only the farther half of the ranges holds energy: I/Q samples with negative beat frequencies.
+    """Return True if only the farther half of the ranges holds energy: I/Q samples with negative beat frequencies.
 
     Leakage stands at both ends of the band, and is left out with the window's response of it.
     """

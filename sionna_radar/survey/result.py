@@ -93,7 +93,6 @@ class Survey(_ComparedWithReference, Comparison):
     True
     >>> survey.lit_error.rms_m < 0.2
     True
-
     """
 
     prepared: Prepared
@@ -239,7 +238,6 @@ class Processed(_ComparedWithReference):
     True
     >>> process("signals.nc", {"processing.ranging": "peak"}).points.sha256() == survey.points.sha256()
     False
-
     """
 
     source: Path

@@ -1,7 +1,7 @@
 """Warnings about the result of a survey: what degrades it, and the remedy."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -69,8 +69,8 @@ def warnings_of(
     *,
     stepped_behind_volume: bool = False,
     louder: str = "radar.snr_db or radar.transmit_power_dbm",
-) -> tuple[str, ...]:
-    """Return the warnings about a result: no echo at all, or rain (snow, dust) in front of the ground.
+) -> Iterator[str]:
+    """Yield the warnings about a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
     falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
@@ -78,62 +78,55 @@ def warnings_of(
     """
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
-    lost: tuple[str, ...] = ()
     # No weather was asked for: what fills the beam may be the receiver's own.
     clear = "; or, if nothing is in the air, set processing.volume_clutter = 'off'" if falling == "air" else ""
-    if stepped_behind_volume:
-        lost = (
-            f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
-            f"'refined' or 'linear'{clear}",
+    masked = lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1)
+    if echoes == 0 and not masked:
+        yield f"no echo was detected; raise {louder}, or fly lower{window}"
+        return
+    if echoes > 0 and rain_echoes > RAIN_SHARE_WARNED * echoes:
+        count = f"{rain_echoes:,} of {echoes:,}"
+        yield (
+            f"{f'most echoes ({count})' if 2 * rain_echoes > echoes else f'{count} echoes'} come from the {falling} in "
+            "front of the ground, and the DEM is wrong or empty there; fly lower, or narrow the beam"
         )
-    if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
-        lost += (
+    if stepped_behind_volume:
+        yield (
+            f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
+            f"'refined' or 'linear'{clear}"
+        )
+    if masked:
+        yield (
             f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not separate the ground "
             f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
-            f"the beam{window}{clear}",
+            f"the beam{window}{clear}"
         )
-        if echoes == 0:
-            return lost
-    if echoes == 0:
-        return (f"no echo was detected; raise {louder}, or fly lower{window}",)
-    if rain_echoes > RAIN_SHARE_WARNED * echoes:
-        share = f"{rain_echoes:,} of {echoes:,} echoes"
-        if 2 * rain_echoes > echoes:
-            share = f"most echoes ({rain_echoes:,} of {echoes:,})"
-        return (
-            f"{share} come from the {falling} in front of the ground, and the DEM is wrong or empty there; "
-            "fly lower, or narrow the beam",
-            *lost,
-        )
-    return lost
 
 
 def map_warnings(
     points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
-) -> tuple[str, ...]:
-    """Return the warnings about a map along a line, an empty map, or one with few filled cells.
+) -> Iterator[str]:
+    """Yield the warnings about a map along a line, an empty map, or one with few filled cells.
 
     pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
     spacing_m: of its cells. louder: keys that raise echoes.
     """
     if len(points) == 0:
-        return ()
+        return
     silent = pulses - len(np.unique(points.pulse))
-    warnings: tuple[str, ...] = ()
     if silent > MAX_SILENT * pulses:
         share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        warnings = (f"{share} have no echo; raise {louder}, or fly lower",)
+        yield f"{share} have no echo; raise {louder}, or fly lower"
     width_m = _strip_m(points)
     if width_m < NARROWEST_CELLS * spacing_m:
-        warnings += (
+        yield (
             f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
-            "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side",
+            "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
         )
     elif coverage < MIN_COVERAGE:
         share = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
         remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
-        warnings += (f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}",)
-    return warnings
+        yield f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
 
 
 def _strip_m(points: Points) -> float:
@@ -145,21 +138,19 @@ def _strip_m(points: Points) -> float:
     return float(np.ptp(place_m @ across))
 
 
-def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
-    """Return the warning about a DEM method that models every beam of an electronic scan as broadside."""
-    if not beams or profiles == "unused":
-        return ()
-    return (f"dem.method = {method!r} models every beam of the scan as the narrower broadside beam; 'linear' does not",)
+def steered_warnings(beams: int, method: str, profiles: str) -> Iterator[str]:
+    """Yield the warning about a DEM method that models every beam of an electronic scan as broadside."""
+    if beams and profiles != "unused":
+        yield f"dem.method = {method!r} models every beam of the scan as the narrower broadside beam; 'linear' does not"
 
 
-def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: Pose, points: int) -> tuple[str, ...]:
-    """Return the warnings about range cells that are not across the axis of a single second receiver.
+def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: Pose, points: int) -> Iterator[str]:
+    """Yield the warnings about range cells that are not across the axis of a single second receiver.
 
     sampled: measured poses of pulses spread over the survey; points: how many were found.
     """
     if not isinstance(angle, AngleEstimator):
-        return ()
-    warnings: tuple[str, ...] = ()
+        return
     row = isinstance(angle, RowEstimator)
     if row or len(set(angle.axes)) == 1:
         own = angle.axes[-1]
@@ -172,78 +163,71 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
                 else "the second receiver's axis, and their speckle is interpreted as height; set "
                 "radar.second_receiver.axis = 'both'"
             )
-            warnings = (
+            yield (
                 f"in {share:.0%} of the pulses range cells lie across the beam by more than "
-                f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off {harm}",
+                f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off {harm}"
             )
     if points == 0:
-        warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)
-    return warnings
+        yield "no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver"
 
 
-def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> tuple[str, ...]:
-    """Return the warning about a map without steps over ground with objects."""
+def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> Iterator[str]:
+    """Yield the warning about a map without steps over ground with objects."""
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
-    if count <= UNEXPLAINED_SHARE_WARNED * echoes:
-        return ()
-    return (
-        f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
-        "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
-        "'linear', or map buildings with 'stepped'",
-    )
+    if count > UNEXPLAINED_SHARE_WARNED * echoes:
+        yield (
+            f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
+            "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
+            "'linear', or map buildings with 'stepped'"
+        )
 
 
-def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> tuple[str, ...]:
-    """Return the warning about a second receiver that nothing uses."""
-    if angle != "off" or second_receiver is None:
-        return ()
-    fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
-    return (f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it",)
+def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> Iterator[str]:
+    """Yield the warning about a second receiver that nothing uses."""
+    if angle == "off" and second_receiver is not None:
+        fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
+        yield f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it"
 
 
-def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
-    """Return the warning about beams that turn while the chirps of a pulse are averaged."""
+def _burst_warnings(prepared: Prepared) -> Iterator[str]:
+    """Yield the warning about beams that turn while the chirps of a pulse are averaged."""
     chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.antenna.beamwidths_rad)
     if chirps == 1 or len(prepared) < 2:
-        return ()
+        return
     here = prepared.flight.sample(WARNED_PULSES).index
     here = here[here + 1 < len(prepared)]
     ahead, next_ahead = (prepared.flight.pulses(index).measured.boresight for index in (here, here + 1))
     to_next = np.arccos(np.clip(np.einsum("pi,pi->p", ahead, next_ahead), -1, 1))
     turn_rad = to_next * (chirps - 1) / chirps
     turned = turn_rad > TURNED_WIDTHS_WARNED * width_rad
-    if np.mean(turned) <= TURNED_SHARE_WARNED:
-        return ()
-    turn_deg, width_deg = np.rad2deg([np.median(turn_rad[turned]), width_rad])
-    return (
-        f"the beam of {width_deg:.3g} deg turns by {turn_deg:.3g} deg within the {chirps} chirps of a pulse, whose "
-        "average is that of different ground; lower processing.average.chirps or the speed of the scan, or raise "
-        "radar.chirp_rate_hz",
-    )
+    if np.mean(turned) > TURNED_SHARE_WARNED:
+        turn_deg, width_deg = np.rad2deg([np.median(turn_rad[turned]), width_rad])
+        yield (
+            f"the beam of {width_deg:.3g} deg turns by {turn_deg:.3g} deg within the {chirps} chirps of a pulse, whose "
+            "average is that of different ground; lower processing.average.chirps or the speed of the scan, or raise "
+            "radar.chirp_rate_hz"
+        )
 
 
-def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the warning about tables of a scenario that a lidar does not model, if they hold anything."""
+def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
+    """Yield the warning about tables of a scenario that a lidar does not model, if they hold anything."""
     names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
-    if sensor != "lidar" or not names:
-        return ()
-    return (
-        f"the lidar does not know {names} and sees the ground behind; remove them where it is compared with a radar",
-    )
+    if sensor == "lidar" and names:
+        remedy = "remove them where it is compared with a radar"
+        yield f"the lidar does not know {names} and sees the ground behind; {remedy}"
 
 
-def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> tuple[str, ...]:
-    """Return the warning about pulses that exceed the full scale of the receiver's converter.
+def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
+    """Yield the warning about pulses that exceed the full scale of the receiver's converter.
 
     headroom_db: of its gain control; None for a fixed gain.
     """
-    if saturated_pulses <= SATURATED_SHARE_WARNED * pulses:
-        return ()
-    remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
-    return (
-        f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
-        f"radar.receiver.converter and are clipped; {remedy}",
-    )
+    if saturated_pulses > SATURATED_SHARE_WARNED * pulses:
+        remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
+        yield (
+            f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
+            f"radar.receiver.converter and are clipped; {remedy}"
+        )
 
 
 def array_warnings(
@@ -254,107 +238,97 @@ def array_warnings(
     height_m: float,
     cell_m: float,
     falling: str = "",
-) -> tuple[str, ...]:
-    """Return the warnings about an array and its frames.
+) -> Iterator[str]:
+    """Yield the warnings about an array and its frames.
 
-    Parameters
-    ----------
-    array, half_view_rad:
-        The array, and how far from boresight it is looked at.
-    up_beamwidth_rad:
-        Half-power width of an element's pattern along the up axis.
-    speed_mps, height_m, cell_m:
-        Of the flight, and length of a range cell.
-    falling:
-        Rain or snow in front of the ground; empty in clear air.
-
+    array, half_view_rad: the array, and how far from boresight it is looked at.
+    up_beamwidth_rad: half-power width of an element's pattern along the up axis.
+    speed_mps, height_m, cell_m: of the flight, and length of a range cell.
+    falling: rain or snow in front of the ground; empty in clear air.
     """
-    warnings = []
     if falling:
-        warnings.append(
+        yield (
             f"{falling} fills all cells in front of the ground, and an array does not tell it from ground: the map is "
             "mostly wrong by metres, as dem_sigma.tif says; fly in clear air, or take a pencil beam (sensor = 'radar')"
         )
     gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
     if gap > LARGEST_GAP and gap * 2 * np.sin(half_view_rad) > 1:
         apart_deg = float(np.rad2deg(np.arcsin(min(1.0, 1 / gap))))
-        warnings.append(
+        yield (
             f"a gap of {gap:.3g} wavelengths between virtual elements repeats beams {apart_deg:.0f} deg apart, within "
             f"the {np.rad2deg(half_view_rad):.0f} deg of radar.array.half_view_deg; fill it, or lower half_view_deg to "
             f"{np.rad2deg(np.arcsin(min(1.0, 0.5 / gap))):.0f}"
         )
     if len(array.duplicates) < LEAST_PLACES * array.channels:
-        warnings.append(
+        yield (
             f"{doubled} places of virtual elements are taken more than once: {array.channels} channels make "
             f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"
         )
     ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
     if ahead_mps > array.highest_rate_mps:
-        warnings.append(
+        yield (
             f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
             "directions alone tell them apart; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
-        warnings.append(
+        yield (
             f"range rates within the beam span {2 * ahead_mps / array.rate_cell_mps:.2g} cells of "
             f"{array.rate_cell_mps:.3g} m/s, too few to sharpen it along the track; raise radar.array.chirps or fly "
             "faster"
         )
     dwell_s = height_m * 2 * float(np.tan(up_beamwidth_rad / 2)) / max(speed_mps, 1e-9)
     if array.duration_s > dwell_s:
-        warnings.append(
+        yield (
             f"a frame of {1e3 * array.duration_s:.3g} ms is longer than the {1e3 * dwell_s:.3g} ms for which ground "
             "stays within the beam; lower radar.array.chirps"
         )
     elif (moved_m := ahead_mps * array.duration_s) > cell_m:
-        warnings.append(
+        yield (
             f"ground moves by {moved_m:.3g} m in range during a frame, more than a cell of {cell_m:.3g} m; lower "
             "radar.array.chirps or radar.bandwidth_hz"
         )
-    return tuple(warnings)
 
 
 def survey_warnings(
     prepared: Prepared, observed: Observed, points: Points, lit: DemError, estimate: Estimate
 ) -> tuple[str, ...]:
     """Return the warnings about a survey's result, and log those not logged during preparation."""
-    warnings = prepared.flown.warnings + warnings_of(
-        len(observed.echoes),
-        0 if observed.hits is None else observed.hits.rain_echoes,
-        observed.lost,
-        len(prepared),
-        prepared.local.weather.falling or "air",
-        None if prepared.expected_ground is None else "processing.expected_ground",
-        stepped_behind_volume=prepared.mapper.name == "stepped" and observed.behind_volume,
-        louder=_louder(prepared),
-    )
-    echoes, sampled = len(observed.echoes), prepared.flight.sample(WARNED_PULSES).measured
-    if isinstance(prepared.angle, AngleEstimator) and echoes == 0:
-        warnings = prepared.flown.warnings  # what follows says more than that there is no echo
-    warnings += direction_warnings(prepared.angle, sampled, echoes)
-    local = prepared.local
+    local, mapper, angle, echoes = prepared.local, prepared.mapper, prepared.angle, len(observed.echoes)
+    warnings = list(prepared.flown.warnings)
+    if echoes > 0 or not isinstance(angle, AngleEstimator):  # which says more than that there is no echo
+        warnings += warnings_of(
+            echoes,
+            0 if observed.hits is None else observed.hits.rain_echoes,
+            observed.lost,
+            len(prepared),
+            local.weather.falling or "air",
+            None if prepared.expected_ground is None else "processing.expected_ground",
+            stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
+            louder=_louder(prepared),
+        )
+    warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)
     warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
     warnings += _burst_warnings(prepared)
-    if isinstance(prepared.angle, ArrayEstimator):
+    if isinstance(angle, ArrayEstimator):
         warnings += array_warnings(
-            prepared.angle.array,
-            prepared.angle.half_view_rad,
+            angle.array,
+            angle.half_view_rad,
             prepared.antenna.beamwidths_rad[1],
             prepared.flown.speed_mps,
             prepared.flown.altitude_m,
             prepared.receiver.chirp.range_resolution_m,
-            prepared.local.weather.falling,
+            local.weather.falling,
         )
-    mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
+    headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
-    spacing_m = prepared.mapper.grid.spacing_m
+    spacing_m = mapper.grid.spacing_m
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:
         logger.warning("%s", warning)
-    return prepared.warnings + warnings
+    return (*prepared.warnings, *warnings)
 
 
 def _louder(prepared: Prepared) -> str:

@@ -142,7 +142,6 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
     >>> overrides = {"tracing.engine": "one_ray", "platform.length_m": 10.0}
     >>> run(load_scenario("hills", overrides)).paths
     100
-
     """
     return ENGINES.register(name, parameters)
 
@@ -258,7 +257,6 @@ def rcs_of_mesh(
     >>> rcs_m2 = rcs_of_mesh(TargetMesh(path="ball.ply"), 77e9, np.zeros(1), np.zeros(1))
     >>> bool(abs(10 * np.log10(rcs_m2[0, 0] / (np.pi * 0.05**2))) < 1)
     True
-
     """
     for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
         if not 0 < value < np.inf:

@@ -92,7 +92,6 @@ class Paths(Columns):
             A block of pulses, and the row in it of each path.
         hit_m, gain, incidence_rad, surface:
             See the columns.
-
         """
         pose = pulses.true
         away = hit_m - pose.position_m[row]
@@ -131,7 +130,6 @@ class Paths(Columns):
             See the columns.
         drift_mps:
             Range rate of the scatterer itself, such as falling rain.
-
         """
         pose = pulses.true
         return cls(

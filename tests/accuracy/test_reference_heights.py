@@ -180,13 +180,13 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1,2,3\n", "line 1 names the columns ['1', '2', '3']; name x, y, z"),
-        ("x,y\n1,2\n", "name x, y, z"),
-        ("x,y,z\n0,0,1\n0,1,high\n", "line 3, '0,1,high': give finite numbers"),
-        ("x,y,z\n0,0\n", "line 2, '0,0'"),
-        ("x,y,z,sigma\n0,0,1,-1\n", "sigma at least 0"),
+        ("1,2,3\n", "line 1 reads '1,2,3', and should name columns; give"),
+        ("x,y\n1,2\n", "with the columns x, y, z"),
+        ("x,y,z\n0,0,1\n0,1,high\n", "line 3 reads '0,1,high'; give finite numbers"),
+        ("x,y,z\n0,0\n", "line 2 reads '0,0'"),
+        ("x,y,z,sigma\n0,0,1,-1\n", "line 2 has a negative sigma"),
         ("x,y,z\n900,0,1\n901,0,1\n902,0,1\n", "0 of 3 places lie within the DEM"),
-        ("", "line 1 names the columns []"),
+        ("", "line 1 reads ''"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused_by_its_line(tmp_path, text, words):

@@ -63,8 +63,3 @@ def test_powers_of_bursts_are_averaged_before_the_threshold():
     assert spectra.power.shape == (400, chirp.samples)
     assert np.mean(spectra.power > spectra.threshold) == pytest.approx(1e-2, rel=0.1)
     assert np.var(spectra.power) / np.mean(spectra.power) ** 2 == pytest.approx(1 / 4, rel=0.05)
-
-
-def test_other_kinds_know_single_looks_alone():
-    with pytest.raises(ValueError, match="'SO' supports single looks only"):
-        Cfar(kind="SO", guard=1, training=4, false_alarm_probability=1e-3, correlation=INDEPENDENT, looks=2)

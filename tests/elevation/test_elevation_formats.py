@@ -16,6 +16,12 @@ from sionna_radar.scenario.terrain import RasterTerrain
 from worlds import load_ground
 
 
+def assert_heights(raster, place, crs, surface):
+    """The heights of filled cells are those of a surface in another CRS."""
+    x, y, z = absolute(raster, place)
+    np.testing.assert_allclose(z, surface(*in_crs(place, crs, x, y)), atol=1e-6)
+
+
 def test_an_ascii_grid_takes_its_crs_from_the_scenario(tmp_path):
     path = tmp_path / "a.asc"
     path.write_text(
@@ -187,19 +193,29 @@ def test_coarse_cells_have_no_detail():
         detail_on(grid_of(10, 10, 4.0), 5.0, 0.7, 1.0, seed=1)
 
 
-def test_geographic_degrees_go_to_utm(tmp_path):
-    def tilted(lon, lat):
-        return 500 + 2000 * (lon - 7) + 1000 * (lat - 45)
-
-    transform = from_origin(6.99, 45.01, 1 / 3600, 1 / 3600)
-    path = write_plane(tmp_path / "a.tif", transform=transform, rows=80, columns=90, crs=4326, surface=tilted)
-    raster, place = load(path)
-    assert CRS(place.crs_wkt) == CRS("EPSG:32632")
+SECOND = 1 / 3600
+# Cells of a file in its CRS (west, north, size), its CRS, and the CRS and the cell size, m, that they become.
+PLACES = {
     # One arc second of longitude at 45 degrees north, the shorter side of the cells.
-    assert raster.grid.spacing_m == pytest.approx(math.radians(1 / 3600) * 6_378_137 * math.cos(0.7854), rel=5e-3)
-    assert raster.filled.mean() > 0.95
-    x, y, z = absolute(raster, place)
-    np.testing.assert_allclose(z, tilted(*in_crs(place, 4326, x, y)), atol=1e-6)
+    "degrees": ((6.99, 45.01, SECOND), 4326, "EPSG:32632", math.radians(SECOND) * 6_378_137 * math.cos(0.7854)),
+    "US survey feet": ((990_000.0, 200_000.0, 3.0), 2263, None, 3 * 1200 / 3937),
+    "Web Mercator": ((780_000.0, 5_620_000.0, 10.0), 3857, UTM, 10 * math.cos(math.radians(45))),
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_horizontal_units_become_metres(name, tmp_path):
+    (west, north, size), crs, becomes, spacing_m = PLACES[name]
+
+    def tilted(x, y):
+        return 500 + 0.05 * (x - west) / size + 0.03 * (y - north) / size
+
+    path = write_plane(tmp_path / "a.tif", transform=from_origin(west, north, size, size), crs=crs, surface=tilted)
+    raster, place = load(path)
+    assert becomes is None or CRS(place.crs_wkt) == CRS(becomes)
+    assert raster.grid.spacing_m == pytest.approx(spacing_m, rel=0.01)
+    assert raster.filled.mean() > 0.9
+    assert_heights(raster, place, crs, tilted)
 
 
 def test_longitudes_beyond_180_are_followed(tmp_path):
@@ -210,21 +226,7 @@ def test_longitudes_beyond_180_are_followed(tmp_path):
     path = write_plane(tmp_path / "a.tif", transform=transform, rows=60, columns=60, crs=4326, surface=tilted)
     for fields in ({}, {"centre_lonlat_deg": (-179.0016, -17.0083)}):
         raster, place = load(path, (-300.0, -300.0, 300.0, 300.0), **fields)
-        x, y, z = absolute(raster, place)
-        np.testing.assert_allclose(z, tilted(*in_crs(place, 4326, x, y)), atol=1e-6)
-
-
-def test_us_survey_feet_go_to_metres(tmp_path):
-    feet = from_origin(990_000.0, 200_000.0, 3.0, 3.0)
-
-    def tilted(x, y):
-        return 30 + 0.02 * (x - 990_000) + 0.01 * (y - 200_000)
-
-    path = write_plane(tmp_path / "a.tif", transform=feet, crs="EPSG:2263", surface=tilted, units="m")
-    raster, place = load(path)
-    assert raster.grid.spacing_m == pytest.approx(3 * 1200 / 3937, rel=1e-3)
-    x, y, z = absolute(raster, place)
-    np.testing.assert_allclose(z, tilted(*in_crs(place, "EPSG:2263", x, y)), atol=1e-6)
+        assert_heights(raster, place, 4326, tilted)
 
 
 def test_heights_in_feet_of_a_compound_crs_become_metres(tmp_path):
@@ -251,26 +253,12 @@ def test_feet_on_the_map_without_a_height_unit_are_said(tmp_path, caplog):
 
 def test_a_rotated_raster_is_turned(tmp_path):
     cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
-    transform = Affine(cos, sin, WEST, sin, -cos, NORTH)
-    raster, place = load(write_plane(tmp_path / "a.tif", transform=transform))
+    raster, place = load(write_plane(tmp_path / "a.tif", transform=Affine(cos, sin, WEST, sin, -cos, NORTH)))
     assert raster.grid.spacing_m == pytest.approx(1.0, rel=1e-3)
     x, y, z = absolute(raster, place)
     assert len(z) > 0.95 * 100 * 120
     assert not raster.filled.all()
     np.testing.assert_allclose(z, plane(*in_crs(place, UTM, x, y)), atol=1e-6)
-
-
-def test_web_mercator_metres_are_not_believed(tmp_path):
-    transform = from_origin(780_000.0, 5_620_000.0, 10.0, 10.0)
-
-    def tilted(x, y):
-        return 100 + 0.1 * (x - 780_000) + 0.05 * (y - 5_620_000)
-
-    raster, place = load(write_plane(tmp_path / "a.tif", transform=transform, crs="EPSG:3857", surface=tilted))
-    assert CRS(place.crs_wkt) == CRS(UTM)
-    assert raster.grid.spacing_m == pytest.approx(10 * math.cos(math.radians(45)), rel=0.01)
-    x, y, z = absolute(raster, place)
-    np.testing.assert_allclose(z, tilted(*in_crs(place, 3857, x, y)), atol=1e-6)
 
 
 @pytest.mark.parametrize(("crs", "x", "y"), [("EPSG:3031", 900_000.0, 100_000.0), ("EPSG:3413", 0.0, -400_000.0)])
@@ -281,7 +269,6 @@ def test_polar_maps_are_turned_north_up(tmp_path, crs, x, y):
         return 100 + 0.1 * (east - x) - 0.05 * (north - y)
 
     raster, place = load(write_plane(tmp_path / "a.tif", transform=transform, crs=crs, surface=tilted))
-    east, north, z = absolute(raster, place)
-    np.testing.assert_allclose(z, tilted(*in_crs(place, crs, east, north)), atol=1e-6)
+    assert_heights(raster, place, crs, tilted)
     _, lats = in_crs(place, 4326, place.origin_m[0] + np.array([0, 0]), place.origin_m[1] + np.array([0, 50]))
     assert lats[1] - lats[0] == pytest.approx(50 / 111_650, rel=5e-3)

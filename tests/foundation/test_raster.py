@@ -95,9 +95,8 @@ UTM = Georeference(crs_wkt=CRS.from_epsg(32614).to_wkt(), origin_m=(600_000.0, 4
 
 @pytest.mark.parametrize("place", [None, UTM])
 def test_a_raster_becomes_an_array_and_a_file_with_the_same_coordinates(place, tmp_path):
-    height_m = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]])
     grid = Grid(west_m=-10.0, south_m=20.0, spacing_m=2.0, columns=3, rows=2, georeference=place)
-    raster = Raster(grid=grid, height_m=height_m)
+    raster = Raster(grid=grid, height_m=np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]]))
     array = raster.to_xarray()
     east, north, up = place.origin_m if place else (0.0, 0.0, 0.0)
     assert float(array.sel(x=east - 8.0, y=north + 22.0)) == 5.0 + up

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_closing
 
-from scenario_keys import keys_of
+from scenario_keys import keys_of, with_keys
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
@@ -25,23 +25,12 @@ BASE = {
 }
 
 
-def with_keys(keys: dict[str, object]) -> dict:
-    data = {name: dict(table) for name, table in BASE.items()}
-    for key, value in keys.items():
-        *tables, last = key.split(".")
-        node = data
-        for name in tables:
-            node = node.setdefault(name, {})
-        node[last] = value
-    return data
-
-
 def said_of(keys: dict[str, object]) -> str:
     """What is said of a scenario up to its first pulse; nothing if it can be flown."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            prepare(parse_scenario(with_keys(keys)))
+            prepare(parse_scenario(with_keys(BASE, keys)))
         except RadarError as error:
             str(error).encode("utf-8")
             return str(error)
@@ -142,7 +131,7 @@ def test_any_name_of_a_material_is_flown(name):
     keys = {"materials": {name: {"model": "constant_gamma", "gamma_db": -20.0}}, "terrain.material": name}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ready = prepare(parse_scenario(with_keys(keys)))
+        ready = prepare(parse_scenario(with_keys(BASE, keys)))
         paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(2)))
     assert len(paths) > 100
 
@@ -165,7 +154,7 @@ def test_polygons_take_no_more_than_their_own_vertices():
         for y in range(-100, 101, 20)
     ]
     terrain = {"terrain.spacing_m": 2.0, "terrain.cover": cover}
-    scene = build_scene(parse_scenario(with_keys(terrain)), (-150.0, -150.0, 150.0, 150.0)).scene
+    scene = build_scene(parse_scenario(with_keys(BASE, terrain)), (-150.0, -150.0, 150.0, 150.0)).scene
     assert len(scene.surfaces) == 1 + len(cover)
     vertices = sum(len(surface.vertices_m) for surface in scene.surfaces)
     assert vertices < 2 * 151**2

@@ -14,12 +14,13 @@ from sionna_radar.imaging.sar import PULSES_AT_ONCE, BackProjection, SarImage
 from sionna_radar.imaging.strip import azimuth_resolution_m, ground_range_resolution_m, half_power_width
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scene.model import Scene, Surface, Target
+from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+from worlds import make_scene
 
 TARGET = Target(position_m=(28.0, 0.13, 0.0), rcs_m2=1.0)
 
@@ -220,16 +221,9 @@ def patch(south_m: float, north_m: float, material: str) -> Surface:
 def field():
     """Independent pixels of a focused field whose northern half scatters 3 dB more: power, and place along."""
     flight = make_flight(rate_hz=1000.0, bandwidth_hz=1e9, samples=384)
-    scene = Scene(
-        surfaces=(patch(-HALF_M, 0.0, "dark"), patch(0.0, HALF_M, "bright")),
-        materials={
-            "dark": ConstantGammaBackscatter(0.01),
-            "bright": ConstantGammaBackscatter(0.01 * 10 ** (BRIGHT_DB / 10)),
-        },
-        targets=(),
-        ground_material="dark",
-        georeference=None,
-    )
+    halves = patch(-HALF_M, 0.0, "dark"), patch(0.0, HALF_M, "bright")
+    bright = ConstantGammaBackscatter(0.01 * 10 ** (BRIGHT_DB / 10))
+    scene = make_scene(*halves, materials={"dark": ConstantGammaBackscatter(0.01), "bright": bright})
     pulses = flight.pulses(4.0, every=2)
     engine = PersistentEngine(scene, flight.antenna, flight.chirp, seed=3, density=400.0)
     beats = synthesise(engine.trace(pulses), pulses, flight.chirp)

@@ -116,7 +116,7 @@ def test_elements_of_a_file_make_the_same_array(tmp_path):
     formula = array_antenna(ArrayAntennaTable(elements=(12, 8), spacing_wavelengths=(0.6, 0.5)))
     assert listed.peak_gain == pytest.approx(formula.peak_gain, rel=1e-6)
     path.write_text("left_wavelengths,up_wavelengths\n0,zero\n", encoding="utf-8")
-    with pytest.raises(InputFileError, match="line 2 is no element"):
+    with pytest.raises(InputFileError, match="line 2 reads '0,zero'"):
         read_elements(path)
 
 

@@ -52,6 +52,16 @@ def test_without_any_library_the_error_names_the_remedy(monkeypatch):
             backend.find_llvm()
 
 
+def test_a_wheel_that_does_not_load_is_named_with_the_reason(monkeypatch, tmp_path):
+    library = tmp_path / "libLLVM.so"
+    library.write_bytes(b"")
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(backend, "_wheel_libraries", lambda: [library])
+    monkeypatch.setattr(backend, "_system_libraries", list)
+    with pytest.raises(BackendError, match=rf"The wheel is installed but does not load: .*{library.name}"):
+        backend.find_llvm()
+
+
 def test_the_wheel_comes_before_the_system(monkeypatch):
     monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
     monkeypatch.setattr(backend, "_wheel_libraries", lambda: ["old wheel", "wheel"])

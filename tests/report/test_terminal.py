@@ -25,8 +25,7 @@ def test_markup_is_printed_literally(survey: Survey, capsys: pytest.CaptureFixtu
     def mine() -> None: ...
 
     mine.__qualname__ = "mine.[/x]"
-    custom = CustomParts(sensor=mine)
-    print_survey(replace(survey, prepared=replace(survey.prepared, scenario=scenario, custom=custom)))
+    print_survey(replace(survey, prepared=replace(survey.prepared, scenario=scenario, custom=CustomParts(sensor=mine))))
     printed = capsys.readouterr().out
     assert MARKUP in printed
     assert "mine.[/x]" in printed

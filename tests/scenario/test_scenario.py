@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from scenario_keys import keys_of
+from scenario_keys import keys_of, with_keys
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.loading import shipped_scenarios, to_toml
@@ -19,17 +19,7 @@ MIN = {
 
 def changed(**keys: object) -> dict:
     """The least scenario with dotted keys (written with __) set; None removes one."""
-    data = {name: dict(table) for name, table in MIN.items()}
-    for key, value in keys.items():
-        *tables, last = key.split("__")
-        node = data
-        for name in tables:
-            node = node.setdefault(name, {})
-        if value is None:
-            del node[last]
-        else:
-            node[last] = value
-    return data
+    return with_keys(MIN, keys)
 
 
 def problems(data: dict) -> dict[str, str]:

@@ -175,4 +175,4 @@ def test_saturation_is_counted_over_a_survey_in_any_blocks():
 def test_clipped_pulses_are_told_with_what_helps(headroom_db, remedy):
     (said,) = saturation_warnings(3, 10, headroom_db)
     assert said.endswith(remedy)
-    assert saturation_warnings(0, 10, headroom_db) == ()
+    assert list(saturation_warnings(0, 10, headroom_db)) == []

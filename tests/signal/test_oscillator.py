@@ -26,9 +26,8 @@ PULSES = 48
 
 def radar_at(range_m: float) -> RadarTable:
     """The radar whose echo from a range has its beat at 2 MHz, a whole number of periods in a sweep."""
-    bandwidth_hz = 2e6 * C / (2 * range_m * FAST["chirp_rate_hz"])
     levels = {"oscillator": {"phase_noise_dbc_hz": LEVELS}}
-    return RadarTable(**FAST, bandwidth_hz=bandwidth_hz, receiver=levels)
+    return RadarTable(**FAST, bandwidth_hz=2e6 * C / (2 * range_m * FAST["chirp_rate_hz"]), receiver=levels)
 
 
 @pytest.mark.parametrize("range_m", [40.0, 100.0, 400.0])

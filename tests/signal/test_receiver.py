@@ -75,8 +75,7 @@ def test_silence_has_the_power_of_the_noise_in_every_sweep(sampling):
 
 @pytest.mark.parametrize("corner_hz", [0.0, 20e3])
 def test_a_pulse_is_the_same_in_any_block(corner_hz):
-    high_pass = build_high_pass(ReceiverTable(high_pass_corner_hz=corner_hz))
-    radar = receiver(make_chirp(), high_pass=high_pass)
+    radar = receiver(make_chirp(), high_pass=build_high_pass(ReceiverTable(high_pass_corner_hz=corner_hz)))
     whole = radar.beat(PATHS, PULSES)
     alone = radar.beat(PATHS.rows(PATHS.pulse == 5), make_pulses(1, incidence_deg=30.0, first=5))
     np.testing.assert_array_equal(alone[0], whole[5])

@@ -132,8 +132,7 @@ def test_a_dem_half_a_metre_too_high_is_found_out(check):
     higher = {}
     for name in ("gamma", "gamma_again"):
         engine_run = getattr(check, name)
-        dem = replace(engine_run.dem, height_m=engine_run.dem.height_m + 0.5)
-        higher[name] = replace(engine_run, dem=dem)
+        higher[name] = replace(engine_run, dem=replace(engine_run.dem, height_m=engine_run.dem.height_m + 0.5))
     assert check.dem_test.probability > 0.001
     wrong = replace(check, **higher)
     assert wrong.dem_test.probability <= 0.001

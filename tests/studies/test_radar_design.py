@@ -20,7 +20,7 @@ from sionna_radar.report.studies.radar_design import (
     write_design,
 )
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies import design_search
+from sionna_radar.studies import design_search, sweep
 from sionna_radar.studies.design import Axis, Span
 from sionna_radar.studies.design_search import run_design
 from sionna_radar.studies.quantities import Area, parse_requirement, read_costs
@@ -56,7 +56,8 @@ def pretended(task):
 def pretend(patch):
     """Fly nothing, and look at fewer candidates: two parameters need no more."""
     sizes = {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64, "MAPS": 1}
-    for name, value in {"trial_task": pretended, **sizes}.items():
+    patch.setattr(sweep, "trial_task", pretended)
+    for name, value in sizes.items():
         patch.setattr(design_search, name, value)
 
 
@@ -245,7 +246,7 @@ def test_a_backend_that_cannot_run_ends_the_design(small, monkeypatch):
         message = "no libLLVM"
         raise BackendError(message)
 
-    monkeypatch.setattr(design_search, "trial_task", missing)
+    monkeypatch.setattr(sweep, "trial_task", missing)
     plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
     with pytest.raises(Exception, match="no libLLVM"):
         run_design(plan)
@@ -339,7 +340,7 @@ def test_failures_of_all_settings_end_the_design(small, monkeypatch):
     def fails(task):
         raise RuntimeError(str(Failure(kind="", text="broken").text))
 
-    monkeypatch.setattr(design_search, "trial_task", fails)
+    monkeypatch.setattr(sweep, "trial_task", fails)
     plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
     with pytest.raises(ScenarioError, match=r"no setting could be flown: .*broken"):
         run_design(plan)

@@ -15,16 +15,9 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
+from surveys import hills
 
-HILLS = parse_scenario(
-    {
-        "seed": 4,
-        "terrain": {"kind": "hills", "size_m": [300.0, 300.0], "spacing_m": 2.0, "seed": 2},
-        "platform": {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 10.0},
-        "radar": {"snr_db": 30.0},
-        "tracing": {"paths_per_pulse": 64},
-    }
-)
+HILLS = hills(terrain__size_m=[300.0, 300.0], platform__length_m=10.0, tracing__paths_per_pulse=64)
 MEASURED = ("paths", "lit", "dem_error", "lit_error")
 
 

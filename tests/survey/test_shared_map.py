@@ -125,10 +125,9 @@ def test_a_single_tile_is_made_here():
 def test_parts_from_python_are_not_sent(monkeypatch, tmp_path):
     """A survey that is recorded is flown here, with what was given from Python; so it is mapped here."""
     workers = Next()
-    recordings = {"profiles": tmp_path / "profiles.nc"}
     run(
         load_scenario("hills", WIDE),
-        recordings=recordings,
+        recordings={"profiles": tmp_path / "profiles.nc"},
         parts=CustomParts(dem_method=Smooth()),
         execution=Execution(workers=workers),
     )

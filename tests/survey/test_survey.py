@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import Boltzmann
 
 from beams import make_antenna, plane_power
-from sionna_radar import parse_scenario, run
+from sionna_radar import run
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
@@ -15,36 +15,17 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.preparation import prepare
-
-HILLS = {
-    "seed": 4,
-    "terrain": {"kind": "hills", "size_m": [340.0, 340.0], "spacing_m": 2.0, "seed": 2},
-    "platform": {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 20.0},
-    "radar": {"snr_db": 30.0},
-    "tracing": {"paths_per_pulse": 128},
-}
-
-
-def scenario_of(**keys: object):
-    """The small survey of hills with dotted keys (written with __) set; a whole table may be replaced."""
-    data = {name: dict(table) if isinstance(table, dict) else table for name, table in HILLS.items()}
-    for key, value in keys.items():
-        *tables, last = key.split("__")
-        node = data
-        for name in tables:
-            node = node.setdefault(name, {})
-        node[last] = value
-    return parse_scenario(data)
+from surveys import hills
 
 
 @pytest.fixture(scope="module")
 def survey():
-    return run(scenario_of())
+    return run(hills())
 
 
 @pytest.mark.parametrize("block_size", [1, 64, 10**6])
 def test_the_block_size_changes_no_bit(survey, block_size):
-    other = run(scenario_of(), execution=Execution(block_size=block_size))
+    other = run(hills(), execution=Execution(block_size=block_size))
     assert other.points.sha256() == survey.points.sha256()
     np.testing.assert_array_equal(other.dem.height_m, survey.dem.height_m)
     assert other.dem_error == survey.dem_error
@@ -54,10 +35,10 @@ def test_the_block_size_changes_no_bit(survey, block_size):
 @pytest.mark.parametrize("method", ["refined", pytest.param("stepped", marks=pytest.mark.study)])
 def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_navigation(method):
     keys = {"dem__method": method, "processing__echoes": "all", "platform__length_m": 4.0, "dem__spacing_m": 2.0}
-    one, other = run(scenario_of(**keys)), run(scenario_of(**keys), execution=Execution(block_size=17))
+    one, other = run(hills(**keys)), run(hills(**keys), execution=Execution(block_size=17))
     np.testing.assert_array_equal(other.dem.height_m, one.dem.height_m)
     # A navigation that places the radar half a metre too high lifts the whole map by that.
-    lifted = run(scenario_of(**keys, platform__navigation={"position_constant_m": [0.0, 0.0, 0.5]}))
+    lifted = run(hills(**keys, platform__navigation={"position_constant_m": [0.0, 0.0, 0.5]}))
     moved = lifted.dem.height_m - one.dem.height_m
     assert np.nanmedian(moved) == pytest.approx(0.5, abs=0.02)
     assert np.mean(np.abs(moved - 0.5)[np.isfinite(moved)] < 0.1) > 0.9
@@ -66,20 +47,20 @@ def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_nav
 def test_memory_given_back_before_the_map_changes_nothing(survey, monkeypatch):
     """What the sensor forgets, the chirp on record has it draw again."""
     monkeypatch.setattr("sionna_radar.survey.chain.MANY_ECHOES", 0)
-    other = run(scenario_of())
+    other = run(hills())
     np.testing.assert_array_equal(other.dem.height_m, survey.dem.height_m)
     np.testing.assert_array_equal(other.chirp.beat, survey.chirp.beat)
 
 
 def test_a_second_run_is_the_same_and_another_seed_is_not(survey):
-    assert run(scenario_of()).points.sha256() == survey.points.sha256()
-    assert run(scenario_of(seed=5)).points.sha256() != survey.points.sha256()
+    assert run(hills()).points.sha256() == survey.points.sha256()
+    assert run(hills(seed=5)).points.sha256() != survey.points.sha256()
 
 
 @pytest.mark.parametrize("keys", [{"radar__sampling": "iq"}, {"radar__antenna": {"beamwidth_deg": [2.0, 4.0]}}])
 def test_block_sizes_of_other_radars(keys):
     digests = {
-        run(scenario_of(platform__length_m=5.0, **keys), execution=Execution(block_size=size)).points.sha256()
+        run(hills(platform__length_m=5.0, **keys), execution=Execution(block_size=size)).points.sha256()
         for size in (1, 37, 999)
     }
     assert len(digests) == 1
@@ -93,13 +74,13 @@ def test_the_survey_is_told_whole(survey):
     assert np.all(np.diff(survey.points.pulse) > 0)
     assert survey.dem.grid == survey.truth.grid == survey.error.grid
     assert {"prepare", "trace", "synthesise", "detect", "map", "total"} <= set(survey.timing_s)
-    assert survey.scenario == scenario_of()
+    assert survey.scenario == hills()
 
 
 def test_progress_tells_every_stage_and_counts_every_pulse():
     calls = []
     run(
-        scenario_of(platform__length_m=5.0),
+        hills(platform__length_m=5.0),
         execution=Execution(block_size=20, progress=lambda *step: calls.append(step)),
     )
     assert calls == [
@@ -113,7 +94,7 @@ def test_progress_tells_every_stage_and_counts_every_pulse():
 
 
 def test_points_lie_near_the_ground(survey):
-    ground = prepare(scenario_of()).scene.ground_m(survey.points.position_m[:, :2])
+    ground = prepare(hills()).scene.ground_m(survey.points.position_m[:, :2])
     off = survey.points.position_m[:, 2] - ground
     assert np.median(np.abs(off)) < 0.5
     assert survey.dem_error.count > 500
@@ -123,7 +104,7 @@ def test_points_lie_near_the_ground(survey):
 
 def test_on_a_plane_the_dem_is_flat():
     keys = {"terrain": {"kind": "flat", "size_m": [400.0, 400.0]}, "tracing__paths_per_pulse": 512}
-    error = run(scenario_of(**keys, platform__length_m=40.0)).dem_error
+    error = run(hills(**keys, platform__length_m=40.0)).dem_error
     assert abs(error.mean_m) < 0.1
     assert error.rms_m < 0.3
     assert error.coverage > 0.7
@@ -148,7 +129,7 @@ def spoilt(pose: Pose) -> Pose:
 
 def test_the_truth_is_not_the_estimate():
     """After the echoes are received, nothing may look at where the radar really was."""
-    ready = prepare(scenario_of(platform__length_m=5.0))
+    ready = prepare(hills(platform__length_m=5.0))
     pulses = ready.flight.pulses(np.arange(len(ready.flight)))
     beat = ready.receiver.beat(ready.sensor_inputs().tracer().trace(pulses), pulses)
     points = []
@@ -164,7 +145,7 @@ def test_the_truth_is_not_the_estimate():
 
 def test_run_locates_from_the_measured_pose(monkeypatch):
     """Navigation that errs by a constant shifts every point of `run` by it, and by the Doppler of its velocity."""
-    scenario = scenario_of(platform__length_m=5.0)
+    scenario = hills(platform__length_m=5.0)
     right = run(scenario).points
     error_m, error_mps = np.array([3.0, -2.0, 1.0]), np.array([0.4, 0.0, 0.2])
     exact = PulseSchedule.pulses
@@ -189,7 +170,7 @@ def test_a_scan_and_an_antenna_of_ones_own():
     down = RotatingScan(
         mode="fixed", incidence_rad=0.0, half_swath_rad=np.pi, rotation_rad_s=0.0, start_rad=0.0, stabilised=True
     )
-    survey = run(scenario_of(platform__length_m=3.0), parts=CustomParts(antenna=make_antenna(1.0, 1.0), scan=down))
+    survey = run(hills(platform__length_m=3.0), parts=CustomParts(antenna=make_antenna(1.0, 1.0), scan=down))
     assert survey.pulses == 108  # 0.3 s of 360 chirps a second
     assert survey.replaced == {
         "radar.antenna": "sionna_radar.radar.antenna.Antenna, half-power beam 1 x 1 deg",
@@ -209,10 +190,10 @@ def test_a_survey_is_a_few_lines_in_print(survey):
 
 def test_rain_in_front_of_the_ground_makes_a_warning():
     off = {"volume_clutter": "off"}
-    raining = run(scenario_of(platform__length_m=5.0, weather={"rain_rate_mm_per_h": 20.0}, processing=off))
+    raining = run(hills(platform__length_m=5.0, weather={"rain_rate_mm_per_h": 20.0}, processing=off))
     assert "most echoes (50 of 50) come from the rain in front" in raining.warnings[0]
     strict = {"cfar": {"false_alarm_probability": 1e-12}}
-    weak = run(scenario_of(platform__length_m=5.0, radar__snr_db=-60.0, processing=strict))
+    weak = run(hills(platform__length_m=5.0, radar__snr_db=-60.0, processing=strict))
     assert len(weak.points) == 0
     assert "no echo was detected" in weak.warnings[0]
     assert "raise radar.snr_db" in weak.warnings[0]
@@ -222,8 +203,8 @@ def test_echoes_below_a_step_of_the_converter_ask_for_gain():
     """A converter that a sine of the power P fills has steps whose rounding has the power P / (1.5 * 4^bits)."""
     converter = {"bits": 10, "full_scale_dbm": 10.0, "gain_db": 30.0}
     keys = {"snr_db": None, "transmit_power_dbm": 10.0, "noise_figure_db": 12.0}
-    radar = HILLS["radar"] | keys | {"receiver": {"converter": converter}}
-    lost = run(scenario_of(platform__length_m=5.0, radar=radar))
+    keys = {f"radar.{key}": value for key, value in keys.items()} | {"radar.receiver.converter": converter}
+    lost = run(hills(platform__length_m=5.0, **keys))
     assert len(lost.points) == 0
     sampled_hz = 1024 * 360.0 / 2
     noise_dbm = 30 + 10 * np.log10(Boltzmann * 290.0 * sampled_hz) + 12.0
@@ -266,7 +247,7 @@ FLAT = {"kind": "flat", "size_m": [300.0, 300.0]}
 )
 def test_what_cannot_be_flown_is_refused(keys, field, said):
     with pytest.raises(ScenarioError) as caught:
-        prepare(scenario_of(**keys))
+        prepare(hills(**keys))
     found = {problem.field: problem.message for problem in caught.value.problems}
     assert field in found, found
     assert said in found[field]
@@ -274,13 +255,13 @@ def test_what_cannot_be_flown_is_refused(keys, field, said):
 
 def test_iq_sampling_reaches_twice_as_far():
     keys = {"platform__altitude_m": 120.0, "terrain": {"kind": "flat", "size_m": [900.0, 900.0]}}
-    prepare(scenario_of(radar__sampling="iq", **keys))
+    prepare(hills(radar__sampling="iq", **keys))
     with pytest.raises(ScenarioError):
-        prepare(scenario_of(radar__sampling="real", **keys))
+        prepare(hills(radar__sampling="real", **keys))
 
 
 def test_the_reference_echo_sets_the_noise():
-    ready = prepare(scenario_of(terrain={"kind": "flat", "size_m": [400.0, 400.0]}))
+    ready = prepare(hills(terrain={"kind": "flat", "size_m": [400.0, 400.0]}))
     echo = plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
     assert 10 * np.log10(echo / ready.receiver.noise_power_w) == pytest.approx(30.0, abs=0.02)
 
@@ -289,7 +270,7 @@ def test_the_received_level_is_that_of_the_transmitter():
     """10 dBm over a plane: the mean power of the beat is the radar equation's, and the noise k T F B."""
     radar = {"transmit_power_dbm": 10.0, "noise_figure_db": 15.0, "scan": {"mode": "fixed", "incidence_deg": 45.0}}
     keys = {"terrain": {"kind": "flat", "size_m": [600.0, 600.0]}, "platform__length_m": 30.0}
-    ready = prepare(scenario_of(radar=radar, **keys))
+    ready = prepare(hills(radar=radar, **keys))
     pulses = ready.flight.pulses(np.arange(len(ready.flight)))
     beat = ready.receiver.beat(ready.sensor_inputs().tracer().trace(pulses), pulses)
     echo = 0.01 * plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)

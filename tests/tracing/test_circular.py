@@ -10,7 +10,7 @@ from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scene.model import Scene, Target
+from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.build import build_materials
@@ -27,7 +27,7 @@ from sionna_radar.tracing.sionna.pattern import SionnaPattern
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.validity import Precipitation
-from worlds import make_surface
+from worlds import plane_of
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 EVEN, WEAK = ConstantGammaBackscatter(0.05), ConstantGammaBackscatter(0.0125)
@@ -39,13 +39,6 @@ GROUNDS = {
 SENSES = {"co": "same", "cross": "opposite"}
 
 
-def of_ground(material) -> Scene:
-    ground = make_surface(lambda x, y: 0 * x, size_m=2000.0, spacing_m=20.0)
-    return Scene(
-        surfaces=(ground,), materials={"ground": material}, targets=(), ground_material="ground", georeference=None
-    )
-
-
 def level_db(paths, pulses, expected) -> float:
     return float(10 * np.log10(np.sum(np.abs(paths.gain.astype(complex)) ** 2) / len(pulses) / expected))
 
@@ -54,7 +47,7 @@ def level_db(paths, pulses, expected) -> float:
 @pytest.mark.parametrize("receives", SENSES)
 def test_a_plane_returns_what_its_covariance_says(name, receives):
     """A beam scanned to 40 deg meets the plane of incidence at an angle, which a circular wave does not notice."""
-    scene = of_ground(GROUNDS[name])
+    scene = plane_of(GROUNDS[name])
     antenna = replace(make_antenna(2.0, 2.0, "RHCP"), receives=receives)
     pulses = make_pulses(150, incidence_deg=45.0, scan_deg=40.0)
     tilt = np.arccos(np.cos(np.deg2rad(45)) * np.cos(np.deg2rad(40)))
@@ -77,7 +70,7 @@ def test_a_plane_returns_what_its_covariance_says(name, receives):
 
 @pytest.mark.study
 def test_the_other_engines_return_the_same():
-    scene, antenna = of_ground(GROUNDS["uneven"]), make_antenna(20.0, 20.0, "LHCP")
+    scene, antenna = plane_of(GROUNDS["uneven"]), make_antenna(20.0, 20.0, "LHCP")
     pulses = make_pulses(2, incidence_deg=50.0)
     beam = BeamEngine(scene, antenna, make_chirp(), 1, 8192, 0.05).trace(pulses)
     power = np.sum(np.abs(beam.gain.astype(complex)) ** 2) / len(pulses)
@@ -141,7 +134,7 @@ def test_mirrors_and_targets_return_the_opposite_sense():
     metal = Mirror(permittivity=1 - 1e9j, rms_height_m=0.0, frequency_hz=77e9)
     plate = replace(as_radar_material(EVEN), mirror=metal)
     target = Target(position_m=(0.0, 0.3, 2.0), rcs_m2=1.0)
-    scene = replace(of_ground(plate), targets=(target,))
+    scene = replace(plane_of(plate), targets=(target,))
     chirp, pulses = make_chirp(), make_pulses(1)
     levels = {}
     for name, changes in {

@@ -9,7 +9,7 @@ import trimesh
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna
-from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import (
     ConstantGammaBackscatter,
@@ -31,7 +31,7 @@ from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.sionna.material import BackscatterMaterial, dr, mi, sionna_material
-from worlds import make_surface
+from worlds import make_scene, plane_of
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 SOIL = soil_permittivity(
@@ -72,13 +72,6 @@ MODELS = {
 EACH = [(name, "V") for name in MODELS] + [
     (name, "H") for name, model in MODELS.items() if model.vertical is not model.horizontal
 ]
-
-
-def plane_of(material: RadarMaterial, **place) -> Scene:
-    ground = make_surface(lambda x, y: 0 * x, **({"size_m": 2000.0, "spacing_m": 20.0} | place))
-    return Scene(
-        surfaces=(ground,), materials={"ground": material}, targets=(), ground_material="ground", georeference=None
-    )
 
 
 def mean_power(paths, pulses) -> float:
@@ -264,9 +257,7 @@ def test_a_metal_sphere_echoes_its_shadow():
     ball = trimesh.creation.icosphere(subdivisions=6, radius=radius)
     surface = Surface(name="ball", vertices_m=np.asarray(ball.vertices), faces=np.asarray(ball.faces), material="metal")
     rough_metal = rough(GeometricalOptics, slope * 0.02 / np.sqrt(2), 0.02, building_permittivity("metal", 77e9))
-    scene = Scene(
-        surfaces=(surface,), materials={"metal": rough_metal}, targets=(), ground_material="metal", georeference=None
-    )
+    scene = make_scene(surface, materials={"metal": rough_metal})
     theta = np.linspace(0, np.pi / 2, 20001)[:-1]
     ring = 2 * np.pi * radius**2 * np.sin(theta) * rough_metal.vertical.sigma0(theta)
     assert np.trapezoid(ring, theta) == pytest.approx(np.pi * radius**2 * (1 + slope**2), rel=3e-3)

@@ -258,15 +258,9 @@ class ArrayEstimator:
     ) -> Echoes:
         """Return the points of a frame, their ranges not corrected for Doppler.
 
-        Parameters
-        ----------
-        beats:
-            Of the frame, chirp by chirp.
-        pulse, measured:
-            Its index, and the pose (one row) in its middle.
-        expected:
-            What is known of the ground beforehand; sources elsewhere are left out.
-
+        beats: of the frame, chirp by chirp.
+        pulse, measured: its index, and the pose (one row) in its middle.
+        expected: what is known of the ground beforehand; sources elsewhere are left out.
         """
         found = self.map(beats)
         sources = self.sources(found, measured)

@@ -45,15 +45,9 @@ def phase_covariance(
 ) -> Float[np.ndarray, "point receiver receiver"]:
     """Return the covariance of the phases of side receivers against the first.
 
-    Parameters
-    ----------
-    along_rad:
-        Standard deviation of each receiver's phase along the strip.
-    snr:
-        Power of the echo over that of the noise in each receiver, a ratio.
-    looks:
-        Independent looks.
-
+    along_rad: standard deviation of each receiver's phase along the strip.
+    snr: power of the echo over that of the noise in each receiver, a ratio.
+    looks: independent looks.
     """
     noise = 1 / snr
     speckle = np.exp(along_rad[:, :, None] * along_rad[:, None, :])
@@ -78,13 +72,8 @@ def ratio_covariance(
     A ratio is the mean over the strip's scatterers, weighted by a speckled field, and half of that field's variance is
     in phase with the sum.
 
-    Parameters
-    ----------
-    ratio, share:
-        Ratios at nodes along the strip, and their shares of its power.
-    snr, looks:
-        See `phase_covariance`; the noise of the difference is that of the sum.
-
+    ratio, share: ratios at nodes along the strip, and their shares of its power.
+    snr, looks: see `phase_covariance`; the noise of the difference is that of the sum.
     """
     deviation = ratio - np.sum(ratio * share, axis=2, keepdims=True)
     spread = np.einsum("pin,pjn,n->pij", deviation, deviation, share)
@@ -134,15 +123,10 @@ class AngleEstimator:
     ) -> Echoes:
         """Return the points along the echoes of a block, not corrected for Doppler.
 
-        Parameters
-        ----------
-        beats:
-            Beat signals of the first receiver and of those beside it.
-        pulse, measured:
-            Indices of the pulses in the survey, and their measured poses, for the tilt of the ground in the beam.
-        window_m:
-            Nearest and farthest range searched in each pulse; None for all ranges.
-
+        beats: beat signals of the first receiver and of those beside it.
+        pulse, measured: indices of the pulses in the survey, and their measured poses, for the tilt of the ground in
+            the beam.
+        window_m: nearest and farthest range searched in each pulse; None for all ranges.
         """
         spans = self.detector.spans(self.detector.spectra(beats[0]), window_m)
         signals = [self.detector.analyser.amplitude(beat) for beat in beats]

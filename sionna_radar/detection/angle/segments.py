@@ -55,13 +55,8 @@ class RangeStrips(Columns):
 def range_strips(pose: Pose, spread: tuple[float, float]) -> RangeStrips:
     """Return the strips of pulses.
 
-    Parameters
-    ----------
-    pose:
-        Measured poses.
-    spread:
-        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
-
+    pose: measured poses.
+    spread: standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
     """
     up = pose.R_world_antenna[:, 2, :]
     across = np.linalg.norm(up[:, 1:], axis=1)

@@ -55,7 +55,6 @@ class RingCfar:
     >>> cfar = RingCfar(guard=(1, 1), training=(2, 2), false_alarm_probability=1e-4, correlation=white)
     >>> cfar.cells, round(cfar.factor, 2)  # (1 + factor / 40) ** -40 = 1e-4
     (40, 10.36)
-
     """
 
     guard: tuple[int, int]
@@ -179,7 +178,6 @@ class ClutterMap:
     >>> moved[2, 5] = 5000.0
     >>> int(clutter.detected(moved).sum())
     1
-
     """
 
     weight: float

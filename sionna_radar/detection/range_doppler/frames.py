@@ -64,7 +64,6 @@ class RangeDoppler:
     (0.304, 19.5)
     >>> round(frames.noise_loss_db, 2)  # of two Hann windows, against rectangular ones
     3.52
-
     """
 
     chirp: Chirp
@@ -162,7 +161,6 @@ class RangeDoppler:
         ------
         ValueError
             The frame has another number of chirps or samples.
-
         """
         spectrum = self.amplitude(beat)
         return RangeDopplerMap(

@@ -48,7 +48,6 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
         The map.
     detected:
         Cells that exceed their threshold; see `RingCfar` and `ClutterMap`.
-
     """
     power = found.power
     highest = power == maximum_filter(power, size=3, mode=("wrap", "nearest"))
@@ -99,7 +98,6 @@ class StaggeredRangeDoppler:
     >>> frames = StaggeredRangeDoppler(half=half, first_s=1 / 20e3)
     >>> frames.foldings, round(half.highest_rate_mps, 1), round(frames.highest_rate_mps, 1)
     (5, 7.8, 38.9)
-
     """
 
     half: RangeDoppler

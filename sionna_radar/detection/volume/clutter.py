@@ -5,25 +5,30 @@ profile: near the radar a volume that fills the beam falls as r^-2, and exceeds 
 median of the pulses. This first guess locates the end of the volume in each pulse (`end`); the cells well before
 it hold volume only, and their average over all pulses is the mean in every cell, regularized by the law where few
 reach. The rain rate and the ground need not be known beforehand. Where a volume varies over the survey (a shower at
-its edge), its strength around each pulse follows from the cells next to the radar.
+its edge), its strength around each pulse follows from cells before the ground.
 
 The motion is estimated from the survey as well: drops fall, and the wind carries them. Motion shifts the range measured
-by an FMCW sweep, so that the end of the volume appears beside the echo of the ground that ends it. The shift in each
-pulse depends on the mean velocity of the particles along its boresight; a scan samples many directions. The prior
-is rain falling through still air, drops weighted by their echo; its rate follows from the strength of the
-echo where the transmitted power is known. Snow, fog or a wind are accepted if they raise the
-total likelihood by more than a model error does: over simulated ground the maximum-likelihood speed is up to 1 m/s off
-the true one.
+by an FMCW sweep by s metres for each m/s of range rate, of near drops as of far ones. So the mean at the measured range
+x, in a pulse whose boresight is b and through a volume of the velocity v, is
+
+    mu(x) = k r^-2 exp(-a r) + n,       r = x - s (b . v + the platform's range rate),
+
+with the two-way attenuation a and the receiver noise n. A cell tells a shift of its range by the relative change
+2 / r + a of its mean: some hundred pulses tell the range rate to half a metre a second, and a scan samples many
+directions. (The end of the volume at the ground is shifted as well, but stands out in the tails of the ground's echo
+only, which is hundreds of times as strong: the footprint's shape would have to be known to a percent there.) The prior
+is rain falling through still air, drops weighted by their echo; its rate follows from the strength of the echo where
+the transmitted power is known. Rain in still air, snowfall, suspended particles and each of them in a wind are compared
+by their probabilities, the unknown velocity integrated out (Laplace's approximation; MacKay 1992, Neural Comput. 4).
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq, minimize
+from jaxtyping import Bool, Float, Int
+from scipy.optimize import brentq
+from scipy.special import ndtri
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
@@ -68,6 +73,11 @@ class VolumeClutter:
         """Mean power of volume and noise."""
         return self.mean + self.noise
 
+    @property
+    def farther(self) -> Int[np.ndarray, " cell"]:
+        """Farther half of the near cells."""
+        return np.arange(sum(self.near) // 2, self.near[1])
+
     def clutter_threshold(self, false_alarm_probability: float) -> Float[np.ndarray, " cell"]:
         """Return the power that volume and noise alone exceed with a given probability: a clutter-map threshold."""
         return -np.log(false_alarm_probability) * self.background
@@ -75,8 +85,9 @@ class VolumeClutter:
     def strength(
         self, power: Float[np.ndarray, "pulse cell"], looks: float, neighbours: int
     ) -> Float[np.ndarray, " pulse"]:
-        """Return the volume's mean around each pulse over that of the survey, from the cells next to the radar.
+        """Return the volume's mean around each pulse over that of the survey, from the farther half of the near cells.
 
+        There the shift of ranges by motion, which differs between pulses, is small beside the range.
         looks: independent looks per cell; neighbours: pulses on each side through nearly the same volume.
         """
         if self.uneven == 0:
@@ -85,24 +96,22 @@ class VolumeClutter:
         about = slice(neighbours, neighbours + len(power))
         count = np.convolve(np.ones(len(power)), kernel)[about]
         mean = np.convolve(self._near_mean(power), kernel)[about] / count
-        chance = 1 / (count * looks * max(self.near[1] - self.near[0], 1))
+        chance = 1 / (count * looks * max(self.farther.size, 1))
         # Shrink towards the survey's mean as far as speckle explains the difference.
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
         return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
 
     def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float, smoothed_cells: int) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
-        cells = self.near[1] - self.near[0]
-        if cells < 2 * smoothed_cells:
+        if self.farther.size < smoothed_cells:
             return 0.0
         mean = self._near_mean(power)
-        chance = float(np.mean(mean**2)) / (looks * cells + 1)
+        chance = float(np.mean(mean**2)) / (looks * self.farther.size + 1)
         variance = float(mean.var())
         return variance - chance if variance > MIN_UNEVEN * chance else 0.0
 
     def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
-        cells = slice(*self.near)
-        ratio = power[:, cells] / self.background[cells]
+        ratio = power[:, self.farther] / self.background[self.farther]
         return np.minimum(ratio, MAX_SPECKLE * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
@@ -134,7 +143,7 @@ def _volume_at(
 ) -> VolumeClutter | None:
     """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential."""
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
-    noise = float(np.quantile(level[first:last], QUIET_SHARE))
+    noise = _noise(level[first:last], np.sqrt(share / (1 - share) / len(power)) / -np.log(1 - share))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
@@ -148,6 +157,17 @@ def _volume_at(
         if filled and 1 / MAX_UNEVEN < ratio < MAX_UNEVEN:
             return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
+
+
+def _noise(level: Float[np.ndarray, " cell"], scatter: float) -> float:
+    """Return the level of the quietest cells: of those from their 5 % quantile to as far above their median.
+
+    scatter: standard deviation of the level of a cell, over its mean.
+    """
+    lowest = np.quantile(level, QUIET_SHARE)
+    below = -float(ndtri(QUIET_SHARE)) * scatter
+    highest = lowest * (1 + below) / max(1 - below, 0.1)
+    return float(np.median(level[(level >= lowest) & (level <= highest)]))
 
 
 def measured_mean(
@@ -197,17 +217,17 @@ TYPICAL_RATE_MM_PER_H = 5.0
 RATES_MM_PER_H = (0.5, 150.0)
 # Snowflakes fall at 0.8 to 1.5 m/s whatever their size (Locatelli and Hobbs 1974, J. Geophys. Res. 79, 2185).
 SNOW_FALL_MPS = 1.1
-# Another motion must exceed the likelihood of rain in still air by more than this error in radial speed costs,
-# and by more nepers per pulse than weak ground causes at random.
-MODEL_ERROR_MPS = 1.4
-MIN_GAIN = 0.1
 # Standard deviations of the fall about the expected one, and of each horizontal component of the wind.
 FALL_SIGMA_MPS = 0.5
 WIND_SIGMA_MPS = 5.0
 # Relative spread of the fall speed: drops fall at 2 to 7 m/s with a mean of 4.5 m/s.
 FALL_SPREAD = 0.22
-# Radial speeds at which pulses are compared.
-RADIAL_SPEEDS_MPS = np.arange(-10.0, 15.0, 2.0)
+# Standard deviation of the attenuation about that of the rain, and of the volume's change over the cells.
+ATTENUATION_SPREAD, CHANGE_NEPERS = 0.3, 0.1
+# Largest speed of particles blown by a storm.
+STORM_MPS = 25.0
+# Largest step of an iteration in velocity and in the logarithm of the strength; steps below the least end it.
+MAX_STEP, MIN_STEP, MAX_STEPS = 5.0, 1e-4, 30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -250,12 +270,48 @@ def expected_motion(carrier_hz: float, rain_rate_mm_per_h: float) -> VolumeMotio
     return falling(_rain_fall_mps(carrier_hz, rain_rate_mm_per_h))
 
 
-def estimated_motion(
-    carrier_hz: float,
-    rain_rate_mm_per_h: float,
-    boresight: Float[np.ndarray, "pulse 3"],
-    likelihood: Callable[[float], Float[np.ndarray, " pulse"]],
-) -> VolumeMotion:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VolumeCells:
+    """Cells that hold nothing but volume, in pulses sampled over a survey.
+
+    power: over the volume's strength around each pulse. noise: mean power of the receiver noise, likewise.
+    range_m: measured ranges of the cells. shift_m: increase of a range for each m/s of range rate.
+    boresight, platform_mps: boresights, and the platform's range rates along them, of the measured poses.
+    looks: independent looks per cell. nearest_m: least range of the law r^-2. margin_m: reach of an echo's side lobes.
+    uneven: variance of the volume's strength between pulses, and so along a beam; 0 if it is uniform.
+    """
+
+    power: Float[np.ndarray, "pulse cell"]
+    noise: Float[np.ndarray, "pulse 1"]
+    range_m: Float[np.ndarray, " cell"]
+    shift_m: float
+    boresight: Float[np.ndarray, "pulse 3"]
+    platform_mps: Float[np.ndarray, " pulse"]
+    looks: float
+    nearest_m: float
+    margin_m: float
+    uneven: float
+
+    def beyond(self, particles_mps: Float[np.ndarray, " pulse"] | float) -> "VolumeCells":
+        """Return the cells that no shift by particles of up to some range rates brings the nearest particles into.
+
+        Approaching ones next to the radar have negative beat frequencies, which a real signal shows as positive ones.
+        """
+        shift_m = abs(self.shift_m) * float(np.max(np.abs(self.platform_mps) + particles_mps))
+        far = self.range_m >= max(self.nearest_m, self.margin_m) + shift_m
+        return replace(self, power=self.power[:, far], range_m=self.range_m[far])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _MotionFit:
+    """Velocity and covariance of one kind of motion, and the negative logarithm of its probability."""
+
+    velocity_mps: Float[np.ndarray, " 3"]
+    covariance: Float[np.ndarray, "3 3"]
+    cost: float
+
+
+def estimated_motion(carrier_hz: float, rain_rate_mm_per_h: float, cells: VolumeCells) -> VolumeMotion:
     """Return the most probable motion.
 
     Parameters
@@ -264,52 +320,74 @@ def estimated_motion(
         Carrier, which determines the echo weight of each drop size.
     rain_rate_mm_per_h:
         Expected rain.
-    boresight:
-        Boresights of pulses sampled over the survey, from their measured poses.
-    likelihood:
-        Log-likelihood of each pulse for a volume that recedes from all of them at one speed (m/s).
+    cells:
+        Cells before the ground.
 
     """
-    by_speed = np.array([likelihood(float(speed)) for speed in RADIAL_SPEEDS_MPS])
-    spline = CubicSpline(RADIAL_SPEEDS_MPS, by_speed, bc_type="natural")
-    row = np.arange(len(boresight))
-    reach = RADIAL_SPEEDS_MPS[[0, -1]]
-
-    def cost(velocity_mps: Float[np.ndarray, " 3"], fall_mps: float) -> float:
-        """Return the negative log-posterior; each pulse has its own radial speed and spline."""
-        speed = np.clip(boresight @ velocity_mps, *reach)
-        interval = np.clip(np.searchsorted(RADIAL_SPEEDS_MPS, speed) - 1, 0, len(RADIAL_SPEEDS_MPS) - 2)
-        step = speed - RADIAL_SPEEDS_MPS[interval]
-        value = sum(c[interval, row] * step ** (3 - power) for power, c in enumerate(spline.c))
-        wind = velocity_mps[:2] @ velocity_mps[:2] / WIND_SIGMA_MPS**2
-        return float(-np.sum(value) + (wind + ((velocity_mps[2] + fall_mps) / FALL_SIGMA_MPS) ** 2) / 2)
-
-    def fitted(fall_mps: float) -> tuple[float, VolumeMotion]:
-        """Return the best wind and fall around an expected fall speed, and their cost."""
-        start = np.array([0.0, 0.0, -fall_mps])
-        simplex = start + np.concatenate([np.zeros((1, 3)), np.diag([WIND_SIGMA_MPS, WIND_SIGMA_MPS, FALL_SIGMA_MPS])])
-        options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}
-        best = minimize(cost, start, args=(fall_mps,), method="Nelder-Mead", options=options)
-        spread_mps = FALL_SPREAD * max(-float(best.x[2]), 0.0)
-        return best.fun, VolumeMotion(velocity_mps=best.x, fall_spread_mps=spread_mps)
-
-    falls = (_rain_fall_mps(carrier_hz, rain_rate_mm_per_h), SNOW_FALL_MPS, 0.0)
-    chosen = falling(falls[0])
-    lowest_cost = cost(chosen.velocity_mps, falls[0]) - max(
-        _loss_by_error(by_speed.sum(axis=1)), MIN_GAIN * len(boresight)
-    )
-    still_air = [(cost(falling(fall).velocity_mps, fall), falling(fall)) for fall in falls[1:]]
-    for value, motion in still_air + [fitted(fall) for fall in falls]:
-        if value < lowest_cost:
-            lowest_cost, chosen = value, motion
-    return chosen
+    rain = expected_motion(carrier_hz, rain_rate_mm_per_h)
+    falls_mps = (-float(rain.velocity_mps[2]), SNOW_FALL_MPS, 0.0)
+    straight_down = {"elevation_rad": -math.pi / 2, "tilt_rad": 0.0}
+    loss_db_per_km = rain_attenuation_db_per_km(carrier_hz, rain_rate_mm_per_h=rain_rate_mm_per_h, **straight_down)
+    attenuation = 2e-3 * NEPERS_PER_DB * loss_db_per_km
+    used = cells.beyond(STORM_MPS)
+    if used.range_m.size < 2:
+        return rain
+    # A storm could reach farther than the motion found does: nearer cells tell it better.
+    while True:
+        wind = _fitted_motion(used, falls_mps[0], attenuation, still=False)
+        sigma_mps = np.sqrt(np.einsum("pi,ij,pj->p", cells.boresight, wind.covariance, cells.boresight))
+        nearer = cells.beyond(np.abs(cells.boresight @ wind.velocity_mps) + 3 * sigma_mps)
+        if nearer.range_m.size <= used.range_m.size:
+            break
+        used = nearer
+    fits = [_fitted_motion(used, fall, attenuation, still=still) for still in (True, False) for fall in falls_mps]
+    # Rain in still air is beforehand as probable as all others together.
+    best = min(fits[1:], key=lambda fit: fit.cost)
+    if best.cost + math.log(len(fits) - 1) >= fits[0].cost:
+        return rain
+    fall_mps = max(-float(best.velocity_mps[2]), 0.0)
+    return VolumeMotion(velocity_mps=best.velocity_mps, fall_spread_mps=FALL_SPREAD * fall_mps)
 
 
-def _loss_by_error(total: Float[np.ndarray, " speed"]) -> float:
-    """Return the loss of log-likelihood by a model error, from the curvature at the best radial speed."""
-    best = int(np.clip(np.argmax(total), 1, len(total) - 2))
-    step_mps = RADIAL_SPEEDS_MPS[1] - RADIAL_SPEEDS_MPS[0]
-    return float((total[best] - total[[best - 1, best + 1]].mean()) * (MODEL_ERROR_MPS / step_mps) ** 2)
+def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, still: bool) -> _MotionFit:
+    """Return the most probable velocity about a fall, by Fisher scoring, with strength and attenuation free.
+
+    attenuation: expected, two-way, nepers/m. still: the particles fall as expected.
+    """
+    extent_m = max(float(np.ptp(cells.range_m)), cells.margin_m)
+    spread = np.hypot(ATTENUATION_SPREAD * attenuation, math.hypot(CHANGE_NEPERS, math.sqrt(cells.uneven)) / extent_m)
+    # Cells of an uneven volume differ from the law together.
+    looks = cells.looks / (1 + cells.looks * cells.range_m.size * cells.uneven)
+    expected = np.array([0.0, 0.0, -fall_mps, 0.0, attenuation])
+    precision = np.array([WIND_SIGMA_MPS**-2, WIND_SIGMA_MPS**-2, FALL_SIGMA_MPS**-2, MAX_NEPERS**-2, spread**-2])
+    at_rest = cells.range_m - cells.shift_m * cells.platform_mps[:, None]
+    nearest_m = float(np.diff(cells.range_m[:2])[0])
+
+    def law(value: Float[np.ndarray, " 5"]) -> tuple[Float[np.ndarray, "pulse cell"], Float[np.ndarray, "pulse cell"]]:
+        range_m = np.maximum(at_rest - cells.shift_m * (cells.boresight @ value[:3])[:, None], nearest_m)
+        return range_m, np.exp(value[3] - value[4] * range_m) / range_m**2
+
+    value = expected.copy()
+    noise = float(np.mean(cells.noise))
+    received = max(float(np.mean(cells.power)) - noise, MIN_OF_LAW * noise, np.finfo(float).tiny)
+    value[3] = expected[3] = math.log(received / float(np.mean(law(value)[1])))
+    free = slice(3, 5) if still else slice(0, 5)
+    for _ in range(MAX_STEPS):
+        range_m, volume = law(value)
+        mean = volume + cells.noise
+        share = volume / mean
+        by_rate = share * (2 / range_m + value[4]) * cells.shift_m
+        slopes = np.stack([*(cells.boresight.T[:, :, None] * by_rate), share, -range_m * share]).reshape(5, -1)
+        information = looks * slopes @ slopes.T + np.diag(precision)
+        score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
+        step = np.clip(np.linalg.solve(information[free, free], score[free]), -MAX_STEP, MAX_STEP)
+        value[free] += step
+        if np.abs(step).max() < MIN_STEP:
+            break
+    mean = law(value)[1] + cells.noise
+    cost = looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
+    cost += (np.linalg.slogdet(information[free, free])[1] - (0.0 if still else np.log(precision[:3]).sum())) / 2
+    return _MotionFit(velocity_mps=value[:3], covariance=np.linalg.inv(information)[:3, :3], cost=float(cost))
 
 
 def _rain_fall_mps(carrier_hz: float, rate_mm_per_h: float) -> float:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
@@ -18,7 +17,9 @@ from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     NEAR_CELLS,
     NEIGHBOURS,
+    STORM_MPS,
     TYPICAL_RATE_MM_PER_H,
+    VolumeCells,
     VolumeClutter,
     VolumeMotion,
     estimated_motion,
@@ -27,7 +28,7 @@ from sionna_radar.detection.volume.clutter import (
     measured_mean,
     rain_rate_of,
 )
-from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import FINE, GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
@@ -45,8 +46,8 @@ RARELY_GROUND = 0.02
 EVEN_LEVEL = 100.0
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
 STRONGER = 2.0
-# Largest approach speed of drops blown by a storm.
-FASTEST_DROPS_MPS = 25.0
+# Times the range up to which the beam is collimated: the law r^-2 of a volume is not quite that of a far field before.
+NEAR_FIELD = 2.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
@@ -237,7 +238,12 @@ def _first_cell(detector: Detector) -> int:
 
 
 def volume_in_front(
-    detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp
+    detector: Detector,
+    power: Float[np.ndarray, "pulse bin"],
+    pulses: Pulses,
+    sweep: Chirp,
+    more_power: Float[np.ndarray, "more bin"],
+    more_pulses: Pulses,
 ) -> ThroughVolume | None:
     """Return a detector through the volume seen in some spectra; None in clear air.
 
@@ -249,6 +255,8 @@ def volume_in_front(
         Spectra of pulses spread over the survey.
     pulses, sweep:
         Those pulses and their sweep.
+    more_power, more_pulses:
+        Further ones, which the volume's motion is estimated from.
 
     """
     if detector.beam is None:
@@ -265,7 +273,7 @@ def volume_in_front(
     rate = stated or _rain_rate_mm_per_h(through, pulses, sweep)
     if rate not in (stated, TYPICAL_RATE_MM_PER_H):
         through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
-    motion = _motion(through, rate, cells, pulses, sweep)
+    motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
     if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
         return through
     return _learned(detector, guess, motion, cells, pulses, sweep)
@@ -297,8 +305,8 @@ def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) ->
     shift of ranges by motion is small beside the range.
     """
     volume, echo_w = through.volume, through.detector.volume_echo_w
-    cells = np.arange(sum(volume.near) // 2, volume.near[1])
-    if echo_w is None or len(cells) == 0:
+    cells = volume.farther
+    if echo_w is None or cells.size == 0:
         return TYPICAL_RATE_MM_PER_H
     range_m = _still_range_m(cells, through.detector, through.motion, pulses, sweep)
     reflectivity_per_m = float(np.mean(volume.mean[cells] * range_m**2)) / echo_w
@@ -333,7 +341,7 @@ def _through(
         beam=detector.beam,
         cell_m=analyser.chirp.range_resolution_m,
         looks=analyser.looks_per_cell,
-        response=analyser.response(RESPONSE_CELLS, 1),
+        response=analyser.response(RESPONSE_CELLS * FINE, FINE),
         first=_first_cell(detector),
         cells=_cells(detector, pulses, sweep),
         floor_share=detector.volume.floor_share,
@@ -351,7 +359,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
     count = len(analyser.range_m[:: analyser.zero_padding])
     if sweep.sampling == "real":
         return count
-    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + FASTEST_DROPS_MPS
+    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + STORM_MPS
     folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
     return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
 
@@ -364,7 +372,7 @@ def _with_mean_and_ground(
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
-    learned = learned_ground(end.ground.level, likelihood)
+    learned = replace(learned_ground(end.ground.level, likelihood), cell=int(np.median(ground)))
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
     volume_end = ground - options.widths_before * width - options.cells_before
@@ -385,16 +393,22 @@ def _motion(
     sweep: Chirp,
 ) -> VolumeMotion:
     """Return the motion of the volume, about that of rain of a rate."""
-    end = through.end
-    strength = through.volume.strength(cells, end.looks, 0)
-    views = through.views(pulses, sweep, strength)
-    ratio = end.over_volume(cells, strength)
-
-    def likelihood(speed_mps: float) -> Float[np.ndarray, " pulse"]:
-        drift_m = sweep.doppler_range_m(np.full(len(pulses), speed_mps))
-        return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
-
-    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, pulses.measured.boresight, likelihood)
+    end, volume, pose = through.end, through.volume, pulses.measured
+    strength = volume.strength(cells, end.looks, 0)[:, None]
+    near = np.arange(*volume.near)
+    only = VolumeCells(
+        power=np.minimum(cells[:, near] / strength, MAX_SPECKLE * volume.background[near]),
+        noise=volume.noise / strength,
+        range_m=near * end.cell_m,
+        shift_m=float(sweep.doppler_range_m(np.ones(1))[0]),
+        boresight=pose.boresight,
+        platform_mps=pose.boresight_range_rate_mps,
+        looks=end.looks,
+        nearest_m=NEAR_FIELD * through.detector.collimated_m,
+        margin_m=2 * RESPONSE_CELLS * end.cell_m,
+        uneven=volume.uneven,
+    )
+    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, only)
 
 
 def _within(

@@ -57,11 +57,13 @@ class GroundBehind:
 
     level, level_share: power of a whole echo over the volume's mean in one cell, and its share of the pulses.
     slope: root-mean-square slope of the ground in any direction.
+    cell: median cell of the ground; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
     level_share: Float[np.ndarray, " level"]
     slope: float
+    cell: int = 0
 
     @property
     def mean_slope(self) -> float:
@@ -110,14 +112,14 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
 
 # Half-length of the window in which shapes are compared, in cells.
 HALF = 40
-WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
+WIDTHS_CELLS = np.geomspace(0.35, 14.0, 11)
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
-# Largest shift of the end of a volume from its ground, in half cells.
-LARGEST_STEP = 40
-ROWS_AT_ONCE = 32
+# Samples per cell of shapes, and of the shift of the end of a volume from its ground; the largest shift in cells.
 FINE = 4
+LARGEST_SHIFT = 20
+ROWS_AT_ONCE = 32
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
@@ -152,7 +154,7 @@ class VolumeEnd:
     volume: mean power of the volume and of the noise. ground: prior of the ground's echo.
     spread_m: standard deviation of the drift, from drops that fall at different speeds.
     beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks per cell.
-    response: power response of the spectrum to a point target, on cells.
+    response: power response of the spectrum to a point target, `FINE` samples per cell.
     first: first cell that may hold ground; cells: number of cells.
     floor_share: lowest mean behind the ground, over the volume's.
     width_spread_nepers: uncertainty of the echo's width on ground of a known slope.
@@ -329,12 +331,13 @@ class VolumeEnd:
         return np.asarray(between[..., None])
 
     def _step(self, drift_m: float) -> int:
-        """Return a drift rounded to half cells, as used for the shapes."""
-        return int(np.clip(round(2 * drift_m / self.cell_m), -LARGEST_STEP, LARGEST_STEP))
+        """Return a drift in samples of the shapes."""
+        return int(np.clip(round(FINE * drift_m / self.cell_m), -LARGEST_SHIFT * FINE, LARGEST_SHIFT * FINE))
 
     def _shapes(self, step: int) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
         spread = round(4 * self.spread_m / self.cell_m) / 4
-        return _shapes(step, spread, self.beam.sine.tobytes(), self.beam.share.tobytes(), self.response.tobytes())
+        beam = self.beam.sine.tobytes(), self.beam.share.tobytes()
+        return _shapes(step, spread, self.ground.cell, *beam, self.response.tobytes())
 
 
 def _strength_step(strength: float) -> int:
@@ -360,25 +363,31 @@ def _spans(
 
 @lru_cache(maxsize=256)
 def _shapes(
-    step: int, spread: float, sine: bytes, share: bytes, response: bytes
+    step: int, spread: float, ground_cell: int, sine: bytes, share: bytes, response: bytes
 ) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
     """Return 1 - F of the drifting volume and the ground's f, for all widths, spread by the window.
 
-    step: drift in half cells; spread: its standard deviation in cells.
+    The range of a plane at the incidence t from the axis is r cos(t) / cos(t + a) = r + w u + q u^2, with u = a / s in
+    standard deviations of the beam, w = r s tan(t) and q = r s^2 (tan(t)^2 + 1/2) = w^2 / r + r s^2 / 2: the echo's far
+    side is longer than its near one.
+
+    step: drift in samples; spread: its standard deviation in cells.
     """
     angle, power, window = (np.frombuffer(buffer) for buffer in (sine, share, response))
-    angle = angle / np.sqrt(power @ angle**2)
-    density = power / power.max()
+    beam = np.sqrt(power @ angle**2)
     place = np.arange(-HALF * FINE, HALF * FINE + 1) / FINE
+    edges = (np.arange(-HALF * FINE, HALF * FINE + 2) - 0.5) / FINE
     half = len(window) // 2
     airs, grounds = [], []
     for width in WIDTHS_CELLS:
-        beam = np.interp(place / width, angle, density, left=0.0, right=0.0)
-        met = (np.cumsum(beam) - beam / 2) / beam.sum()
-        air = np.interp(place - step / 2, place, 1 - met, left=1.0, right=0.0)
-        air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")[::FINE]
-        airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid"))
-        # Each cell integrates the power over its whole length.
-        ground = np.convolve(np.convolve(beam, np.ones(FINE) / FINE, "same")[::FINE], window, "same")
+        bend = width**2 / ground_cell + ground_cell * beam**2 / 2 if ground_cell else 0.0
+        range_cells = width * angle / beam + bend * (angle / beam) ** 2
+        order = np.argsort(range_cells)
+        met = np.cumsum(power[order]) - power[order] / 2
+        air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)
+        air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")
+        airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid")[::FINE])
+        ground = np.diff(np.interp(edges, range_cells[order], met, left=0.0, right=1.0))
+        ground = np.convolve(ground, window, "same")[::FINE]
         grounds.append(ground / ground.sum())
     return np.array(airs), np.array(grounds)

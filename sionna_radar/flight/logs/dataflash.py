@@ -61,7 +61,6 @@ def read_dataflash(path: Path, name: str) -> FlightLog:
     tables, skipped = _tables(content, label)
     positions = _positions(tables, label)
     attitudes, spreads = _attitudes(tables), _spreads(tables)
-    notes = (f"{skipped:,} bytes between messages are damaged, and skipped",) if skipped else ()
     return FlightLog(
         kind="ArduPilot DataFlash",
         on_map=True,
@@ -70,7 +69,7 @@ def read_dataflash(path: Path, name: str) -> FlightLog:
         attitudes=attitudes,
         spreads=spreads,
         sources=tuple(source_of(key, table["TimeUS"] * 1e-6) for key, table in tables.items()),
-        notes=notes,
+        notes=(f"{skipped:,} bytes between messages are damaged, and skipped",) if skipped else (),
     )
 
 

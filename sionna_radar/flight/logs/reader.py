@@ -26,11 +26,7 @@ GPX_MAX_BYTES = 50_000_000
 def read_gpx(path: Path, name: str) -> FlightLog:
     """Return the flight in a GPX file: the points of all tracks, one after the other.
 
-    Raises
-    ------
-    InputFileError
-        It is not XML, has entities, or holds no track with times and elevations.
-
+    Raises InputFileError if it is not XML, has entities, or holds no track with times and elevations.
     """
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a GPX track", GPX_MAX_BYTES)
@@ -52,12 +48,11 @@ def read_gpx(path: Path, name: str) -> FlightLog:
         message = f"{label}: some times have a zone and some have none; write all of them alike"
         raise InputFileError(message) from error
     position = np.array([[point.longitude, point.latitude, point.elevation] for point in points], dtype=float)
-    positions = Positions(source="trkpt", time_s=time_s, place=position)
     return FlightLog(
         kind="GPX",
         on_map=True,
         datum="mean sea level",
-        positions=positions,
+        positions=Positions(source="trkpt", time_s=time_s, place=position),
         attitudes=None,
         spreads=None,
         sources=(source_of("trkpt", time_s),),
@@ -122,7 +117,6 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
     ------
     InputFileError
         It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
-
     """
     regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)

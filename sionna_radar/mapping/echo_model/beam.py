@@ -145,13 +145,8 @@ MIN_GAIN = 3e-3
 def beam_samples(beam: BeamNodes, count: int) -> tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"]]:
     """Return directions across the main lobe in the antenna frame, and the share of the power around each.
 
-    Parameters
-    ----------
-    beam:
-        The antenna's main lobe.
-    count:
-        Of samples in the rectangle of direction cosines around it, of which those too weak to matter are left out.
-
+    beam: the antenna's main lobe.
+    count: of samples in the rectangle of direction cosines around it, of which those too weak to matter are left out.
     """
     # The sequence of Roberts (2018): fractional parts of multiples of powers of the plastic number's inverse.
     even = (np.arange(1, count + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0

@@ -72,17 +72,10 @@ def speckle_reach(
 ) -> Float[np.ndarray, " pulse"]:
     """Return the correlation length of each pulse's speckle, in pulses; 0 if uncorrelated.
 
-    Parameters
-    ----------
-    pulse:
-        Sorted indices of the pulses in the survey.
-    pose_of:
-        Returns the measured poses of some of them, by their rows in `pulse`.
-    range_m:
-        Range of each echo on the axis of the beam.
-    beam, chirp, memory:
-        Of the radar, and of the ground.
-
+    pulse: sorted indices of the pulses in the survey.
+    pose_of: returns the measured poses of some of them, by their rows in `pulse`.
+    range_m: range of each echo on the axis of the beam.
+    beam, chirp, memory: of the radar, and of the ground.
     """
     reach = np.zeros(len(pulse))
     if len(pulse) < 2 or memory.decorrelation_s == 0:
@@ -195,5 +188,4 @@ def _mean_range_correlation(
 def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
     """Return the offset of each cell from the power-weighted mean cell."""
     cell = np.arange(len(power))
-    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
-    return distance
+    return cell - power @ cell / max(power.sum(), 1e-300)

@@ -46,24 +46,17 @@ class Window:
         return np.array([self.grid.x_m[self.columns.stop - 1], self.grid.y_m[self.rows.stop - 1]])
 
     def around(self, place_m: Float[np.ndarray, "n 2"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """Return whether places are within `reach_m` of its cells along each axis."""
+        """Return True where places are within `reach_m` of its cells along each axis."""
         return np.all((place_m >= self.low_m - reach_m) & (place_m <= self.high_m + reach_m), axis=1)
 
 
 def windows_of(grid: Grid, place_m: Float[np.ndarray, "n 2"], most: int, least_m: float) -> list[Window]:
     """Return windows that together are the grid, each with about as many points as the others.
 
-    Parameters
-    ----------
-    grid:
-        The grid.
-    place_m:
-        The points; those beyond the grid count in the windows at its edge.
-    most:
-        Points of a window, unless it would become narrower than
-    least_m:
-        its least width and height.
-
+    grid: the grid.
+    place_m: the points; those beyond the grid count in the windows at its edge.
+    most: points of a window, unless it would become narrower than
+    least_m: its least width and height.
     """
     cell = np.floor((place_m - [grid.west_m, grid.south_m]) / grid.spacing_m + 0.5).astype(np.int64)
     least = max(1, int(np.ceil(least_m / grid.spacing_m)))
@@ -118,19 +111,11 @@ def grid_points(
 ) -> Interpolated:
     """Interpolate points to a grid.
 
-    Parameters
-    ----------
-    points:
-        Located echoes; of several at one horizontal position the highest counts.
-    grid:
-        Grid of the DEM.
-    max_gap_m:
-        Largest distance of a filled cell from a point.
-    shadow_incidence_rad:
-        A triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
-    options:
-        Of the method.
-
+    points: located echoes; of several at one horizontal position the highest counts.
+    grid: grid of the DEM.
+    max_gap_m: largest distance of a filled cell from a point.
+    shadow_incidence_rad: a triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
+    options: of the method.
     """
     highest = _highest(points)
     known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])

@@ -91,8 +91,7 @@ class LinearUncertainty:
         both = np.sum(share**2 * (same + noise), axis=1) + 2 * np.sum(pair * (next_one + shared), axis=1)
         before = covariance(alone, np.zeros_like(of_cell), of_cell, of_cell)[:, 0]
         to_cell = np.sum(share * covariance(to_place, away, of_cell, of_corner), axis=1)
-        variance: Float[np.ndarray, " cell"] = before - 2 * to_cell + both
-        return variance
+        return before - 2 * to_cell + both
 
     def _cells_m(self, grid: Grid, part: slice) -> Float[np.ndarray, "cell 2"]:
         row, column = np.divmod(self.interpolated.cell[part], grid.columns)

@@ -58,7 +58,7 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
 
 
 def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree) -> Bool[np.ndarray, " triangle"]:
-    """Return whether triangles are Delaunay triangles of points: no point lies in the circle through the corners."""
+    """Return True where triangles are Delaunay triangles of points: no point lies in the circle through the corners."""
     centre, radius = _circles(corner)
     found = np.isfinite(radius)
     found[found] = points.query(centre[found])[0] >= radius[found] * (1 - ON_CIRCLE)

@@ -35,21 +35,12 @@ def wall_triangles(
 ) -> Bool[np.ndarray, " triangle"]:
     """Return the triangles between the foot and the top of a wall.
 
-    Parameters
-    ----------
-    point_m:
-        Points in the world frame.
-    sigma_m:
-        Standard deviations of their ranges.
-    corner:
-        The three points of each triangle.
-    gap_m:
-        Widest gap between neighbouring beams on the ground.
-    least_m:
-        Least height of a wall.
-    options:
-        Of the method.
-
+    point_m: points in the world frame.
+    sigma_m: standard deviations of their ranges.
+    corner: the three points of each triangle.
+    gap_m: widest gap between neighbouring beams on the ground.
+    least_m: least height of a wall.
+    options: of the method.
     """
     if not len(corner):
         return np.zeros(0, dtype=bool)

@@ -109,15 +109,9 @@ def most_probable(
 ) -> Smoothed:
     """Return the most probable surface given whole echoes.
 
-    Parameters
-    ----------
-    sightings, looks:
-        Profiles and measured poses, and the independent looks in each range cell of each pulse.
-    first:
-        A surface near it.
-    place_m:
-        Where the echoes come from: there the surface must settle.
-
+    sightings, looks: profiles and measured poses, and the independent looks in each range cell of each pulse.
+    first: a surface near it.
+    place_m: where the echoes come from: there the surface must settle.
     """
     fitted, mixing, middle = first, Mixing(), first.surface.weights(*place_m.T)
     near: BeamFootprints | None = None
@@ -178,17 +172,10 @@ def refine(
 ) -> Mapped:
     """Return the most probable surface over a grid given whole echoes.
 
-    Parameters
-    ----------
-    sightings:
-        Profiles and measured poses.
-    grid:
-        Cells of the DEM.
-    options:
-        Of the method.
-    each:
-        Has the pieces of all tiles made.
-
+    sightings: profiles and measured poses.
+    grid: cells of the DEM.
+    options: of the method.
+    each: has the pieces of all tiles made.
     """
     return Tiles(sightings, grid, refining(options)).mapped(each)
 

@@ -98,19 +98,11 @@ def with_borders(
 ) -> StepMap:
     """Return the map with border cells assigned to their most likely parts given the profiles.
 
-    Parameters
-    ----------
-    sightings, axis_m:
-        Profiles, measured poses, and where on their axes the echoes of the pulses are.
-    height_m, part:
-        The map, and the number of the part that each cell belongs to.
-    low:
-        Cells of parts not raised above their surroundings: ground.
-    step_m:
-        Smallest height difference that counts as a step.
-    grid:
-        Cells of the map.
-
+    sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
+    height_m, part: the map, and the number of the part that each cell belongs to.
+    low: cells of parts not raised above their surroundings: ground.
+    step_m: smallest height difference that counts as a step.
+    grid: cells of the map.
     """
     nothing = np.zeros(grid.shape)
     result = StepMap(height_m.copy(), part.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))

@@ -42,13 +42,8 @@ def choose_levels(
 ) -> Int[np.ndarray, "row column"]:
     """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
 
-    Parameters
-    ----------
-    cost:
-        Evidence against each level of each cell, in nepers.
-    options:
-        Penalties of the method.
-
+    cost: evidence against each level of each cell, in nepers.
+    options: penalties of the method.
     """
     return _highest_good(path_costs(cost, options), options)
 
@@ -67,8 +62,7 @@ def _highest_good(
     total: Float32[np.ndarray, "row column level"], options: SteppedParameters
 ) -> Int[np.ndarray, "row column"]:
     good = total <= total.min(axis=-1, keepdims=True) + options.tie_nepers * len(DIRECTIONS)
-    highest: Int[np.ndarray, "row column"] = total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
-    return highest
+    return total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
 
 
 def margins(
@@ -77,19 +71,13 @@ def margins(
     chosen: Int[np.ndarray, "row column"],
     apart: int,
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return by how many nepers each cell's level is likelier than the best one below and the best one above it.
+    """Return the likelihood of each cell's level over the best one below and the best one above it, in nepers.
 
-    Parameters
-    ----------
-    cost:
-        Evidence against each level of each cell, in nepers.
-    total:
-        Costs of the best paths to it, the sum over all directions.
-    chosen:
-        The level of each cell; those within half a step are it as well, as the surface may pass through any of them.
-    apart:
-        Levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
-
+    cost: evidence against each level of each cell, in nepers.
+    total: costs of the best paths to it, the sum over all directions.
+    chosen: the level of each cell; those within half a step are it as well, as the surface may pass through any of
+        them.
+    apart: levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
     """
     once, count = (total - (len(DIRECTIONS) - 1) * cost) / len(DIRECTIONS), total.shape[-1]
     own = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
@@ -153,19 +141,11 @@ def coarse_map(
 ) -> CoarseMap:
     """Return the coarse map, block by block; the level is the widest of all blocks.
 
-    Parameters
-    ----------
-    sightings:
-        Profiles and measured poses.
-    points:
-        Located echoes.
-    grid:
-        Cells of the map.
-    axis_m:
-        Where on their axes the echoes of the pulses are.
-    options:
-        Of the method.
-
+    sightings: profiles and measured poses.
+    points: located echoes.
+    grid: cells of the map.
+    axis_m: where on their axes the echoes of the pulses are.
+    options: of the method.
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     below, above = np.zeros((2, *grid.shape))
@@ -263,7 +243,7 @@ def _levels(
 def _looking_at(
     sightings: Sightings, grid: Grid, span_m: tuple[float, float], margin_m: float
 ) -> Bool[np.ndarray, " pulse"]:
-    """Return whether the beam axis of each pulse passes near a grid at either of two heights."""
+    """Return True where the beam axis of each pulse passes near a grid at either of two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in span_m:

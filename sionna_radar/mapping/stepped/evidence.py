@@ -38,17 +38,10 @@ ROWS_AT_ONCE = 24
 class Evidence:
     """Evidence against surfaces at some heights over the cells of a grid, from the echoes alone at first.
 
-    Parameters
-    ----------
-    sightings:
-        Profiles and measured poses.
-    grid:
-        Cells of the map.
-    base_m, level_m:
-        Base heights of the cells, and the levels above them, increasing.
-    options:
-        Of the method.
-
+    sightings: profiles and measured poses.
+    grid: cells of the map.
+    base_m, level_m: base heights of the cells, and the levels above them, increasing.
+    options: of the method.
     """
 
     def __init__(

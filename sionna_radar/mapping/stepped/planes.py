@@ -69,15 +69,9 @@ def plane_of_echoes(
 ) -> Plane | None:
     """Return the plane through whole echoes of one part; None if another surface fits them better.
 
-    Parameters
-    ----------
-    sightings, echoes:
-        Profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
-    grid:
-        Cells of the map.
-    options:
-        Of the method.
-
+    sightings, echoes: profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
+    grid: cells of the map.
+    options: of the method.
     """
     reach = sightings.repeated(echoes.range_m)
     grid = reaching(grid, sightings, echoes)
@@ -106,24 +100,14 @@ def plane_of_points(
 ) -> Plane | None:
     """Return the plane through the located echoes of a part; None if they are not planar.
 
-    Parameters
-    ----------
-    coarse_m, inside:
-        The coarse map, and the cells of the part.
-    points:
-        Located echoes.
-    grid:
-        Cells of the map.
-    spread_m:
-        How far coarse heights scatter about planes; twice as far are no plane's.
-    step_m:
-        Echoes farther above or below are not of this part.
-    beam_rad:
-        Standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are off
-        its axis by as much, on the same side all along a border, which tilts a plane.
-    options:
-        Of the method.
-
+    coarse_m, inside: the coarse map, and the cells of the part.
+    points: located echoes.
+    grid: cells of the map.
+    spread_m: how far coarse heights scatter about planes; twice as far are no plane's.
+    step_m: echoes farther above or below are not of this part.
+    beam_rad: standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are
+        off its axis by as much, on the same side all along a border, which tilts a plane.
+    options: of the method.
     """
     # Beyond the window is another part.
     deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
@@ -205,7 +189,7 @@ def _fitted(heights: Heights, unknowns: int) -> _Fit:
 
 
 def _curved(heights: Heights, plane: Plane, rough: float) -> bool:
-    """Return whether a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
+    """Return True if a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
     rest = (heights.height_m - plane.at(heights.place_m)) / heights.sigma_m
     kept = np.abs(rest) <= OUTLIER_SIGMAS * max(rough, 1.0)
     x, y = (heights.place_m[kept] - plane.middle_m).T
@@ -235,15 +219,9 @@ class FilledBeams:
     def refitted(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Plane:
         """Return the plane of a part by the echoes that it sends from what it fills of their beams.
 
-        Parameters
-        ----------
-        plane:
-            The plane through located echoes, which stays where too few beams are filled.
-        inside, grid:
-            The cells of the part, of this grid.
-        step_m:
-            Echoes farther above or below are not of this part.
-
+        plane: the plane through located echoes, which stays where too few beams are filled.
+        inside, grid: the cells of the part, of this grid.
+        step_m: echoes farther above or below are not of this part.
         """
         found = plane
         for _ in range(FILLING_ROUNDS):

@@ -62,15 +62,9 @@ AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int) -> Int[np.ndarray, "row column"]:
     """Return the number of the part of each cell, from zero without gaps.
 
-    Parameters
-    ----------
-    height_m:
-        Heights of the cells.
-    step_m:
-        Least difference between neighbours in different parts.
-    min_cells:
-        Smaller parts join the nearest.
-
+    height_m: heights of the cells.
+    step_m: least difference between neighbours in different parts.
+    min_cells: smaller parts join the nearest.
     """
     along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
     inner = _amid_links(along, across)
@@ -186,13 +180,8 @@ def moved_with(
 ) -> Float[np.ndarray, "row column"]:
     """Return standard deviations with those of cells that changed their part taken from the nearest cell that did not.
 
-    Parameters
-    ----------
-    sigma_m:
-        Standard deviations within the parts that the cells belonged to before.
-    before, after:
-        Numbers of the parts of the cells.
-
+    sigma_m: standard deviations within the parts that the cells belonged to before.
+    before, after: numbers of the parts of the cells.
     """
     result, moved = sigma_m.copy(), before != after
     for number in np.unique(after[moved]):
@@ -213,17 +202,10 @@ def with_steps(
 ) -> SteppedUncertainty:
     """Return the uncertainty of a map from that within its parts, its heights, and the margins of its cells.
 
-    Parameters
-    ----------
-    sigma_m:
-        Standard deviations within the parts.
-    height_m:
-        The map.
-    below, above:
-        By how many nepers each height is likelier than one a step below, and above it.
-    step_m, spacing_m:
-        Smallest height difference that counts as a step, and size of the cells.
-
+    sigma_m: standard deviations within the parts.
+    height_m: the map.
+    below, above: by how many nepers each height is likelier than one a step below, and above it.
+    step_m, spacing_m: smallest height difference that counts as a step, and size of the cells.
     """
     away_m, drop_m = next_step(height_m, step_m, spacing_m)
     down = BELOW_M / away_m * np.exp(-(below**2) / 2)
@@ -237,7 +219,7 @@ def with_steps(
 def next_step(
     height_m: Float[np.ndarray, "row column"], step_m: float, spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return how far each cell is from the nearest foot of a step that lies a step below it, and how deep that is, m.
+    """Return the distance of each cell from the nearest foot of a step a step below it, and its depth, m.
 
     The distance is that of the ring of cells, one of `DISTANCES_CELLS`; infinite without such a foot.
     """
@@ -270,19 +252,11 @@ def step_surface(
 ) -> SteppedMap:
     """Return the most probable stepped surface.
 
-    Parameters
-    ----------
-    sightings:
-        Profiles and measured poses.
-    points:
-        Located echoes.
-    grid:
-        Cells of the DEM.
-    gap_m:
-        Widest gap, within a part, that is filled between cells supported by echoes.
-    options:
-        Of the method.
-
+    sightings: profiles and measured poses.
+    points: located echoes.
+    grid: cells of the DEM.
+    gap_m: widest gap, within a part, that is filled between cells supported by echoes.
+    options: of the method.
     """
     echoes = mean_ranges(sightings)
     axis_m = on_axis(sightings.pose, echoes.range_m)

@@ -20,12 +20,12 @@ equally spaced in the square root of the distance, so that one is found without 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
@@ -33,6 +33,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import pdist
 from scipy.special import gammaln, kve
 
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads
@@ -187,7 +188,7 @@ class FittedCovariance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class Measured(Columns):
     """Scattered height measurements for fitting a covariance.
 
     place_m, height_m: horizontal positions, and heights above a trend.
@@ -211,26 +212,15 @@ class Measured:
         """Least smoothness of a covariance of the landforms."""
         return DIFFERENTIABLE if self.microrelief_m > 0 else ROUGHEST
 
-    def rows(self, kept: Bool[np.ndarray, " n"]) -> "Measured":
-        """Return some of the heights."""
-        columns = (f.name for f in fields(self) if f.name != "microrelief_m")
-        return replace(self, **{name: getattr(self, name)[kept] for name in columns})
-
 
 def fit_covariance(
     measured: Measured, groups: int = GROUPS, noise_factor_spread: float = NOISE_FACTOR_SPREAD
 ) -> FittedCovariance:
     """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours.
 
-    Parameters
-    ----------
-    measured:
-        Scattered heights.
-    groups:
-        How many groups of them.
-    noise_factor_spread:
-        Standard deviation of the logarithm of the noise factor, beforehand.
-
+    measured: scattered heights.
+    groups: how many groups of them.
+    noise_factor_spread: standard deviation of the logarithm of the noise factor, beforehand.
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
@@ -362,8 +352,7 @@ def repeated_pairs(
     square = np.maximum((reach**2 + other_reach**2) / 2, 1e-6)
     # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
     alike = np.sqrt(reach * other_reach / square) * np.exp(-apart / square)
-    together: Float[np.ndarray, ...] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
-    return together
+    return (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
 
 
 def _loss(

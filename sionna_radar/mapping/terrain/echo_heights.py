@@ -58,17 +58,10 @@ def echo_surface(
 ) -> EchoSurface:
     """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
 
-    Parameters
-    ----------
-    sightings, echoes:
-        Whole echoes, their measured poses, and their mean ranges.
-    grid:
-        Cells of the DEM.
-    options:
-        Of the method.
-    tolerance:
-        Of the last of them; see `smooth`.
-
+    sightings, echoes: whole echoes, their measured poses, and their mean ranges.
+    grid: cells of the DEM.
+    options: of the method.
+    tolerance: of the last of them; see `smooth`.
     """
     grid = reaching(grid, sightings, echoes)
     reach = sightings.repeated(echoes.range_m)
@@ -100,17 +93,10 @@ def heights_over(
 ) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
     """Return the mean heights over the footprints that the echoes measure, and a mask of those that fit a surface.
 
-    Parameters
-    ----------
-    surface:
-        One near the ground, over a grid that reaches all footprints.
-    sightings, echoes:
-        Whole echoes, their measured poses, and their mean ranges.
-    reach:
-        Over how many pulses the speckle of each repeats.
-    options:
-        Of the method.
-
+    surface: one near the ground, over a grid that reaches all footprints.
+    sightings, echoes: whole echoes, their measured poses, and their mean ranges.
+    reach: over how many pulses the speckle of each repeats.
+    options: of the method.
     """
     pose = sightings.pose
     axis = pose.boresight

@@ -65,8 +65,7 @@ class Heights(Columns):
     @property
     def spread_m(self) -> Float[np.ndarray, " n"]:
         """Standard deviation of a round footprint as large as each."""
-        spread: Float[np.ndarray, " n"] = np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
-        return spread
+        return np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
 
     def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
         """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""
@@ -194,15 +193,9 @@ def looks_at(
 ) -> Looks:
     """Return the footprint and speckle reach of each point.
 
-    Parameters
-    ----------
-    points:
-        Located echoes.
-    measured:
-        Returns the measured poses of pulses by their indices.
-    beam, chirp, memory:
-        Of the radar, and of the ground.
-
+    points: located echoes.
+    measured: returns the measured poses of pulses by their indices.
+    beam, chirp, memory: of the radar, and of the ground.
     """
     pulse, first, row = np.unique(points.pulse, return_index=True, return_inverse=True)
 

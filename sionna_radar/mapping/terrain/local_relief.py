@@ -167,15 +167,9 @@ def local_relief(
 ) -> LocalRelief | None:
     """Return the local amplitude of a terrain's short waves; None with too few heights to tell.
 
-    Parameters
-    ----------
-    measured:
-        Heights above a trend.
-    fitted:
-        The covariance that the amplitude is relative to.
-    window_heights:
-        Neighbouring heights that decide about a place.
-
+    measured: heights above a trend.
+    fitted: the covariance that the amplitude is relative to.
+    window_heights: neighbouring heights that decide about a place.
     """
     windows = Windows.of(measured, window_heights)
     return None if windows is None else windows.relief(measured, fitted)
@@ -189,9 +183,7 @@ def _rms_above_plane(measured: Measured, own: Int[np.ndarray, " member"]) -> flo
 
 def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "member contrast"]:
     """Return an orthonormal basis of what heights at some places are above their plane."""
-    contrast: Float[np.ndarray, "member contrast"]
-    contrast = np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
-    return contrast
+    return np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
 
 
 def _log_likelihood(
@@ -245,7 +237,4 @@ def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: fl
     prior -= logsumexp(prior, axis=1, keepdims=True)
     told = logsumexp(log_likelihood[:, None] + prior, axis=2)
     posterior = log_likelihood + prior[np.argmax(told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2)]
-    mean_square: Float[np.ndarray, " node"] = np.exp(
-        logsumexp(posterior + LOG_SQUARES, axis=1) - logsumexp(posterior, axis=1)
-    )
-    return mean_square
+    return np.exp(logsumexp(posterior + LOG_SQUARES, axis=1) - logsumexp(posterior, axis=1))

@@ -155,8 +155,7 @@ class TerrainModel:
     @staticmethod
     def flat(grid: Grid, trend: Float[np.ndarray, "3"]) -> Heightfield:
         """Return a plane over a grid."""
-        height_m = trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None]
-        return Heightfield(grid=grid, height_m=height_m)
+        return Heightfield(grid=grid, height_m=trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None])
 
     def surface(self, white: Float[np.ndarray, " n"]) -> Heightfield:
         """Return the terrain that white fields represent."""
@@ -192,21 +191,12 @@ def smooth(
 ) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
-    Parameters
-    ----------
-    heights:
-        The measured heights.
-    grid:
-        Cells that the surface must cover; it extends beyond them.
-    tolerance:
-        Of the solution: its residual relative to that of the trend.
-    groups:
-        Of neighbouring heights that the covariance is learned from.
-    window_heights:
-        That tell how rough the ground is around a place.
-    microrelief_m:
-        What is usual on such ground; see `Covariance`.
-
+    heights: the measured heights.
+    grid: cells that the surface must cover; it extends beyond them.
+    tolerance: of the solution: its residual relative to that of the trend.
+    groups: of neighbouring heights that the covariance is learned from.
+    window_heights: that tell how rough the ground is around a place.
+    microrelief_m: what is usual on such ground; see `Covariance`.
     """
     trend = heights.trend()
     measured = heights.above(trend, microrelief_m)

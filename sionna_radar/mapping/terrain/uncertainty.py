@@ -73,13 +73,8 @@ class Plausible:
 def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Plausible, ...]:
     """Return the terrains that measured heights allow, the most probable first.
 
-    Parameters
-    ----------
-    measured:
-        Scattered heights.
-    fitted:
-        What was learned from them, where the search begins.
-
+    measured: scattered heights.
+    fitted: what was learned from them, where the search begins.
     """
     near = neighbours(measured)
     bounds = search_bounds(measured)[:3]
@@ -156,19 +151,11 @@ class Information:
         Beyond the last echoes, more is known neither by whole ones nor of what the terrain is like: there the variance
         changes by no more than where echoes lie.
 
-        Parameters
-        ----------
-        variance_m2:
-            Of heights, or of means over a square of the side `window_m`, given mean ranges.
-        taken:
-            The terrain that it was computed for, and the factor on the noise of mean ranges.
-        plausible:
-            Those that the echoes allow.
-        local, place_m:
-            Amplitude of short waves, and where the variance is wanted.
-        window_m:
-            Side of the square; 0 for heights.
-
+        variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
+        taken: the terrain that it was computed for, and the factor on the noise of mean ranges.
+        plausible: those that the echoes allow.
+        local, place_m: amplitude of short waves, and where the variance is wanted.
+        window_m: side of the square; 0 for heights.
         """
         # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
@@ -190,8 +177,7 @@ class Information:
         """Return the posterior power of each wave; share: factor on its prior power."""
         prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
-        left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
-        return left
+        return 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
 
 
 def information_of(
@@ -201,16 +187,10 @@ def information_of(
 ) -> Information:
     """Return the information of mean ranges and of whole echoes about the waves of a terrain.
 
-    Parameters
-    ----------
-    heights:
-        Mean ranges as heights over footprints; one for each pulse, if there is a linearised model.
-    linearised:
-        Returns the model of the echoes of some pulses, by their rows, linearised about the surface; None if only the
-        means are used.
-    looks_per_cell:
-        Independent looks in a range cell, from the overlap of neighbouring cells.
-
+    heights: mean ranges as heights over footprints; one for each pulse, if there is a linearised model.
+    linearised: returns the model of the echoes of some pulses, by their rows, linearised about the surface; None if
+        only the means are used.
+    looks_per_cell: independent looks in a range cell, from the overlap of neighbouring cells.
     """
     length = np.geomspace(SHORTEST_M, LONGEST_M, LENGTHS)[::-1]
     heading = (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS
@@ -251,8 +231,7 @@ def _noise(
     beside = (1 / looks_per_cell - 1) / 2
     neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
-    noise: Float[np.ndarray, " wave"] = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
-    return noise
+    return (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
 
 
 @runtime_checkable
@@ -305,7 +284,7 @@ class TileUncertainty:
         return cls(bounds_m, as_told, told, plausible, outstanding)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
-        """Return whether places lie in the tile."""
+        """Return True where places lie in the tile."""
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 

@@ -152,11 +152,7 @@ def grid_of(
 
     Negative thetas lie on the other side of the axis; phis repeat every 360 degrees.
 
-    Raises
-    ------
-    ValueError
-        The rows do not fill a grid.
-
+    Raises ValueError if the rows do not fill a grid.
     """
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
         message = "theta beyond 180 deg or phi beyond 720 deg; give angles in degrees"

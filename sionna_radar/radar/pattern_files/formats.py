@@ -29,11 +29,8 @@ def is_planet(text: str) -> bool:
 def read_planet(text: str) -> PatternCuts:
     """Return the cuts of a Planet file.
 
-    Raises
-    ------
-    ValueError
-        A section is missing, its number of rows differs from its header, or a row is not an angle and a loss.
-
+    Raises ValueError if a section is missing, its number of rows differs from its header, or a row is not an angle and
+        a loss.
     """
     lines = text.splitlines()
     cuts = {}
@@ -109,11 +106,7 @@ def is_delimited(text: str) -> bool:
 def read_delimited(text: str) -> PatternCuts | PatternGrid:
     """Return the pattern in a delimited text.
 
-    Raises
-    ------
-    ValueError
-        A column is missing, or a row has a cell that is not a number.
-
+    Raises ValueError if a column is missing, or a row has a cell that is not a number.
     """
     rows = csv.reader(text.splitlines())
     header = [name.strip().strip('"') for name in next(rows, [])]

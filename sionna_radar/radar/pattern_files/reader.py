@@ -52,7 +52,6 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     ------
     InputFileError
         It cannot be read, is of no known format, or its beam is not where the antenna looks.
-
     """
     # Names and comments may be in any encoding; the data are ASCII.
     text = read_bytes(path, f"{key} =", REMEDY, MAX_BYTES).decode("utf-8-sig", errors="replace")

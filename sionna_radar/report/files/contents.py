@@ -1,9 +1,11 @@
 """Contents of a folder of results: kinds of files and their selection, JSON and text."""
 
+import csv
+import io
 import json
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum, StrEnum
 from pathlib import Path
 from typing import Any
@@ -35,7 +37,6 @@ class PointsFile(StrEnum):
     >>> files = write_survey(survey, Path("results"), points=[PointsFile.CSV])
     >>> [file.name for file in files if file.stem == "points"]
     ['points.csv']
-
     """
 
     LAZ = "laz"
@@ -83,15 +84,28 @@ def write_page(path: Path, page: Callable[[], str]) -> None:
         logger.warning("no %s: %s", path.name, error)
 
 
-def strict_json(document: Any) -> str:
+def strict_json(document: Mapping[str, Any]) -> str:
     """Return a document as strict JSON text; NaN and infinities become null."""
     return json.dumps(without_nan(document), indent=2, allow_nan=False) + "\n"
 
 
-def without_nan(value: Any) -> Any:
-    """Return nested tables and lists with every NaN and infinity replaced by None."""
+def without_nan(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document with every NaN and infinity replaced by None."""
+    return {key: _without_nan(entry) for key, entry in document.items()}
+
+
+def _without_nan(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: without_nan(entry) for key, entry in value.items()}
+        return without_nan(value)
     if isinstance(value, list | tuple):
-        return [without_nan(entry) for entry in value]
+        return [_without_nan(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Return a table as CSV; an empty cell for None."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return text.getvalue()

@@ -15,15 +15,20 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sionna_radar.execution.checkpoints import FOLDER as PARTS
 from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, staged
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
-from sionna_radar.report.files.contents import COSTS, strict_json, write_text
+from sionna_radar.report.files.contents import COSTS, strict_json, write_page, write_text
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Subject = TypeVar("Subject")
 MANIFEST = "manifest.json"
 # Costs differ from run to run: these files, and the last columns of this table, are not hashed.
 UNHASHED = (COSTS, "runs.parquet")
@@ -56,7 +61,7 @@ class Manifest:
         return Manifest(kind=kind, files={path.relative_to(folder).as_posix(): _signature(path) for path in paths})
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Return whether a file of a folder is the listed one: a regular file at its path, and unchanged."""
+        """Return True if a file of a folder is the listed one: a regular file at its path, and unchanged."""
         path = folder / name  # neither a link nor below one, nor outside the folder
         return path.is_file() and path.resolve() == folder.resolve() / name and _signature(path) == self.files[name]
 
@@ -107,12 +112,8 @@ def check_output(directory: Path, marker: str) -> Path:
 
     Leftovers of killed runs in it or beside it are removed first, and an earlier result restored.
 
-    Raises
-    ------
-    OutputError
-        It is a file, holds anything but an unchanged earlier result of this kind, or its parent is not a folder or
-        cannot be written.
-
+    Raises OutputError if it is a file, holds anything but an unchanged earlier result of this kind, or its parent is
+        not a folder or cannot be written.
     """
     return _checked(directory, lambda path: _obstacle(path, marker))
 
@@ -174,22 +175,13 @@ def _unwanted(directory: Path, marker: str, ignored: Path | None = None) -> str:
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
     """Fill a folder by a function, put it in place with its manifest, and return the files written.
 
-    Parameters
-    ----------
-    directory:
-        Output folder; only the files of an earlier result in it are replaced.
-    marker:
-        File that every result of this kind contains, and that identifies the kind.
-    fill:
-        Writes the results into the given folder.
+    directory: output folder; only the files of an earlier result in it are replaced.
+    marker: file that every result of this kind contains, and that identifies the kind.
+    fill: writes the results into the given folder.
 
-    Raises
-    ------
-    KeptElsewhereError
-        The directory holds other files, or a file in it cannot be replaced; the result is saved beside it.
-    OutputError
-        The results cannot be written at all.
-
+    Raises KeptElsewhereError if the directory holds other files, or a file in it cannot be replaced; the result is
+        saved beside it.
+    Raises OutputError if the results cannot be written at all.
     """
     directory = directory.expanduser().resolve()
     try:
@@ -294,36 +286,32 @@ def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
 def write_study(
     directory: Path,
     marker: str,
-    document: dict[str, Any],
-    draw: Callable[[Path], object],
-    tables: Mapping[str, str] | None = None,
+    subject: Subject,
+    document: Mapping[str, Any],
+    figures: "Mapping[str, Callable[[Subject], Figure]]",
+    texts: Mapping[str, str] | None = None,
+    page: Callable[[Subject], str] | None = None,
 ) -> list[Path]:
-    """Write the numbers of a study, its tables and its figures as `write_folder` does, and return the files.
+    """Write a study as `write_folder` does, and return the files.
 
-    Parameters
-    ----------
-    directory:
-        Output folder; only the files of an earlier result in it are replaced.
-    marker:
-        File of the numbers, as strict JSON; undefined numbers become null.
-    document:
-        The numbers.
-    draw:
-        Draws the figures into the given folder, `figures`.
-    tables:
-        Texts of additional files, by name.
+    directory: output folder; only the files of an earlier result in it are replaced.
+    marker: file of the numbers, as strict JSON; undefined numbers become null.
+    subject, document: the study, and its numbers.
+    figures: drawings of the study by name, for the folder `figures`.
+    texts: texts of further files, by name.
+    page: returns the page `report.html` of the study; None for none.
 
-    Raises
-    ------
-    OutputError
-        As for `write_folder`.
-
+    Raises OutputError as `write_folder` does.
     """
+    # Slow to import, and not needed by all commands.
+    from sionna_radar.report.drawing import save_figures
 
     def fill(folder: Path) -> None:
-        for name, text in {marker: strict_json(document), **(tables or {})}.items():
+        for name, text in {marker: strict_json(document), **(texts or {})}.items():
             write_text(folder / name, text)
-        draw(folder / "figures")
+        save_figures(subject, figures, folder / "figures")
+        if page is not None:
+            write_page(folder / "report.html", partial(page, subject))
 
     return write_folder(directory, marker, fill)
 
@@ -348,20 +336,11 @@ def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
 def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int | None:
     """Return the exit code of the run whose result is in a folder; None without one, or for other products.
 
-    Parameters
-    ----------
-    directory:
-        Output folder.
-    run:
-        Inputs of the result, as for `note_run`.
-    products:
-        The key in it of the requested files.
+    directory: output folder.
+    run: inputs of the result, as for `note_run`.
+    products: the key in it of the requested files.
 
-    Raises
-    ------
-    OutputError
-        The folder holds the result of another run.
-
+    Raises OutputError if the folder holds the result of another run.
     """
     manifest = read_manifest(directory.expanduser().resolve() / MANIFEST)
     if manifest is None or not manifest.run:
@@ -396,11 +375,7 @@ class SignedFile:
     def check(self, path: Path) -> Path:
         """Return the resolved path, or raise an error before any work is done.
 
-        Raises
-        ------
-        OutputError
-            It is a folder, a file of another origin or edited since, or its folder does not exist.
-
+        Raises OutputError if it is a folder, a file of another origin or edited since, or its folder does not exist.
         """
         return _checked(path, self._obstacle)
 

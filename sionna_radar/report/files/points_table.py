@@ -50,17 +50,10 @@ def columns_of(
 ) -> dict[str, np.ndarray]:
     """Return the columns of some points by their names, in the order of the files.
 
-    Parameters
-    ----------
-    points:
-        Points in the local frame.
-    time_s:
-        Times of all pulses, by their index.
-    georeference:
-        Georeference of the local frame; None keeps local coordinates.
-    rows:
-        Selected points.
-
+    points: points in the local frame.
+    time_s: times of all pulses, by their index.
+    georeference: georeference of the local frame; None keeps local coordinates.
+    rows: selected points.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     axes = ON_MAP if georeference else LOCAL
@@ -160,19 +153,11 @@ def write_laz(
     measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
     `radar_x`, `radar_y`, `radar_z`.
 
-    Parameters
-    ----------
-    path:
-        Output file.
-    points:
-        Points in the local frame.
-    time_s:
-        Times of all pulses, by their index.
-    measured:
-        Function from pulse indices to measured poses.
-    georeference:
-        Georeference of the local frame; without one the file has local coordinates and no CRS.
-
+    path: output file.
+    points: points in the local frame.
+    time_s: times of all pulses, by their index.
+    measured: function from pulse indices to measured poses.
+    georeference: georeference of the local frame; without one the file has local coordinates and no CRS.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     header = _las_header(georeference, np.floor(origin))

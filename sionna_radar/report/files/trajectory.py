@@ -32,15 +32,9 @@ def write_trajectory_csv(path: Path, track: FlownTrack, georeference: Georeferen
     velocity and attitude at the navigation system, headings from grid north. Others follow: the pulse, the position on
     the map and in WGS 84 if georeferenced, and the antenna's true and measured pose.
 
-    Parameters
-    ----------
-    path:
-        Output file.
-    track:
-        The flight; NaN becomes an empty cell.
-    georeference:
-        Georeference of the local frame, if it has one.
-
+    path: output file.
+    track: the flight; NaN becomes an empty cell.
+    georeference: georeference of the local frame, if it has one.
     """
     columns = _columns(track, georeference)
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -56,13 +50,8 @@ def write_gpx(path: Path, track: FlownTrack, georeference: Georeference, descrip
     Elevations are heights in the vertical datum of the georeference, named in the description of the file. Times count
     from 2000-01-02T00:00:00Z, a Sunday, as a scenario has no date.
 
-    Parameters
-    ----------
-    path, track, georeference:
-        As for `write_trajectory_csv`.
-    description:
-        Name of the track.
-
+    path, track, georeference: as for `write_trajectory_csv`.
+    description: name of the track.
     """
     datum = georeference.vertical_name or "heights of the terrain, whose vertical datum is unknown"
     place = _lonlat(track.position_m, georeference)

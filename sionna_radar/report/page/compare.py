@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference, georeferenced
 from sionna_radar.foundation.errors import InputFileError
@@ -20,7 +19,7 @@ from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import colour_scales, frame_of_page, histogram_of, limit_of, span_of
-from sionna_radar.report.terminal import console, reference_rows
+from sionna_radar.report.terminal import console, reference_rows, table_of
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
 MAX_KEYS = 200
@@ -63,23 +62,14 @@ def _value(value: Any) -> str:
 
 def print_comparison(result: ResultsComparison) -> None:
     """Print the errors of lit cells, and the differing settings."""
-    errors = Table(title="DEM minus truth of lit cells, m", title_justify="left")
-    errors.add_column("folder", overflow="fold")
-    for name in ERRORS:
-        errors.add_column(name, justify="right")
-    for name, row in error_rows(result).items():
-        errors.add_row(name, *row)
-    console().print(errors)
+    errors = ([name, *row] for name, row in error_rows(result).items())
+    console().print(table_of("DEM minus truth of lit cells, m", ["folder", *ERRORS], errors, left=["folder"]))
     if not result.differing:
         console().print("no setting differs")
         return
-    settings = Table(title="Settings that differ", title_justify="left")
-    settings.add_column("key", overflow="fold")
-    for flown in result.results:
-        settings.add_column(flown.name, overflow="fold")
-    for key, row in setting_rows(result).items():
-        settings.add_row(key, *row)
-    console().print(settings)
+    columns = ["key", *(flown.name for flown in result.results)]
+    settings = ([key, *row] for key, row in setting_rows(result).items())
+    console().print(table_of("Settings that differ", columns, settings, left=columns))
 
 
 def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: bool) -> ReferenceCheck:
@@ -91,14 +81,9 @@ def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: b
 
 def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) -> None:
     """Print the DEMs of some folders against the same measured heights."""
-    table = Table(title="Against measured heights", title_justify="left")
-    table.add_column("")
-    for name in folder_names(folders):
-        table.add_column(name, overflow="fold")
-    shown_rows = [reference_rows(check) for check in checks]
-    for key in shown_rows[0]:
-        table.add_row(key, *(rows[key] for rows in shown_rows))
-    console().print(table)
+    columns, texts = ["", *folder_names(folders)], [reference_rows(check) for check in checks]
+    rows = ([key, *(values[key] for values in texts)] for key in texts[0])
+    console().print(table_of("Against measured heights", columns, rows, left=columns))
 
 
 MARKER = "compare.html"
@@ -108,14 +93,7 @@ LINES, LINE_POINTS = 41, 400
 
 
 def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
-    """Write `compare.html` into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
-
-    """
+    """Write `compare.html` into a directory, and return the files; raises OutputError as `write_folder`."""
     return write_folder(directory, MARKER, lambda folder: write_text(folder / MARKER, comparison_page(result)))
 
 
@@ -276,7 +254,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def _number(value: Any) -> bool:
-    """Return whether a value is a finite number or null."""
+    """Return True if a value is a finite number or null."""
     # abs(NaN) < x is false, too.
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
 

@@ -39,22 +39,12 @@ MAX_BYTES = 15_000_000
 def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any) -> str:
     """Return a page.
 
-    Parameters
-    ----------
-    template:
-        Name of a template of this folder.
-    numbers:
-        Data for the scripts; see `scene_data`.
-    scripts:
-        Names of scripts of this folder besides `core.js`, which starts them.
-    shown:
-        Variables of the template, which escapes text.
+    template: name of a template of this folder.
+    numbers: data for the scripts; see `scene_data`.
+    scripts: names of scripts of this folder besides `core.js`, which starts them.
+    shown: variables of the template, which escapes text.
 
-    Raises
-    ------
-    OutputError
-        The page is larger than `MAX_BYTES`; or plotly.js is not installed.
-
+    Raises OutputError if the page is larger than `MAX_BYTES`; or plotly.js is not installed.
     """
     text = (
         _templates()

@@ -214,7 +214,7 @@ class Solids:
 
 
 def standing(surface: Surface, terrain: str) -> bool:
-    """Return whether a surface stands on the ground: by its builder's name, or by its steep area.
+    """Return True if a surface stands on the ground: by its builder's name, or by its steep area.
 
     terrain: the kind of terrain; the roofs of Sionna's cities are separate surfaces.
     """

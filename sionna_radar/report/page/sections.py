@@ -15,14 +15,16 @@ from sionna_radar.accuracy.compare import DemError, nmad
 from sionna_radar.accuracy.reference import ReferenceCheck
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
-from sionna_radar.report.page.markup import TableCell
-from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
+from sionna_radar.report.page.markup import TableCell, document
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, packed_relief, thinned
 from sionna_radar.report.terminal import number, reference_rows
 from sionna_radar.scenario import Scenario
+from sionna_radar.survey.result import Processed, Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 STOPS = 17
@@ -49,6 +51,65 @@ def colour_scales() -> dict[str, list[list[Any]]]:
         kind: [[float(stop), to_hex(colormaps[name](stop))] for stop in stops]
         for kind, name in {"height": HEIGHTS, "error": ERRORS, "level": "cividis"}.items()
     }
+
+
+def page_of(
+    template: str,
+    result: Survey | Processed,
+    compared: Comparison | None,
+    pack: Pack,
+    frame: Frame,
+    *,
+    pulses: Int[np.ndarray, " pulse"],
+    records: list[ChirpRecord],
+    maps: Sequence[Mapping[str, Any]],
+    world: Mapping[str, Any] | None,
+    numbers: Mapping[str, Any] = MappingProxyType({}),
+    **content: Any,
+) -> str:
+    """Return the page of a result as HTML: its world, maps, chirps and errors.
+
+    pulses, records: pulses of the world, and chirps of some of them.
+    numbers, content: further numbers of the page, and content of the template.
+    """
+    errors = {} if compared is None else {"lit cells": compared.error.within(compared.lit).height_m}
+    whole = {
+        "frame": frame_of_page(frame),
+        "scales": colour_scales(),
+        "chosen": len(pulses) // 2,
+        "world": world,
+        "maps": maps,
+        "chirps": packed_chirps(pack, records, pulses, *units_of(result.scenario)),
+        "histogram": histogram_of(errors) if errors else None,
+        **numbers,
+    }
+    return document(
+        template,
+        pack.text(whole),
+        ("world.js", "maps.js", "chirps.js"),
+        warnings=result.warnings,
+        shapes=[shape["name"] for shape in world["shapes"]] if world else [],
+        paints=[paint["name"] for paint in world["paints"]] if world else [],
+        pulses=len(pulses),
+        maps=[entry["name"] for entry in maps],
+        chirps=len(records),
+        points_sha256=None if result.points is None else result.points.sha256(),
+        versions={name: version or "not installed" for name, version in versions().items()},
+        reference=reference_section(result.reference),
+        **content,
+    )
+
+
+def painted(
+    pack: Pack, frame: Frame, surfaces: Mapping[str, Raster], error_m: Float[np.ndarray, "row column"] | None
+) -> dict[str, Any]:
+    """Return the surfaces of a world by name, and what they are painted by: height, and the DEM's error if known."""
+    (low, high), up = span_of(*(surface.height_m for surface in surfaces.values())), frame.origin_m[2]
+    paints: list[dict[str, Any]] = [{"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up}]
+    if error_m is not None:
+        limit, values = limit_of(error_m), pack.rounded(error_m, HEIGHT_STEP_M)
+        paints.append({"name": "Error (m)", "scale": "error", "low": -limit, "high": limit, "z": values})
+    return {"shapes": [packed_relief(pack, surface, name) for name, surface in surfaces.items()], "paints": paints}
 
 
 def frame_of_page(frame: Frame) -> dict[str, Any]:
@@ -201,18 +262,12 @@ def span_of(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[floa
 
 # ------------------------------------------------------------------------------------------------------------ maps
 def maps_of(
-    pack: Pack,
-    frame: Frame,
-    dem: Raster,
-    sigma: Raster | None,
-    points: Points,
-    compared: Comparison | None,
-    power_unit: str,
+    pack: Pack, frame: Frame, result: Survey | Processed, compared: Comparison | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the maps of a DEM, and notes on omissions: truth and error if known, stated sigma and echo power.
-
-    power_unit: of the echoes' power in decibels.
-    """
+    """Return the maps of a DEM, and notes on omissions: truth and error if known, stated sigma and echo power."""
+    dem, sigma, points = result.dem, result.dem_sigma, result.points
+    assert dem is not None
+    assert points is not None
     thin = thinned(dem.grid, MAX_MAP_CELLS)
     truth_m = [] if compared is None else [compared.truth.height_m]
     low, high = span_of(*truth_m, dem.height_m)
@@ -234,7 +289,8 @@ def maps_of(
     ]
     if np.isfinite(points.echo_snr_db).any():
         grid, level = _echo_power(dem.grid, points)
-        maps.append(level_map(pack, frame, grid, level, "Echo power", f"Mean echo power ({power_unit})"))
+        unit = f"Mean echo power ({units_of(result.scenario)[1]})"
+        maps.append(level_map(pack, frame, grid, level, "Echo power", unit))
     return maps, [f"Maps: {thin.note}."] if thin.note else []
 
 

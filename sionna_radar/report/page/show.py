@@ -52,7 +52,6 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     ------
     OutputError
         The page would be too large, or plotly is not installed.
-
     """
     frame, pack = frame_of(prepared.scene.scene.georeference, coordinates), Pack()
     index = spread_pulses(len(prepared), PULSES)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from rich.table import Table
 
-from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure, save_figures
+from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
 from sionna_radar.report.files.contents import without_nan
 from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number
+from sionna_radar.report.terminal import console, number, say, table_of
 from sionna_radar.studies.budget import Budget, Limit
 
 STYLES = {
@@ -25,11 +24,6 @@ STYLES = {
 # Vertical offsets by kind of error, so that equal limits do not overlap.
 DODGE = {"constant": -0.2, "white": 0.0, "markov": 0.2}
 QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
-
-
-def draw_all(budget: Budget, directory: Path) -> list[Path]:
-    """Draw the figure into a directory as PNG, and return the files."""
-    return save_figures(budget, {"budget": draw}, directory)
 
 
 def draw(budget: Budget) -> Figure:
@@ -93,24 +87,17 @@ MARKER = "budget.json"
 
 
 def write_budget(budget: Budget, directory: Path) -> list[Path]:
-    """Write `budget.json` and the figure into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_study(directory, MARKER, budget_summary(budget), partial(draw_all, budget))
+    """Write `budget.json` and the figure, and return the files; raises OutputError as `write_folder`."""
+    return write_study(directory, MARKER, budget, budget_summary(budget), {"budget": draw})
 
 
 def budget_summary(budget: Budget) -> dict[str, Any]:
     """Return the numbers in strict JSON form; a limit above the tested sizes is None."""
-    return {
+    document = {
         "scenario": budget.scenario.model_dump(mode="json"),
         "growth": budget.growth,
         "repeat": budget.repeat,
-        "rms_m": without_nan(budget.rms_m),
+        "rms_m": budget.rms_m,
         "limits": [
             {
                 "error": limit.error.name,
@@ -118,13 +105,14 @@ def budget_summary(budget: Budget) -> dict[str, Any]:
                 "unit": limit.error.unit,
                 "key": f"platform.navigation.{limit.error.key}",
                 "axes": limit.error.axes,
-                "limit": without_nan(limit.size),
+                "limit": limit.size,
                 "largest_tried": limit.error.largest,
             }
             for limit in budget.limits
         ],
-        "grades": [without_nan(asdict(grade)) for grade in budget.grades],
+        "grades": [asdict(grade) for grade in budget.grades],
     }
+    return without_nan(document)
 
 
 KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
@@ -137,8 +125,7 @@ def print_budget(budget: Budget) -> None:
     if not budget.grades:
         return
     out.print(grades_table(budget))
-    for grade in budget.grades:
-        out.print(f"{grade.name}: {grade.source}", soft_wrap=True)
+    say(*(f"{grade.name}: {grade.source}" for grade in budget.grades))
 
 
 def limits_table(budget: Budget) -> Table:
@@ -147,25 +134,21 @@ def limits_table(budget: Budget) -> Table:
         f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
         f"limits: the navigation error that alone raises it by {budget.growth:.0%}"
     )
-    limits = Table(title=title, title_justify="left")
-    limits.add_column("error")
-    for name in KINDS.values():
-        limits.add_column(name, justify="right")
-    for name in dict.fromkeys(limit.error.name for limit in budget.limits):
-        texts = {limit.error.kind: _limit_text(limit) for limit in budget.limits if limit.error.name == name}
-        limits.add_row(name, *(texts.get(kind, "") for kind in ("constant", "white", "markov")))
-    return limits
+    rows: dict[str, dict[str, str]] = {}
+    for limit in budget.limits:
+        rows.setdefault(limit.error.name, dict.fromkeys(KINDS, ""))[limit.error.kind] = _limit_text(limit)
+    texts = ([name, *row.values()] for name, row in rows.items())
+    return table_of(title, ["error", *KINDS.values()], texts, left=["error"])
 
 
 def grades_table(budget: Budget) -> Table:
     """Return the DEM error with grades of GPS/IMU, one row per grade."""
-    grades = Table(title="All errors of a grade of GPS/IMU together", title_justify="left")
-    for name in ("grade", "RMS", "growth", "coverage"):
-        grades.add_column(name, justify="left" if name == "grade" else "right")
-    for grade in budget.grades:
-        cells = number(grade.rms_m, ".3f", " m"), number(grade.growth, "+.0%"), number(grade.coverage, ".1%")
-        grades.add_row(grade.name, *cells)
-    return grades
+    rows = (
+        [g.name, number(g.rms_m, ".3f", " m"), number(g.growth, "+.0%"), number(g.coverage, ".1%")]
+        for g in budget.grades
+    )
+    title = "All errors of a grade of GPS/IMU together"
+    return table_of(title, ["grade", "RMS", "growth", "coverage"], rows, left=["grade"])
 
 
 def _limit_text(limit: Limit) -> str:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +16,14 @@ from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, save_figures, show_raster
+from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, show_raster
 from sionna_radar.report.files.contents import without_nan
 from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number
+from sionna_radar.report.terminal import number, say, table_of
 from sionna_radar.studies.crosscheck import INCIDENCE_STEP_DEG, CrossCheck
 
 GREY = "0.45"
 MAP_BOX_IN = (4.0, 4.0)
-
-
-def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    return save_figures(check, {"power": power, "ranges": ranges, "dems": dems}, directory)
 
 
 def power(check: CrossCheck) -> Figure:
@@ -149,21 +143,15 @@ SHARED = (
 
 
 def write_crosscheck(check: CrossCheck, directory: Path) -> list[Path]:
-    """Write `crosscheck.json` and the figures into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_study(directory, MARKER, crosscheck_summary(check), partial(draw_all, check))
+    """Write `crosscheck.json` and the figures, and return the files; raises OutputError as `write_folder`."""
+    figures = {"power": power, "ranges": ranges, "dems": dems}
+    return write_study(directory, MARKER, check, crosscheck_summary(check), figures)
 
 
 def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
     """Return the numbers of the comparison in strict JSON form; undefined ones are None."""
     repeat_m = check.sionna_again.echo_range_m
-    document: dict[str, Any] = {
+    document = {
         "agrees": check.agrees,
         "mean_power_difference_db": check.mean_power_difference_db,
         "p95_abs_power_difference_db": check.p95_abs_power_difference_db,
@@ -207,28 +195,28 @@ def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
     }
 
 
+# Numbers of a verdict, and their forms.
+VALUES = {"value": "+.4f", "tolerance": ".4f"}
+
+
 def crosscheck_table(check: CrossCheck) -> Table:
     """Return each difference with its tolerance and verdict."""
-    table = Table(title=f"The engines {'agree' if check.agrees else 'DIFFER'}", title_justify="left")
-    for name in ("difference", "value", "within", ""):
-        table.add_column(name, justify="left" if name in ("difference", "") else "right")
-    for name, entry in check.verdict().items():
-        within = number(entry["tolerance"], ".4f")
-        table.add_row(name, number(entry["value"], "+.4f"), within, "agrees" if entry["agrees"] else "DIFFERS")
-    return table
+    rows = (
+        [name, *(number(entry[key], form) for key, form in VALUES.items()), "agrees" if entry["agrees"] else "DIFFERS"]
+        for name, entry in check.verdict().items()
+    )
+    title = f"The engines {'agree' if check.agrees else 'DIFFER'}"
+    return table_of(title, ["difference", "value", "within", ""], rows, left=["difference", ""])
 
 
 def print_crosscheck(check: CrossCheck) -> None:
     """Print each difference with its tolerance, and the verdict."""
-    screen = console()
     for name, entry in check.verdict().items():
         word = "agrees" if entry["agrees"] else "DIFFERS"
-        value = number(entry["value"], "+.4f")
+        value, within = (number(entry[key], form) for key, form in VALUES.items())
         chance = f"   (by speckle alone: {entry['probability']:.4f})" if "probability" in entry else ""
-        screen.print(
-            f"{name:32}{value:>10}   within {number(entry['tolerance'], '.4f')}   {word}{chance}", soft_wrap=True
-        )
-    screen.print(f"the engines {'agree' if check.agrees else 'DIFFER'}")
-    screen.print(
-        "shared by both, so not checked: ray casting, antenna, backscatter models, targets, mirrors", soft_wrap=True
+        say(f"{name:32}{value:>10}   within {within}   {word}{chance}")
+    say(
+        f"the engines {'agree' if check.agrees else 'DIFFER'}",
+        "shared by both, so not checked: ray casting, antenna, backscatter models, targets, mirrors",
     )

@@ -1,7 +1,6 @@
 """Flights as tables, figures and files: an inspected log, and a plan."""
 
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from rich.table import Table
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.drawing import (
@@ -28,11 +26,10 @@ from sionna_radar.report.drawing import (
     height_limits,
     map_bounds,
     map_size,
-    save_figures,
     shaded,
 )
 from sionna_radar.report.files.folder import SignedFile, write_study
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, say, table_of_values
 from sionna_radar.studies.log_inspection import LogInspection
 from sionna_radar.studies.planning import FlightPlan, PlanCheck
 
@@ -76,25 +73,19 @@ def log_summary(inspection: LogInspection) -> dict[str, Any]:
 def print_log(inspection: LogInspection) -> None:
     """Print the contents of a log, and the findings against flying it."""
     numbers = log_summary(inspection)
-    table = Table(title=f"{inspection.path.name}: {numbers['format']}", title_justify="left", show_header=False)
-    for name, value in _rows(numbers).items():
-        table.add_row(name, value)
-    out = console()
-    out.print(table)
-    for note in numbers["notes"][:MAX_SHOWN]:
-        out.print(f"note: {note}", soft_wrap=True)
+    console().print(table_of_values(f"{inspection.path.name}: {numbers['format']}", _rows(numbers)))
+    say(*(f"note: {note}" for note in numbers["notes"][:MAX_SHOWN]))
     refused = numbers["refused"]
-    for refusal in refused[:MAX_SHOWN]:
-        out.print(f"cannot be flown: {refusal}", soft_wrap=True)
+    say(*(f"cannot be flown: {refusal}" for refusal in refused[:MAX_SHOWN]))
     if len(refused) > MAX_SHOWN:
-        out.print(f"... and {len(refused) - MAX_SHOWN:,} more")
+        say(f"... and {len(refused) - MAX_SHOWN:,} more")
     if not refused:
-        out.print("the whole log can be flown")
+        say("the whole log can be flown")
         return
     for start_s, stop_s in numbers["stretches_s"]:
-        out.print(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
+        say(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
     if not numbers["stretches_s"]:
-        out.print("no stretch of it can be flown")
+        say("no stretch of it can be flown")
 
 
 def _rows(numbers: dict[str, Any]) -> dict[str, str]:
@@ -210,25 +201,14 @@ MARKER = "log.json"
 
 
 def write_log(found: LogInspection, directory: Path) -> list[Path]:
-    """Write `log.json` and the figure into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_study(directory, MARKER, log_summary(found), partial(save_figures, found, {"flight": draw_log}))
+    """Write `log.json` and the figure into a directory, and return the files; raises OutputError as `write_folder`."""
+    return write_study(directory, MARKER, found, log_summary(found), {"flight": draw_log})
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
     """Return the two numbers of a command-line option.
 
-    Raises
-    ------
-    ScenarioError
-        The text is not such a pair.
-
+    Raises ScenarioError if the text is not such a pair.
     """
     try:
         first, second = (float(word) for word in text.lower().split(separator))
@@ -239,8 +219,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
 
 def print_plan(plan: FlightPlan) -> None:
     """Print the planned flight."""
-    table = Table(show_header=False)
-    rows = {
+    values = {
         "altitude": f"{plan.altitude_m:.1f} m",
         "speed": f"{plan.speed_mps:.2f} m/s",
         "incidence, scan angles": (
@@ -251,29 +230,22 @@ def print_plan(plan: FlightPlan) -> None:
         "lines": f"{plan.lines}, {plan.line_spacing_m:.1f} m apart, swath {plan.swath_m:.1f} m",
         "flight": f"{plan.flight_s:.0f} s",
     }
-    for name, value in rows.items():
-        table.add_row(name, value)
-    console().print(table)
+    console().print(table_of_values(None, values))
 
 
 def print_check(check: PlanCheck) -> None:
     """Print the achieved sampling of the area over its terrain, and a remedy if it is too coarse."""
     requested_m = check.plan.wanted.sampling_m
-    table = Table(title="Beam axes over the terrain of the scenario", title_justify="left", show_header=False)
-    rows = {
+    values = {
         f"sampled at {requested_m:g} m or finer": f"{check.coverage:.2%} of the area",
         "sampling of 95 % of the area": f"{check.sampling_of(0.95):.2f} m or finer",
         "coarsest": f"{check.coarsest_m:.2f} m",
     }
-    for name, value in rows.items():
-        table.add_row(name, value)
-    out = console()
-    out.print(table)
+    console().print(table_of_values("Beam axes over the terrain of the scenario", values))
     if check.coverage < 1:
-        out.print(
+        say(
             "part of the area is sampled too coarsely, because the terrain is not level; plan with a greater --slope "
-            "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
-            soft_wrap=True,
+            "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'"
         )
 
 

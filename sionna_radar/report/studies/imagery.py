@@ -22,14 +22,13 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.sar import SarImage
 from sionna_radar.imaging.slar import to_ground
-from sionna_radar.report.drawing import ReportFigure
+from sionna_radar.report.drawing import ReportFigure, save_figures
 from sionna_radar.report.files.contents import strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, say, table_of
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response
 
-DPI = 150
 COLOURS = "viridis"
 EMPTY = "0.82"
 WIDTH_IN = 8.0
@@ -38,18 +37,6 @@ HEIGHTS_IN = (1.8, 4.0)
 # Decibels around the median: speckle below, buildings and targets above, up to a level exceeded by few pixels (%).
 DARKEST_DB, MIN_BRIGHTEST_DB, BRIGHTEST_SHARE = -12.0, 8.0, 1.0
 LABEL = "Power over the median (dB)"
-
-
-def draw_all(imagery: Imagery, directory: Path) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    figures = {"slar": slant_range(imagery)}
-    if imagery.focused is not None:
-        figures["sar"] = focused(imagery, imagery.focused)
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = [directory / f"{name}.png" for name in figures]
-    for path, figure in zip(paths, figures.values(), strict=True):
-        figure.savefig(path, dpi=DPI)
-    return paths
 
 
 def slant_range(imagery: Imagery) -> Figure:
@@ -69,8 +56,10 @@ def slant_range(imagery: Imagery) -> Figure:
     return figure
 
 
-def focused(imagery: Imagery, image: SarImage) -> Figure:
+def focused(imagery: Imagery) -> Figure:
     """Draw the real-aperture image on level ground, above the focused one of the same pulses."""
+    image = imagery.focused
+    assert image is not None
     grid = image.grid
     ground_image = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
@@ -151,7 +140,6 @@ def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
     ------
     OutputError
         The directory holds other files, or cannot be written; see `write_folder`.
-
     """
     return write_folder(directory, MARKER, lambda folder: _fill(imagery, folder))
 
@@ -162,7 +150,8 @@ def _fill(imagery: Imagery, directory: Path) -> None:
     write_slar(directory / "slar.nc", imagery)
     if imagery.focused is not None:
         write_sar(directory / "sar.nc", imagery, imagery.focused)
-    draw_all(imagery, directory / "figures")
+    figures = {"slar": slant_range} | ({} if imagery.focused is None else {"sar": focused})
+    save_figures(imagery, figures, directory / "figures")
 
 
 def image_summary(imagery: Imagery) -> dict[str, Any]:
@@ -311,30 +300,22 @@ def _variable(
 
 def print_image(imagery: Imagery) -> None:
     """Print the resolution of the images: theoretical in the middle of the beam, measured at point targets."""
-    out = console()
-    out.print(image_table(imagery))
+    console().print(image_table(imagery))
     if imagery.focused is None:
-        out.print(
-            "no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
-            soft_wrap=True,
-        )
+        say("no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'")
 
 
 def image_table(imagery: Imagery) -> Table:
     """Return the half-power widths of the images and of point targets in them."""
-    table = Table(title="Half-power widths", title_justify="left")
-    for name in ("", "along the track", "across it"):
-        table.add_column(name, justify="left" if name == "" else "right")
-    table.add_row("SLAR, theory", f"{imagery.slar.along_m:.2f} m", f"{imagery.slar.across_m:.2f} m slant range")
+    rows = [("SLAR, theory", f"{imagery.slar.along_m:.2f} m", f"{imagery.slar.across_m:.2f} m slant range")]
     if imagery.sar:
-        table.add_row(
-            "SAR, theory", f"{1e3 * imagery.sar.along_m:.1f} mm", f"{imagery.sar.across_m:.2f} m ground range"
-        )
+        sar = f"{1e3 * imagery.sar.along_m:.1f} mm", f"{imagery.sar.across_m:.2f} m ground range"
+        rows.append(("SAR, theory", *sar))
     for number, reflector in enumerate(imagery.reflectors):
         for name, response in (("SLAR", reflector.slar), ("SAR", reflector.sar)):
             if response is not None and response.measured is not None:
-                table.add_row(f"{name}, targets.{number}", *_compared(response))
-    return table
+                rows.append((f"{name}, targets.{number}", *_compared(response)))
+    return table_of("Half-power widths", ["", "along the track", "across it"], rows, left=[""])
 
 
 def _compared(response: Response) -> tuple[str, str]:

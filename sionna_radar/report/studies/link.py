@@ -1,8 +1,5 @@
 """A link budget as files, table and figures."""
 
-import csv
-import io
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +11,10 @@ from matplotlib.lines import Line2D
 from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels, to_db
-from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure, save_figures
-from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
+from sionna_radar.report.files.contents import csv_text, without_nan
 from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number
+from sionna_radar.report.terminal import console, number, say, table_of
 from sionna_radar.studies.link import SURE, TOLERANCE_DB, Link, LinkBudget, Simulated
 from sionna_radar.studies.link_spectra import ROUNDING
 
@@ -26,11 +23,6 @@ LINES = ("-", "--", ":", "-.")
 MIN_DB = -20.0
 # Shown depth below the floors.
 DEPTH_DB = 25.0
-
-
-def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    return save_figures(budget, {"link": draw_link, "floors": draw_floors}, directory)
 
 
 def draw_link(budget: LinkBudget) -> Figure:
@@ -125,21 +117,14 @@ MEANING = (
 
 
 def write_link(budget: LinkBudget, directory: Path) -> list[Path]:
-    """Write `link.json`, `link.csv` and the figures into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    tables = {"link.csv": link_csv(budget)}
-    return write_study(directory, MARKER, link_summary(budget), partial(draw_all, budget), tables)
+    """Write `link.json`, `link.csv` and the figures, and return the files; raises OutputError as `write_folder`."""
+    figures, texts = {"link": draw_link, "floors": draw_floors}, {"link.csv": link_csv(budget)}
+    return write_study(directory, MARKER, budget, link_summary(budget), figures, texts)
 
 
 def link_summary(budget: LinkBudget) -> dict[str, Any]:
     """Return the numbers in strict JSON form; undefined ones are None."""
-    document: dict[str, Any] = {
+    document = {
         "agrees": budget.agrees,
         "largest_difference_db": budget.largest_difference_db,
         "tolerance_db": TOLERANCE_DB,
@@ -157,14 +142,14 @@ def link_summary(budget: LinkBudget) -> dict[str, Any]:
 
 def link_csv(budget: LinkBudget) -> str:
     """Return the closed form as a table, one row per range."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["material", "incidence_deg", "rain_mm_per_h", "range_m", *budget.links[0].ground[0].numbers()])
+    columns = ["material", "incidence_deg", "rain_mm_per_h", "range_m", *budget.links[0].ground[0].numbers()]
+    rows = []
     for link in budget.links:
+        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}"
         for range_m, ground in zip(link.range_m, link.ground, strict=True):
-            cells = [f"{value:.6g}" if np.isfinite(value) else "" for value in (range_m, *ground.numbers().values())]
-            rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *cells])
-    return text.getvalue()
+            values = range_m, *ground.numbers().values()
+            rows.append([*case, *(f"{value:.6g}" if np.isfinite(value) else "" for value in values)])
+    return csv_text(columns, rows)
 
 
 def _floors(budget: LinkBudget) -> dict[str, Any]:
@@ -224,61 +209,47 @@ LEGEND = (
 
 def print_link(budget: LinkBudget) -> None:
     """Print a row per simulated range, a legend of the columns, and the agreement of closed form and simulation."""
-    out = console()
-    out.print(link_table(budget))
-    for line in LEGEND:
-        out.print(line, soft_wrap=True)
+    console().print(link_table(budget))
+    say(*LEGEND)
     if any(link.reaches_the_end for link in budget.links):
-        out.print("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp", soft_wrap=True)
+        say("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp")
     if np.isnan(budget.largest_difference_db):
         verdict = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
     else:
         word, largest = "agree" if budget.agrees else "DIFFER", number(budget.largest_difference_db, ".2f", " dB")
         verdict = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
-    out.print(verdict, soft_wrap=True)
-    out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
+    say(verdict, f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
     for name, start, end in budget.floors.rulers()[:MAX_RULERS]:
-        out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
+        say(f"highest floor from {start:.1f} to {end:.1f} m: {name}")
     sound = budget.largest_difference_db <= TOLERANCE_DB  # also false without any comparison
     if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):
         coarse = "rounding is no noise where echoes and noise are smaller than a step of the converter"
-        out.print(f"{coarse}: raise radar.receiver.converter.gain_db, or bits", soft_wrap=True)
-    for reason in dict.fromkeys(
-        simulated.reason for link in budget.links for simulated in link.simulated if simulated.reason
-    ):
-        out.print(f"not simulated: {reason}", soft_wrap=True)
+        say(f"{coarse}: raise radar.receiver.converter.gain_db, or bits")
+    reasons = dict.fromkeys(simulated.reason for link in budget.links for simulated in link.simulated)
+    say(*(f"not simulated: {reason}" for reason in reasons if reason))
 
 
 def link_table(budget: LinkBudget) -> Table:
     """Return the closed form and the simulation of the ground at the simulated ranges."""
-    title = "Strongest range cell of the ground in one pulse"
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("material")
-    for name in (
-        "beam\ndeg",
-        "rain\nmm/h",
-        "reach\nm",
-        "range\nm",
-        "SNR\ndB",
-        "S/C\ndB",
-        "Pd",
-        "Pfa\nrain",
-        "diff\ndB",
-    ):
-        table.add_column(name, justify="right")
+    columns = "beam\ndeg", "rain\nmm/h", "reach\nm", "range\nm", "SNR\ndB", "S/C\ndB", "Pd", "Pfa\nrain", "diff\ndB"
+    rows = []
     for link in budget.links:
         reach = f"{link.reach_m:.0f}{'+' if link.reaches_the_end else ''}"
         case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", reach
         for place, simulated in enumerate(link.simulated):
             numbers = simulated.ground.numbers()
             alarms = numbers["false_alarm_probability"] if simulated.ground.clutter > 0 else float("nan")
-            table.add_row(
-                *(case if place == 0 else ("", "", "", "")),
-                f"{simulated.range_m:.1f}",
-                number(numbers["ground_snr_db"], ".1f"),
-                number(numbers["signal_to_clutter_db"], ".1f"),
-                number(numbers["detection_probability"], ".3f"),
-                number(alarms, ".3f"),
-                number(simulated.difference_db, "+.2f"),
+            rows.append(
+                [
+                    *(case if place == 0 else ("", "", "", "")),
+                    f"{simulated.range_m:.1f}",
+                    number(numbers["ground_snr_db"], ".1f"),
+                    number(numbers["signal_to_clutter_db"], ".1f"),
+                    number(numbers["detection_probability"], ".3f"),
+                    number(alarms, ".3f"),
+                    number(simulated.difference_db, "+.2f"),
+                ]
             )
+    table = table_of("Strongest range cell of the ground in one pulse", ["material", *columns], rows, left=["material"])
+    table.pad_edge = False
     return table

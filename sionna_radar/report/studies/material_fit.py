@@ -10,7 +10,7 @@ from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.mapping.calibration import TOLD
-from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure, save_figures
+from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
 from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, print_whole
 from sionna_radar.studies.material_fit import MaterialFit, Measure, Unknown
@@ -29,8 +29,9 @@ def write_materials(fit: MaterialFit, directory: Path) -> list[Path]:
     return write_study(
         directory,
         MARKER,
+        fit,
         materials_document(fit),
-        lambda folder: save_figures(fit, {"levels": draw_levels}, folder),
+        {"levels": draw_levels},
         {"levels.csv": fit.levels.to_csv(), "materials.toml": materials_toml(fit)},
     )
 

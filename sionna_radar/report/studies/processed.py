@@ -50,33 +50,25 @@ from sionna_radar.report.files.contents import (
 )
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
-from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
-    HEIGHT_STEP_M,
     MAX_RELIEF_CELLS,
     Pack,
     packed_points,
-    packed_relief,
     points_to_draw,
     spread_pulses,
     thinned,
 )
 from sionna_radar.report.page.sections import (
     chirps_that_fit,
-    colour_scales,
     errors_section,
-    frame_of_page,
-    histogram_of,
-    limit_of,
     maps_of,
-    packed_chirps,
-    reference_section,
+    page_of,
+    painted,
     span_of,
-    units_of,
 )
-from sionna_radar.report.survey.products import other_side, provenance, write_rasters
+from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
-from sionna_radar.report.terminal import console, number, reference_rows
+from sionna_radar.report.terminal import console, number, reference_rows, table_of_values
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
@@ -176,22 +168,12 @@ def write_processed(
 
     Points and rasters are identical to those of the survey itself if the settings are the same.
 
-    Parameters
-    ----------
-    processed:
-        A processed recording.
-    directory:
-        Output folder; files of an earlier result of `process` are replaced.
-    coordinates:
-        Coordinates of the figures.
-    report:
-        Selects the page, `report.html`.
+    processed: a processed recording.
+    directory: output folder; files of an earlier result of `process` are replaced.
+    coordinates: coordinates of the figures.
+    report: selects the page, `report.html`.
 
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
+    Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
     """
     return write_folder(directory, MARKER, partial(_write_all, processed, coordinates, report))
 
@@ -205,17 +187,7 @@ def _write_all(processed: Processed, coordinates: Coordinates, report: Report, d
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
-    comparison = processed.comparison
-    rasters = {
-        "dem": (processed.dem, "DEM height"),
-        "dem_sigma": (processed.dem_sigma, "standard deviation of the DEM height"),
-        "truth": (comparison.truth if comparison else None, "true height"),
-        "error": (comparison.error if comparison else None, "DEM minus truth"),
-        "reference_error": (processed.reference.error if processed.reference else None, "DEM minus reference"),
-    }
-    if processed.points is not None:
-        rasters |= other_side(processed.dem, processed.uncertainty)
-        write_rasters(directory, rasters, provenance(processed.scenario, processed.points))
+    write_rasters(directory, processed, rasters_of(processed, processed.comparison))
     draw_processed(processed, directory / "figures", coordinates)
     if report is Report.PAGE:
         write_page(directory / "report.html", lambda: recording_page(processed, coordinates))
@@ -231,52 +203,37 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
     Raises OutputError if it would be too large, or plotly is not installed.
     """
     frame, pack = frame_of(processed.georeference, coordinates), Pack()
-    beat_unit, power_unit = units_of(processed.scenario)
     chirp = processed.chirp
     index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(chirp)) if chirp else 1)
-    records = processed.record_chirps(index) if chirp else []
     dem, points, compared = processed.dem, processed.points, processed.comparison
     world: dict[str, Any] | None = None
     maps: list[dict[str, Any]] = []
     notes: list[str] = []
     if dem is not None and points is not None and dem.filled.any():
-        maps, notes = maps_of(pack, frame, dem, processed.dem_sigma, points, compared, power_unit)
+        maps, notes = maps_of(pack, frame, processed, compared)
         world = _world(processed, dem, points, pack, frame)
-    histogram = None if compared is None else histogram_of({"lit cells": compared.error.within(compared.lit).height_m})
-    numbers = {
-        "frame": frame_of_page(frame),
-        "scales": colour_scales(),
-        "chosen": len(index) // 2,
-        "world": world,
-        "maps": maps,
-        "chirps": packed_chirps(pack, records, index, beat_unit, power_unit),
-        "histogram": histogram,
-    }
     breakdown = processed.breakdown
     errors: dict[str, Any] = {"error_rows": []}
     if compared is not None and breakdown is not None:
         errors = errors_section(compared, breakdown, processed.dem_uncertainty)
-    return document(
+    return page_of(
         "recording.html",
-        pack.text(numbers),
-        ("world.js", "maps.js", "chirps.js"),
+        processed,
+        compared,
+        pack,
+        frame,
+        pulses=index,
+        records=processed.record_chirps(index) if chirp else [],
+        maps=maps,
+        world=world,
         title=processed.source.name,
-        warnings=processed.warnings,
         tiles=_tiles(processed),
         flown=_recorded(processed) | _mapped(processed),
         command=_command(processed),
         lidar=False,
         beams=False,
-        shapes=[shape["name"] for shape in world["shapes"]] if world else [],
-        paints=[paint["name"] for paint in world["paints"]] if world else [],
-        pulses=len(index),
         world_notes=[],
-        maps=[entry["name"] for entry in maps],
         map_notes=notes,
-        chirps=len(records),
-        points_sha256=None if points is None else points.sha256(),
-        versions={name: version or "not installed" for name, version in versions().items()},
-        reference=reference_section(processed.reference),
         settings_title="The resolved settings",
         scenario=_settings(processed),
         **errors,
@@ -310,21 +267,13 @@ def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame:
     surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}
     thinner = {name: Raster(grid=thin.cells, height_m=thin.of(r.height_m)) for name, r in surfaces.items()}
     low, high = span_of(*(surface.height_m for surface in thinner.values()))
-    up = frame.origin_m[2]
-    paints: list[dict[str, Any]] = [{"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up}]
-    if compared is not None:
-        error_m = thin.of(compared.error.height_m)
-        limit = limit_of(error_m)
-        packed = pack.rounded(error_m, HEIGHT_STEP_M)
-        paints.append({"name": "Error (m)", "scale": "error", "low": -limit, "high": limit, "z": packed})
+    world = painted(pack, frame, thinner, None if compared is None else thin.of(compared.error.height_m))
     flown = np.unique(np.linspace(0, len(processed.time_s) - 1, TRACK).astype(np.int64))
     track_m = processed.measured(flown).position_m
     west, east, south, north = map_bounds(dem.grid.extent_m, track_m)
     bottom, top = min(low, float(track_m[:, 2].min())), max(high, float(track_m[:, 2].max()))
     pad = 0.04 * (top - bottom) + 0.1
-    return {
-        "shapes": [packed_relief(pack, surface, name) for name, surface in thinner.items()],
-        "paints": paints,
+    return world | {
         "track": {"position": pack.exact(track_m), "time_s": pack.exact(processed.time_s[flown])},
         "points": packed_points(pack, points, points_to_draw(len(points))),
         "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
@@ -362,7 +311,7 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
 
 def _document(processed: Processed) -> dict[str, Any]:
     points, comparison = processed.points, processed.comparison
-    document: dict[str, Any] = {
+    document = {
         "recording": processed.source.name,
         "settings": processed.settings.model_dump(mode="json"),
         "warnings": processed.warnings,
@@ -379,8 +328,7 @@ def _document(processed: Processed) -> dict[str, Any]:
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
-    cleaned: dict[str, Any] = without_nan(document)
-    return cleaned
+    return without_nan(document)
 
 
 def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
@@ -404,10 +352,7 @@ def print_processed(processed: Processed) -> None:
 
 def processed_table(processed: Processed) -> Table:
     """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors if the truth is known."""
-    table = Table(title=f"Recording {processed.source.name}", show_header=False, title_justify="left")
-    for name, value in (_recorded(processed) | _mapped(processed)).items():
-        table.add_row(name, value)
-    return table
+    return table_of_values(f"Recording {processed.source.name}", _recorded(processed) | _mapped(processed))
 
 
 def _recorded(processed: Processed) -> dict[str, str]:

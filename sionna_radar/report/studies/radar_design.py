@@ -3,7 +3,6 @@
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 import tomli_w
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
@@ -26,17 +24,15 @@ from sionna_radar.report.drawing import (
     RED,
     ReportFigure,
     readable,
-    save_figures,
     show_raster,
 )
-from sionna_radar.report.files.contents import strict_json, write_page, write_text
-from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.page.compare import folder_names, read_document
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.studies.sweep import MARKER as SWEEP_MARKER
 from sionna_radar.report.studies.sweep import read_sweep, table_text
-from sionna_radar.report.terminal import NONE, console, number, print_whole
+from sionna_radar.report.terminal import NONE, number, print_whole, say, table_of
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.quantities import QUANTITIES
@@ -97,7 +93,7 @@ def statements(design: RadarDesign) -> list[str]:
 
 
 def _at_its_end(cut: Slice, plan: DesignPlan) -> bool:
-    """Return whether one objective improves along a range up to its end, with the requirements likely to hold."""
+    """Return True if one objective improves along a range up to its end, with the requirements likely to hold."""
     if len(plan.objectives) > 1 or cut.key not in [span.key for span in plan.space.spans]:
         return False
     objective = np.where(cut.holds >= 0.5, plan.objectives[0].sign * cut.objectives[:, 0], np.inf)
@@ -139,45 +135,28 @@ def _with_spread(one: Checked, name: str) -> str:
 
 def print_design(design: RadarDesign) -> None:
     """Print the answer, the designs that were checked, and how they stand."""
-    out = console()
-    out.print(sentence(design), soft_wrap=True)
+    say(sentence(design))
     title = f"Along the Pareto front of {len(design.front)} designs" if design.front else TITLE
-    table = Table(title=f"{title} (mean ± standard deviation of a seed)", title_justify="left")
-    head, rows = design_rows(design)
-    for name in head:
-        table.add_column(name, justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    print_whole(table)
+    print_whole(table_of(f"{title} (mean ± standard deviation of a seed)", *design_rows(design)))
     for standing in design.best.standing:
-        out.print(
+        say(
             f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
-            f"{number(standing.of_one_survey, '.2f')} for one survey",
-            soft_wrap=True,
+            f"{number(standing.of_one_survey, '.2f')} for one survey"
         )
-    for text in statements(design):
-        out.print(text, soft_wrap=True)
+    say(*statements(design))
 
 
 def write_design(design: RadarDesign, directory: Path) -> list[Path]:
     """Write the numbers, the optimum as tables to paste, all surveys, figures and a page, and return the files.
 
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
+    Raises OutputError as `write_folder`.
     """
-
-    def fill(folder: Path) -> None:
-        write_text(folder / MARKER, strict_json(design_summary(design)))
-        write_text(folder / "design.toml", setting_toml(design.best.setting))
-        write_text(folder / "scenario.toml", to_toml(design.best.scenario, defaults=False))
-        write_text(folder / "surveys.csv", table_text(survey_rows(design)))
-        save_figures(design, figures_of(design), folder / "figures")
-        write_page(folder / "report.html", partial(design_page, design))
-
-    return write_folder(directory, MARKER, fill)
+    texts = {
+        "design.toml": setting_toml(design.best.setting),
+        "scenario.toml": to_toml(design.best.scenario, defaults=False),
+        "surveys.csv": table_text(survey_rows(design)),
+    }
+    return write_study(directory, MARKER, design, design_summary(design), figures_of(design), texts, design_page)
 
 
 def setting_toml(setting: Mapping[str, Any]) -> str:
@@ -416,7 +395,7 @@ def _image(figure: Figure) -> str:
 
 
 def is_study(folder: Path) -> bool:
-    """Return whether a folder holds the results of a sweep or a design."""
+    """Return True if a folder holds the results of a sweep or a design."""
     return any((folder / marker).is_file() for marker in (SWEEP_MARKER, MARKER))
 
 
@@ -428,14 +407,10 @@ def print_studies(folders: Sequence[Path]) -> None:
     rows = [
         row for folder, name in zip(folders, folder_names(folders), strict=True) for row in _study_rows(folder, name)
     ]
-    table = Table(title="DEM minus truth of lit cells: settings of all studies", title_justify="left")
-    for column in ("study", "setting", "DEM method", "seeds"):
-        table.add_column(column, overflow="fold")
-    for column in ("RMS", "LE90", "coverage"):
-        table.add_column(column, justify="right")
-    for _, row in sorted(rows, key=lambda pair: pair[0]):
-        table.add_row(*row)
-    print_whole(table)
+    texts = ["study", "setting", "DEM method", "seeds"]
+    ordered = (row for _, row in sorted(rows, key=lambda pair: pair[0]))
+    title = "DEM minus truth of lit cells: settings of all studies"
+    print_whole(table_of(title, [*texts, "RMS", "LE90", "coverage"], ordered, left=texts))
 
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:

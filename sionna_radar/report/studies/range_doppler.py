@@ -1,9 +1,6 @@
 """Range-Doppler maps as files, table and figures."""
 
-import csv
-import io
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +9,16 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels
-from sionna_radar.report.drawing import ORANGE, RED, ReportFigure, save_figures
-from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.drawing import ORANGE, RED, ReportFigure
+from sionna_radar.report.files.contents import csv_text, without_nan
 from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number
+from sionna_radar.report.terminal import console, number, say, table_of
 from sionna_radar.studies.images import Frames
 
 # Shown dynamic range below the strongest cell, dB.
 SHOWN_DB = 60.0
 # Margin of range beside the cells with an echo.
 MARGIN_M = 2.0
-
-
-def draw_all(frames: Frames, directory: Path) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    return save_figures(frames, {"range_doppler": range_doppler}, directory)
 
 
 def range_doppler(frames: Frames) -> Figure:
@@ -63,23 +55,15 @@ MEANING = (
 
 
 def write_frames(frames: Frames, directory: Path) -> list[Path]:
-    """Write `range_doppler.json`, `peaks.csv` and the figure into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_study(
-        directory, MARKER, frames_summary(frames), partial(draw_all, frames), {"peaks.csv": peaks_csv(frames)}
-    )
+    """Write `range_doppler.json`, `peaks.csv` and the figure, and return the files; OutputError as `write_folder`."""
+    figures, texts = {"range_doppler": range_doppler}, {"peaks.csv": peaks_csv(frames)}
+    return write_study(directory, MARKER, frames, frames_summary(frames), figures, texts)
 
 
 def frames_summary(frames: Frames) -> dict[str, Any]:
     """Return the numbers in strict JSON form; undefined ones are None."""
     analyser = frames.analyser
-    document: dict[str, Any] = {
+    document = {
         "chirps": analyser.chirps,
         "frames": frames.frames,
         "range_cell_m": analyser.chirp.range_resolution_m,
@@ -99,49 +83,37 @@ def frames_summary(frames: Frames) -> dict[str, Any]:
 
 def peaks_csv(frames: Frames) -> str:
     """Return the peaks as a table, the strongest first."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(COLUMNS)
-    movers = frames.movers
-    for row in zip(movers.range_m, movers.range_rate_mps, movers.power, strict=True):
-        rows.writerow([f"{value:.6g}" for value in row])
-    return text.getvalue()
+    rows = zip(*(getattr(frames.movers, name) for name in COLUMNS), strict=True)
+    return csv_text(COLUMNS, ([f"{value:.6g}" for value in row] for row in rows))
 
 
 def print_frames(frames: Frames) -> None:
     """Print cell sizes, window losses and detected shares, and the table of targets."""
-    out, analyser = console(), frames.analyser
-    out.print(
+    analyser = frames.analyser
+    say(
         f"{frames.frames} frames of {analyser.chirps} chirps: cells of {frames.last.chirp.range_resolution_m:.3g} m "
         f"and {analyser.rate_cell_mps:.3g} m/s, range rates up to {analyser.highest_rate_mps:.3g} m/s",
-        soft_wrap=True,
-    )
-    out.print(
         f"windows: {analyser.noise_loss_db:.2f} dB against noise, at worst {analyser.straddling_loss_db:.2f} dB "
         "between cells",
-        soft_wrap=True,
-    )
-    out.print(f"still ground in the beam changes by {frames.smear_cells:.2g} cells of range rate during a frame")
-    out.print(
+        f"still ground in the beam changes by {frames.smear_cells:.2g} cells of range rate during a frame",
         f"detected: {frames.detected.mean():.3%} of the cells against their CFAR ring, {frames.changed.mean():.3%} "
         f"against earlier frames; {len(frames.movers)} peaks",
-        soft_wrap=True,
     )
     if frames.targets:
-        out.print(targets_table(frames))
+        console().print(targets_table(frames))
 
 
 def targets_table(frames: Frames) -> Table:
     """Return the table of targets and the peak nearest to each, if any: range, m, and range rate, m/s."""
-    table = Table(title="Targets in the last frame", title_justify="left")
-    for name in ("target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"):
-        table.add_column(name, justify="right")
-    for target in frames.targets:
-        table.add_row(
+    rows = (
+        [
             str(target.number),
             f"{target.range_m:.3f}",
             number(target.found_range_m, ".3f"),
             f"{target.range_rate_mps:.4f}",
             number(target.found_rate_mps, ".4f"),
-        )
-    return table
+        ]
+        for target in frames.targets
+    )
+    columns = "target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"
+    return table_of("Targets in the last frame", columns, rows)

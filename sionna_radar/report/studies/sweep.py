@@ -31,10 +31,10 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable, save_figures
-from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, strict_json, write_text
+from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text, strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
-from sionna_radar.report.terminal import NONE, console, number, print_whole
+from sionna_radar.report.terminal import NONE, console, number, print_whole, say, table_of
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
 from sionna_radar.studies.design import Axis
@@ -183,7 +183,7 @@ def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
 
 
 def _joined(sweep: Sweep, across: Axis) -> bool:
-    """Return whether the dots of a line differ only in their abscissa, a number."""
+    """Return True if the dots of a line differ only in their abscissa, a number."""
     return _numeric(across) and all(axis.crossed for axis in sweep.axes)
 
 
@@ -243,7 +243,7 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
 
 
 def _even_in_logarithm(across: Axis) -> bool:
-    """Return whether values span a wide range, more evenly on a logarithmic scale; decibels are logarithms already."""
+    """Return True if values span a wide range, more evenly on a logarithmic scale; decibels are logarithms already."""
     low, high = float(min(across.values)), float(max(across.values))
     if low <= 0 or high < LOGARITHMIC_FROM * low or across.key.endswith(("_db", "_dbm", "_dbsm")):
         return False
@@ -252,7 +252,7 @@ def _even_in_logarithm(across: Axis) -> bool:
 
 
 def _apart(values: list[float], logarithmic: bool) -> bool:
-    """Return whether ticks at all values leave room for their labels."""
+    """Return True if ticks at all values leave room for their labels."""
     place = np.log(values) if logarithmic else np.array(values, dtype=float)
     return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
 
@@ -311,18 +311,9 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def runs_csv(sweep: Sweep) -> str:
-    """Return the table as CSV, with empty cells for None."""
-    return table_text(rows_of(sweep))
-
-
 def table_text(rows: Sequence[Row]) -> str:
     """Return rows of the same columns as CSV; empty for None."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(list(rows[0]) if rows else [], (row.values() for row in rows))
 
 
 def write_runs_parquet(path: Path, sweep: Sweep) -> None:
@@ -393,14 +384,13 @@ def write_sweep(
     ------
     OutputError
         The directory holds other files, or cannot be written (see `write_folder`), or Parquet without pyarrow.
-
     """
 
     def fill(folder: Path) -> None:
         write_text(folder / MARKER, strict_json(summary(sweep)))
         write_text(folder / "table.csv", table_csv(sweep, ranking))
         if RunsFile.CSV in runs:
-            write_text(folder / RUNS_CSV, runs_csv(sweep))
+            write_text(folder / RUNS_CSV, table_text(rows_of(sweep)))
         if RunsFile.PARQUET in runs:
             write_runs_parquet(folder / RUNS_PARQUET, sweep)
         draw_all(sweep, folder / "figures")
@@ -497,7 +487,7 @@ def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
         out.print(f"and {hidden:,} more settings in table.csv")
     for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
-            out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
+            say(f"{label(case.setting)}: {note}")
 
 
 def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) -> Table:
@@ -507,25 +497,18 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
     """
     trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
-    table = Table(title=title, title_justify="left")
-    for axis in result.axes:
-        table.add_column(axis.key, justify="right", overflow="fold")
     columns = [s for s in STATISTICS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
-    for statistic in columns:
-        table.add_column(HEADINGS[statistic], justify="right")
-    rows = ranked(result, ranking)
-    varied = {axis.key for axis in result.axes}
-    same = [n for n in COLUMNS if len({judged[n] for _, judged in rows if judged[n] == judged[n]}) < 2]
+    cases, varied = ranked(result, ranking), [axis.key for axis in result.axes]
+    same = [n for n in COLUMNS if len({judged[n] for _, judged in cases if judged[n] == judged[n]}) < 2]
     hidden = {*same, *(["method"] if METHOD in varied else [])}
-    names = [name for name in (rows[0][1] if rows else ()) if name not in hidden]
-    for name in names:
-        table.add_column("DEM method" if name == "method" else name, justify="right")
-    for case, judged in rows[:MAX_ROWS]:
-        setting = (short(setting_text(case.setting, axis.key)) for axis in result.axes)
-        table.add_row(
-            *setting, *(_with_spread(case, s, sign) for s in columns), *(_judgement(judged[name]) for name in names)
-        )
-    return table
+    names = [name for name in (cases[0][1] if cases else ()) if name not in hidden]
+    heads = *(HEADINGS[s] for s in columns), *("DEM method" if name == "method" else name for name in names)
+    rows = []
+    for case, judged in cases[:MAX_ROWS]:
+        setting = (short(setting_text(case.setting, key)) for key in varied)
+        statistics = (_with_spread(case, s, sign) for s in columns)
+        rows.append([*setting, *statistics, *(_judgement(judged[name]) for name in names)])
+    return table_of(title, [*varied, *heads], rows)
 
 
 def _judgement(value: Any) -> str:

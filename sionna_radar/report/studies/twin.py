@@ -4,21 +4,19 @@ import json
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
-from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure, save_figures
-from sionna_radar.report.files.contents import Report, strict_json, write_page, write_text
-from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
+from sionna_radar.report.files.contents import Report
+from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import Pack
-from sionna_radar.report.terminal import console, print_whole
+from sionna_radar.report.terminal import print_whole, say, table_of
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.twin import Twin
 from sionna_radar.studies.twin_statistics import EXCHANGES, FALSE_ALARM, Row
@@ -28,23 +26,9 @@ HEAD = ("Row", "Unit", "Measured", "Simulated", "Difference", "Deviation", "p", 
 
 
 def write_twin(twin: Twin, directory: Path, *, report: Report = Report.PAGE) -> list[Path]:
-    """Write `twin.json`, the scenario, the figure and the page, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_folder(directory, MARKER, partial(_write_all, twin, report))
-
-
-def _write_all(twin: Twin, report: Report, directory: Path) -> None:
-    write_text(directory / MARKER, strict_json(twin_document(twin)))
-    write_text(directory / "scenario.toml", to_toml(twin.scenario))
-    save_figures(twin, {"echo": draw_echo}, directory / "figures")
-    if report is Report.PAGE:
-        write_page(directory / "report.html", lambda: twin_page(twin))
+    """Write `twin.json`, the scenario, the figure and the page, and return the files; OutputError as `write_folder`."""
+    texts, page = {"scenario.toml": to_toml(twin.scenario)}, twin_page if report is Report.PAGE else None
+    return write_study(directory, MARKER, twin, twin_document(twin), {"echo": draw_echo}, texts, page)
 
 
 def twin_document(twin: Twin) -> dict[str, Any]:
@@ -83,19 +67,11 @@ def draw_echo(twin: Twin) -> Figure:
 
 def print_twin(twin: Twin) -> None:
     """Print the rows, and what each that differs would need."""
-    table = Table(title=f"{twin.source.name} beside its simulation", title_justify="left")
-    for name in ("", "unit", "measured", "simulated", "difference", "deviation", "p"):
-        table.add_column(name, justify="right" if len(name) > 4 or name == "p" else "left")
-    for row in twin.rows:
-        table.add_row(row.name, *list(_texts(row).values())[:-2])
-    out = console()
-    print_whole(table)
-    for row in twin.rows:
-        if row.differs:
-            out.print(f"{row.name} differs: {row.needs}", soft_wrap=True)
-    if not twin.differing:
-        out.print("no row differs")
-    out.print(meaning_of(twin), soft_wrap=True)
+    columns = "", "unit", "measured", "simulated", "difference", "deviation", "p"
+    rows = ([row.name, *list(_texts(row).values())[:-2]] for row in twin.rows)
+    print_whole(table_of(f"{twin.source.name} beside its simulation", columns, rows, left=["", "unit"]))
+    differing = [f"{row.name} differs: {row.needs}" for row in twin.rows if row.differs]
+    say(*(differing or ["no row differs"]), meaning_of(twin))
 
 
 def meaning_of(twin: Twin) -> str:

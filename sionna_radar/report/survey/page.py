@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
-from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
-    HEIGHT_STEP_M,
     MAX_RELIEF_CELLS,
     Beams,
     Pack,
@@ -23,7 +20,6 @@ from sionna_radar.report.page.scene_data import (
     cast_beams,
     flown_rows,
     packed_points,
-    packed_relief,
     packed_track,
     points_to_draw,
     sigma0_db,
@@ -34,17 +30,12 @@ from sionna_radar.report.page.scene_data import (
 )
 from sionna_radar.report.page.sections import (
     chirps_that_fit,
-    colour_scales,
     errors_section,
-    frame_of_page,
-    histogram_of,
     level_map,
-    limit_of,
     maps_of,
-    packed_chirps,
-    reference_section,
+    page_of,
+    painted,
     span_of,
-    units_of,
 )
 from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
@@ -93,37 +84,30 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
     index = spread_pulses(survey.pulses, PULSES)
     beams = cast_beams(survey.prepared, index)
-    records = record_chirps(survey, chirps_of(survey, index))
-    beat_unit, power_unit = units_of(survey.scenario)
-    chirps = packed_chirps(pack, records, index, beat_unit, power_unit)
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     sigma0 = None
     if survey.scenario.sensor != "lidar":
         truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
         level_db = sigma0_db(survey.prepared, truth.within(thin.of(survey.lit)))
         sigma0 = Raster(grid=thin.cells, height_m=level_db) if np.isfinite(level_db).any() else None
-    maps, notes = maps_of(pack, frame, survey.dem, survey.dem_sigma, survey.points, survey, power_unit)
+    maps, notes = maps_of(pack, frame, survey, survey)
     if sigma0 is not None:
         name = "Backscatter coefficient of the ground"
         maps.append(level_map(pack, frame, sigma0.grid, sigma0.height_m, name, "sigma0 (dB)"))
     world, omissions = _world(survey, pack, frame, beams, sigma0)
-    numbers = {
-        "frame": frame_of_page(frame),
-        "scales": colour_scales(),
-        "chosen": len(index) // 2,
-        "world": world,
-        "maps": maps,
-        "chirps": chirps,
-        "histogram": histogram_of({"lit cells": survey.error.within(survey.lit).height_m}),
-        "summary": summary(survey),
-    }
     lit = survey.lit_error
-    return document(
+    return page_of(
         "survey.html",
-        pack.text(numbers),
-        ("world.js", "maps.js", "chirps.js"),
+        survey,
+        survey,
+        pack,
+        frame,
+        pulses=index,
+        records=record_chirps(survey, chirps_of(survey, index)),
+        maps=maps,
+        world=world,
+        numbers={"summary": summary(survey)},
         title=survey.scenario.description or "A survey",
-        warnings=survey.warnings,
         tiles=[
             (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
             (number(lit.mean_m, "+.3f", " m"), "mean error", "bias"),
@@ -137,17 +121,9 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         | {f"{key} replaced by": part for key, part in survey.replaced.items()},
         lidar=survey.scenario.sensor == "lidar",
         beams=True,
-        shapes=["true surface", "DEM"],
-        paints=[paint["name"] for paint in world["paints"]],
-        pulses=len(index),
         world_notes=omissions,
-        maps=[entry["name"] for entry in maps],
         map_notes=notes,
-        chirps=len(records),
         replaced=survey.replaced,
-        points_sha256=survey.points.sha256(),
-        versions={name: version or "not installed" for name, version in versions().items()},
-        reference=reference_section(survey.reference),
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
         **errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared)),
@@ -165,23 +141,11 @@ def _world(
     drawn = points_to_draw(len(survey.points))
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MAX_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
-    low, high = span_of(survey.truth.height_m, survey.dem.height_m)
-    limit = limit_of(survey.error.height_m)
-    up = frame.origin_m[2]
-    paints: list[dict[str, Any]] = [
-        {"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up},
-        {
-            "name": "Error (m)",
-            "scale": "error",
-            "low": -limit,
-            "high": limit,
-            "z": pack.rounded(thin.of(survey.error.height_m), HEIGHT_STEP_M),
-        },
-    ]
+    world = painted(pack, frame, {"True surface": truth, "DEM": dem}, thin.of(survey.error.height_m))
     if sigma0 is not None:
         bottom, top = span_of(sigma0.height_m, share=1.0)
         levels = pack.rounded(sigma0.height_m, 0.1)
-        paints.append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
+        world["paints"].append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
     surfaces = [
         around.height_m[np.isfinite(around.height_m)],
         truth.height_m[truth.filled],
@@ -191,9 +155,7 @@ def _world(
     bottom, top = min(s.min() for s in surfaces if s.size), max(s.max() for s in surfaces if s.size)
     west, east, south, north = box_of(prepared)
     pad = 0.04 * (top - bottom) + 0.1
-    world = {
-        "shapes": [packed_relief(pack, truth, "True surface"), packed_relief(pack, dem, "DEM")],
-        "paints": paints,
+    world |= {
         "around": around.packed(pack),
         "track": packed_track(pack, prepared.flight),
         "points": packed_points(pack, survey.points, drawn),

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.report.drawing import Coordinates
 from sionna_radar.report.files.contents import (
     COSTS,
@@ -32,7 +32,7 @@ from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import Scenario, to_toml
-from sionna_radar.survey.result import Survey
+from sionna_radar.survey.result import Processed, Survey
 
 # GPS receivers log about this often.
 GPX_STEP_S = 0.2
@@ -79,7 +79,6 @@ def write_survey(
     >>> files = write_survey(survey, Path("results"))
     >>> [file.name for file in files if file.suffix == ".tif"]
     ['dem.tif', 'dem_sigma.tif', 'error.tif', 'truth.tif']
-
     """
     return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}))
 
@@ -127,40 +126,46 @@ def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
 
 
 def _write_rasters(survey: Survey, directory: Path) -> None:
-    rasters: dict[str, tuple[Raster | None, str]] = {
-        "dem": (survey.dem, "DEM height"),
-        "truth": (survey.truth, "true height"),
-        "error": (survey.error, "DEM minus truth"),
-        "reference_error": (survey.reference.error if survey.reference else None, "DEM minus reference"),
-        "dem_sigma": (survey.dem_sigma, "standard deviation of the DEM height"),
-        "dem_sigma_navigation": (survey.dem_sigma_navigation, "standard deviation of the DEM height from navigation"),
-    }
-    rasters |= other_side(survey.dem, survey.uncertainty)
+    rasters = rasters_of(survey, survey)
+    rasters["dem_sigma_navigation"] = (
+        survey.dem_sigma_navigation,
+        "standard deviation of the DEM height from navigation",
+    )
     if survey.no_echo is not None and survey.no_echo.any():
         silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan), quantity="mask")
         rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back")
-    write_rasters(directory, rasters, provenance(survey.scenario, survey.points))
+    write_rasters(directory, survey, rasters)
 
 
-def other_side(dem: Raster | None, uncertainty: Uncertainty | None) -> dict[str, tuple[Raster | None, str]]:
-    """Return the rasters of a `stepped` DEM's gross errors by name, with descriptions; nothing for other methods."""
+Rasters = dict[str, tuple[Raster | None, str]]
+
+
+def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Rasters:
+    """Return the rasters of a result by name, with descriptions; gross errors too of a `stepped` DEM."""
+    dem, uncertainty = result.dem, result.uncertainty
+    rasters: Rasters = {
+        "dem": (dem, "DEM height"),
+        "dem_sigma": (result.dem_sigma, "standard deviation of the DEM height"),
+        "truth": (compared.truth if compared else None, "true height"),
+        "error": (compared.error if compared else None, "DEM minus truth"),
+        "reference_error": (result.reference.error if result.reference else None, "DEM minus reference"),
+    }
     if dem is None or not isinstance(uncertainty, SteppedUncertainty):
-        return {}
+        return rasters
     probability, sigma_m = (
         np.where(dem.filled, values, np.nan) for values in (uncertainty.other_side, uncertainty.step_sigma_m)
     )
     chance = Raster(grid=dem.grid, height_m=probability, quantity="probability")
     sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
-    return {
+    return rasters | {
         "dem_other_side": (chance, "probability that the cell is of the other side of a step"),
         "dem_sigma_step": (sigma, "standard deviation of the DEM height from the other side of steps"),
     }
 
 
-def write_rasters(
-    directory: Path, rasters: Mapping[str, tuple[Raster | None, str]], made_by: Mapping[str, str]
-) -> None:
-    """Write the rasters that there are by name, each with its description."""
+def write_rasters(directory: Path, result: Survey | Processed, rasters: Rasters) -> None:
+    """Write the rasters that there are of a result by name, each with its description."""
+    made_by = {} if result.points is None else _provenance(result.scenario, result.points)
     for name, (raster, description) in rasters.items():
         if raster is not None:
             raster.to_geotiff(directory / f"{name}.tif", description, made_by)
@@ -182,7 +187,7 @@ def _header(survey: Survey) -> str:
     return f"# This file alone does not repeat the survey. Replaced from Python:\n{replaced}\n"
 
 
-def provenance(scenario: Scenario | None, points: Points) -> dict[str, str]:
+def _provenance(scenario: Scenario | None, points: Points) -> dict[str, str]:
     """Return the origin of a raster as TIFF and GDAL metadata; undated, so that equal surveys give equal files."""
     description = "".join(c if c.isprintable() else " " for c in scenario.description) if scenario else ""
     return {

@@ -14,7 +14,7 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import strict_json, without_nan
-from sionna_radar.report.terminal import console, reference_rows
+from sionna_radar.report.terminal import console, reference_rows, table_of_values
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
 
@@ -164,7 +164,7 @@ def reference_for(prepared: Prepared) -> tuple[dict[str, dict[str, float]], str]
 
 
 def _flown_alike(prepared: Prepared) -> bool:
-    """Return whether radar, height, speed and tilt are like the paper's, in clear air and with the exact pose."""
+    """Return True if radar, height, speed and tilt are like the paper's, in clear air and with the exact pose."""
     scenario, radar, scan = prepared.scenario, prepared.scenario.radar, prepared.scenario.radar.scan
     tilt_deg = float(np.rad2deg(prepared.flight.scan.incidence_rad))
     flown = {
@@ -211,10 +211,7 @@ def print_survey(survey: Survey) -> None:
 
 def survey_table(survey: Survey) -> Table:
     """Return the table of a survey: flight, DEM errors and run time."""
-    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
-    for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
-        table.add_row(name, value)
-    return table
+    return table_of_values(survey.scenario.description or None, _flown(survey) | _errors(survey) | _notes(survey))
 
 
 def _flown(survey: Survey) -> dict[str, str]:
@@ -228,7 +225,7 @@ def _flown(survey: Survey) -> dict[str, str]:
 
 
 def _could_be_refined(survey: Survey) -> bool:
-    """Return whether "refined" applies: whole echoes of ground without walls, in clear air, mapped by points only."""
+    """Return True if "refined" applies: whole echoes of ground without walls, in clear air, mapped by points only."""
     local = survey.prepared.local
     whole_echoes = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
     return (

@@ -73,20 +73,11 @@ def triangles_of(
 ) -> Int[np.ndarray, "face 3"]:
     """Return triangles of polygons, in their order and with their winding; polygons of fewer than 3 corners have none.
 
-    Parameters
-    ----------
-    vertices:
-        Positions of the corners.
-    size:
-        Number of corners of each polygon.
-    corner:
-        The corners of all polygons, concatenated, as indices of vertices.
+    vertices: positions of the corners.
+    size: number of corners of each polygon.
+    corner: the corners of all polygons, concatenated, as indices of vertices.
 
-    Raises
-    ------
-    MeshError
-        An index is out of range, or there are too many triangles.
-
+    Raises MeshError if an index is out of range, or there are too many triangles.
     """
     check_indices(corner, len(vertices))
     check_count(int(np.maximum(size - 2, 0).sum()), MAX_FACES, "triangles")
@@ -153,20 +144,11 @@ def _split_ring(vertices: Float[np.ndarray, "vertex 3"], ring: Int[np.ndarray, "
 def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None = None) -> tuple[MeshPart, ...]:
     """Return the triangles of a file, one part for each mesh of each node.
 
-    Parameters
-    ----------
-    data:
-        The whole file; what it claims must have been checked against its bytes.
-    kind:
-        Its format in trimesh's notation.
-    beside:
-        All other files available to trimesh, by name.
+    data: the whole file; what it claims must have been checked against its bytes.
+    kind: its format in trimesh's notation.
+    beside: all other files available to trimesh, by name.
 
-    Raises
-    ------
-    MeshError
-        It cannot be read.
-
+    Raises MeshError if it cannot be read.
     """
     import trimesh
 

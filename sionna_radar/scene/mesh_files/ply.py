@@ -82,7 +82,7 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
 
 
 def _header(data: bytes) -> tuple[bool, list[_Element], int]:
-    """Return whether the rows are text, the elements, and the offset of their rows."""
+    """Return the form of the rows (True: text), the elements, and the offset of their rows."""
     head, terminator, _ = data[:MAX_HEADER_BYTES].partition(b"end_header")
     end = data.find(b"\n", len(head))
     if not head.startswith(b"ply") or not terminator or end < 0:

@@ -29,18 +29,10 @@ UP = {".glb": "y", ".gltf": "y"}
 def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     """Return the triangles of a mesh file, in its own axes and units, as float64.
 
-    Parameters
-    ----------
-    path:
-        The file: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
-    key:
-        The scenario's key that names it, for messages.
+    path: the file: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
+    key: the scenario's key that names it, for messages.
 
-    Raises
-    ------
-    InputFileError
-        It is of another format, too large or damaged, or names files outside its folder.
-
+    Raises InputFileError if it is of another format, too large or damaged, or names files outside its folder.
     """
     name = f"{key} ="
     size = regular_file(path, name, REMEDY, MAX_BYTES)

@@ -47,18 +47,10 @@ class RepairedMesh:
 def repair(parts: Sequence[MeshPart], name: str) -> RepairedMesh:
     """Repair a mesh in metres with z up, and log the number of repairs by kind.
 
-    Parameters
-    ----------
-    parts:
-        The mesh, in metres.
-    name:
-        The key and the file, for messages.
+    parts: the mesh, in metres.
+    name: the key and the file, for messages.
 
-    Raises
-    ------
-    InputFileError
-        No valid face remains.
-
+    Raises InputFileError if no valid face remains.
     """
     vertex_start = np.cumsum([0, *(len(p.vertices) for p in parts)])
     vertices = np.concatenate([p.vertices for p in parts])

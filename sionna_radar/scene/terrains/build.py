@@ -66,7 +66,6 @@ def landscape_of_heights(
     ------
     ScenarioError, InputFileError
         A polygon covers no face; the raster of classes cannot be read or georeferenced.
-
     """
     return covered_landscape(raster, cover_of(terrain), georeference or _stated_place(terrain))
 
@@ -210,7 +209,6 @@ def register_terrain(
     >>> prepared = prepare(load_scenario("hills", {"terrain": {"kind": "dunes"}, "platform.length_m": 10.0}))
     >>> float(prepared.scene.scene.bounds_m[1, 2])
     3.0
-
     """
     return TERRAINS.register(name, parameters, Facts(uses=tuple(uses), frame=frame))
 

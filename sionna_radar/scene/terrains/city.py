@@ -34,12 +34,8 @@ def load_city(
 
     chosen: materials of the scenario by the names of Sionna's; None keeps Sionna's own.
 
-    Raises
-    ------
-    ScenarioError
-        The scenario maps a material that the city does not have, or keeps one that is undefined at the
-        carrier or does not scatter.
-
+    Raises ScenarioError if the scenario maps a material that the city does not have, or keeps one that is undefined at
+        the carrier or does not scatter.
     """
     load_mitsuba()
     import sionna.rt as rt

@@ -28,7 +28,7 @@ LARGEST_COUNT = 32767
 
 
 def is_capture(path: Path) -> bool:
-    """Return whether a recording is named as a raw capture."""
+    """Return True if a recording is named as a raw capture."""
     return path.suffix.lower() == SUFFIX
 
 

@@ -329,8 +329,7 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         _fail(own.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
     if array is not None:
         samples = samples.reshape(-1, chirps, *samples.shape[1:])
-    time_s = period_s * chirps * np.arange(len(samples))
-    return _Channel(samples=samples, radar=radar, time_s=time_s)
+    return _Channel(samples=samples, radar=radar, time_s=period_s * chirps * np.arange(len(samples)))
 
 
 def _check_receiver(own: RecordingTable, receivers: int) -> None:

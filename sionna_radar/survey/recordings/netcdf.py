@@ -44,13 +44,8 @@ def check_room(folder: Path, wanted: int) -> None:
 class NetcdfFile:
     """A netCDF file that is being written; a dimension without a size grows.
 
-    Parameters
-    ----------
-    path:
-        Where to write.
-    attributes:
-        Of the file; the conventions are added.
-
+    path: where to write.
+    attributes: of the file; the conventions are added.
     """
 
     def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
@@ -143,18 +138,10 @@ FEW_ROWS, SLAB_ROWS = 512, 65_536
 def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
     """Open a netCDF-4 file.
 
-    Parameters
-    ----------
-    path, name:
-        The file, and what asked for it.
-    remedy:
-        What to give instead of a file that is none.
+    path, name: the file, and what asked for it.
+    remedy: what to give instead of a file that is none.
 
-    Raises
-    ------
-    InputFileError
-        There and then, or while it is read: the file is none, or is damaged.
-
+    Raises InputFileError, then or while it is read, if the file is none, or is damaged.
     """
     regular_file(path, name, remedy, MAX_BYTES)
     where = f"{name} {shown(path)}"

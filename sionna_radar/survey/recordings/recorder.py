@@ -455,22 +455,12 @@ def recorders(
 ) -> Iterator[Sequence[Recorder]]:
     """Yield the recorders of a survey; their files are in place when the block ends without an error.
 
-    Parameters
-    ----------
-    wanted:
-        Files by the kind of recording: "signals", "paths", "profiles" or "cube".
-    prepared:
-        The survey.
-    sample_type:
-        How the samples of beat signals are kept.
+    wanted: files by the kind of recording: "signals", "paths", "profiles" or "cube".
+    prepared: the survey.
+    sample_type: how the samples of beat signals are kept.
 
-    Raises
-    ------
-    ScenarioError
-        There is no such kind.
-    OutputError
-        A file exists, or its folder cannot be written.
-
+    Raises ScenarioError if there is no such kind.
+    Raises OutputError if a file exists, or its folder cannot be written.
     """
     files = checked_files(wanted)
     refuse_average(prepared.scenario.processing, "a recording")

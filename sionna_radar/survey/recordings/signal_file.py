@@ -219,9 +219,8 @@ class SignalFile:
             rows=shape[0],
             georeference=self.georeference,
         )
-        height_m = np.asarray(self._file.variable("true_height")[...], dtype=np.float64)
         return RecordedTruth(
-            surface=Raster(grid=grid, height_m=height_m),
+            surface=Raster(grid=grid, height_m=np.asarray(self._file.variable("true_height")[...], dtype=np.float64)),
             lit=self._file.numbers("lit", shape) > 0,
             beside_wall=self._file.numbers("beside_wall", shape) > 0 if "beside_wall" in self._file else None,
         )

@@ -155,7 +155,6 @@ def register_sensor(
     >>> overrides = {"sensor": "biased_lidar", "platform.length_m": 10.0}
     >>> run(load_scenario("hills", overrides)).lit_error.mean_m < -0.5
     True
-
     """
     return SENSORS.register(name, parameters, Facts(provides_profiles=provides_profiles))
 

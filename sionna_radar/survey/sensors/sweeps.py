@@ -22,6 +22,8 @@ ChirpBeats = Sequence[Inexact[np.ndarray, "chirp sample"]]
 
 # Pulses sampled to test whether rain fills the beam, and to estimate its mean echo.
 GLANCE_PULSES, VOLUME_PULSES = 48, 256
+# Pulses that the volume's motion is estimated from.
+MOTION_PULSES = 1024
 # Pulses averaged to estimate leakage: 256 suppress everything that changes by 24 dB.
 STILL_PULSES = 256
 
@@ -90,15 +92,19 @@ class SweepDetector:
         if detector.volume_clutter == "off":
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
-            pulses = self.schedule.sample(count)
-            found = []
-            for beat, sweep in zip(self.cleaned(self.beats(pulses), pulses), self.sweeps, strict=True):
-                power = detector.analyser.power(beat)
-                if not shows_volume(detector, power):
-                    return [None] * len(self.sweeps)
-                if count == VOLUME_PULSES:
-                    found.append(volume_in_front(detector, power, pulses, sweep))
-        return found
+            pulses, powers = self._sample_spectra(count)
+            if not all(shows_volume(detector, power) for power in powers):
+                return [None] * len(self.sweeps)
+        more_pulses, more_powers = self._sample_spectra(MOTION_PULSES)
+        return [
+            volume_in_front(detector, power, pulses, sweep, more_power, more_pulses)
+            for power, more_power, sweep in zip(powers, more_powers, self.sweeps, strict=True)
+        ]
+
+    def _sample_spectra(self, count: int) -> tuple[Pulses, list[Float[np.ndarray, "pulse bin"]]]:
+        """Return pulses spread over the survey, and the power spectra of each sweep."""
+        pulses = self.schedule.sample(count)
+        return pulses, [self.detector.analyser.power(beat) for beat in self.cleaned(self.beats(pulses), pulses)]
 
     @cached_property
     def still(self) -> list[Inexact[np.ndarray, " sample"]]:

@@ -55,6 +55,7 @@ class _Tubes(Columns):
     corner_m: Float[np.ndarray, "tube 3 3"]
 
     def quartered(self) -> "_Tubes":
+        """Return the four triangles of each that the middles of its sides divide it into."""
         a, b, c = np.moveaxis(self.corner_m, 1, 0)
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         parts = [np.stack(part, axis=1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
@@ -69,15 +70,10 @@ def bounced_echoes(
 ) -> BouncedEchoes:
     """Return the echoes of a body after two reflections and more, seen from places.
 
-    Parameters
-    ----------
-    scatterer:
-        The body.
-    radar_m:
-        Places, in the body's axes.
-    sent, received:
-        Unit vectors of the fields that the antenna sends toward the body and receives from there, in its axes.
-
+    scatterer: the body.
+    radar_m: places, in the body's axes.
+    sent, received: unit vectors of the fields that the antenna sends toward the body and receives from there, in its
+        axes.
     """
     row, face = np.nonzero(scatterer.seen(radar_m))
     level = _Tubes(row=row, face=face, corner_m=scatterer.corner_m[face])

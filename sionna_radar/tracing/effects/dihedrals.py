@@ -252,7 +252,7 @@ class DihedralTracer:
     def _visible(
         self, corner: Dihedral, position_m: Float[np.ndarray, "n 3"], edge_m: Float[np.ndarray, "n 3"]
     ) -> np.ndarray:
-        """Return whether radar positions see both faces beside the edge."""
+        """Return True where radar positions see both faces beside the edge."""
         seen = np.ones(len(edge_m), dtype=bool)
         for face, far in zip(corner.faces, corner.far_m, strict=True):
             beside = edge_m + min(BESIDE_EDGE_M, far / 2) * face

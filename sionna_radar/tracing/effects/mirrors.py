@@ -88,7 +88,7 @@ class Patch:
         return place[np.arange(len(point_m)), nearest]
 
     def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Return whether points of the plane lie inside: the border winds around them once."""
+        """Return True where points of the plane lie inside: the border winds around them once."""
         return _turns(*self._seen_from(point_m)) > 0
 
     def _seen_from(
@@ -109,13 +109,8 @@ class Patch:
     ) -> Complex[np.ndarray, " n"]:
         """Return the echo of the patch relative to that of the infinite plane, F in the module docstring.
 
-        Parameters
-        ----------
-        foot_m, height_m:
-            Feet of the perpendiculars from the radar, in the coordinates of the plane, and their lengths.
-        wavelength_m:
-            Wavelength of the carrier.
-
+        foot_m, height_m: feet of the perpendiculars from the radar, in the coordinates of the plane, and their lengths.
+        wavelength_m: wavelength of the carrier.
         """
         distance, first, last = self._seen_from(foot_m)
         factor = _turns(distance, first, last).astype(np.complex128)
@@ -330,7 +325,7 @@ class MirrorTracer:
         return rows, places, heights, factors, numbers
 
     def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
-        """Return whether patches may be mirrors for any of the positions: a bound from the sphere around them."""
+        """Return True where patches may be mirrors for any of the positions: a bound from the sphere around them."""
         middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
         reach = np.linalg.norm(position_m - middle, axis=1).max()
         away = middle - self._centre_m

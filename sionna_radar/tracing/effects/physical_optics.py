@@ -61,7 +61,7 @@ class Scatterer:
         return RayCaster([body])
 
     def seen(self, radar_m: Float[np.ndarray, "place 3"]) -> Bool[np.ndarray, "place face"]:
-        """Return whether faces are visible from places, given in the body's axes."""
+        """Return True where faces are visible from places, given in the body's axes."""
         facing = np.einsum("pfi,fi->pf", radar_m[:, None] - self.middle_m, self.normal_m2)
         lit = np.where(self.body.two_sided, facing != 0, facing > 0)
         place, face = np.nonzero(lit)
@@ -102,7 +102,7 @@ class Scatterer:
     def hidden(
         self, radar_m: Float[np.ndarray, "place 3"], row: Int[np.ndarray, " n"], point_m: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether the body hides points on it from the places in given rows, in its axes."""
+        """Return True where the body hides points on it from the places in given rows, in its axes."""
         # From the body on: places far away are no place of single precision.
         away = radar_m[row] - point_m
         toward = self.sphere[1] * away / np.linalg.norm(away, axis=1)[:, None]
@@ -122,7 +122,7 @@ class Scatterer:
         return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
     def hides(self, start_m: Float[np.ndarray, "n 3"], end_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether the body is between places, in its axes."""
+        """Return True where the body is between places, in its axes."""
         return self._caster.hides(start_m, np.arange(len(start_m)), end_m, 0.0)
 
     def amplitude(self, radar_m: Float[np.ndarray, "place 3"]) -> Complex[np.ndarray, "place face"]:

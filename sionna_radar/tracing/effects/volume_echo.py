@@ -37,7 +37,7 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.radar.equation import collimated_m, two_way_beam_sr
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Volume, Weather
@@ -160,8 +160,7 @@ def _cell_power(
 ) -> Float[np.ndarray, " {cells}"]:
     beam_sr = two_way_beam_sr(antenna)
     edge_m = cell_m * np.arange(cells + 1)
-    collimated_m = chirp.wavelength_m * np.sqrt(antenna.peak_gain**3 * beam_sr / (4 * np.pi) ** 3)
-    first = min(max(1, round(collimated_m / cell_m)), cells - 1)
+    first = min(max(1, round(collimated_m(antenna, chirp.wavelength_m) / cell_m)), cells - 1)
     far = rain_clutter_power(
         edge_m[first:],
         reflectivity_per_m=reflectivity_per_m,

@@ -31,11 +31,7 @@ TOLERANCE = 1e-3
 def check_sionna() -> None:
     """Compute the echo of a small patch of ground at nadir, and compare it with the radar equation.
 
-    Raises
-    ------
-    BackendError
-        Sionna RT gives a different gain or delay, or lacks something that the engines rely on.
-
+    Raises BackendError if Sionna RT gives a different gain or delay, or lacks something that the engines rely on.
     """
     corner = np.array([[-50.0, -50.0, 0.0], [50.0, -50.0, 0.0], [0.0, 50.0, 0.0]])
     ground = Surface(name="plane", vertices_m=corner, faces=np.array([[0, 1, 2]]), material="ground")

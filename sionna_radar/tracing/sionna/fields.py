@@ -31,22 +31,12 @@ BUFFER_COLUMNS = (
 def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probability: Any, valid: Any) -> Any:
     """Return Sionna's path buffer for one diffuse bounce back to where each path came from.
 
-    Parameters
-    ----------
-    row:
-        Pulse of each path in its block: both source and target.
-    position, shape, primitive:
-        Where it bounces, on which shape (its pointer as an integer), on which triangle.
-    probability:
-        4 pi over the solid angle that the path represents, with one sample per source.
-    valid:
-        Which paths exist.
+    row: pulse of each path in its block: both source and target.
+    position, shape, primitive: where it bounces, on which shape (its pointer as an integer), on which triangle.
+    probability: 4 pi over the solid angle that the path represents, with one sample per source.
+    valid: which paths exist.
 
-    Raises
-    ------
-    BackendError
-        This release of Sionna RT stores its paths differently.
-
+    Raises BackendError if this release of Sionna RT stores its paths differently.
     """
     count = dr.width(row)
     size = (count, 1)

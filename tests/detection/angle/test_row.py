@@ -148,7 +148,7 @@ def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
     np.testing.assert_array_equal(first.direction, second.direction)
     np.testing.assert_array_equal(first.across_sigma_rad, second.across_sigma_rad)
     assert len(first) > 2 * len(prepared)
-    assert direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1) == ()
+    assert list(direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1)) == []
     turned = prepare(load_scenario("hills", keys | {"radar.scan.mode": "whisk_broom"}))
     (warning,) = direction_warnings(turned.angle, turned.flight.sample(50).measured, 1)
     assert warning.endswith("their spread is interpreted as a second surface; set radar.scan.mode = 'conical'")

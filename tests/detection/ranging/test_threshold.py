@@ -51,7 +51,7 @@ def crossing_m(impulse_response: np.ndarray) -> float:
     return float(np.interp(level, mean[after - 1 : after + 1], range_m[after - 1 : after + 1]))
 
 
-def check(echoes: Echoes, expected_m: float) -> None:
+def assert_read(echoes: Echoes, expected_m: float) -> None:
     """Every pulse is read, without bias but for what speckle does to the crossing of a curved edge, and honestly."""
     assert len(echoes.range_m) == PULSES
     assert np.mean(echoes.range_m) == pytest.approx(expected_m, abs=0.1)
@@ -66,7 +66,7 @@ def test_a_drawn_echo_is_read_where_its_mean_crosses_the_level():
     beat = ((speckle * np.sqrt(brown())) @ np.exp(2j * np.pi * cycles)).real
     beat += 1e-3 * rng.standard_normal(beat.shape)
     pulses = make_pulses(PULSES)
-    check(DETECTOR.detect(beat, pulses.index, pulses.measured), crossing_m(brown()))
+    assert_read(DETECTOR.detect(beat, pulses.index, pulses.measured), crossing_m(brown()))
 
 
 def test_the_simulated_altimeter_reads_the_flat_surface_integral():
@@ -86,4 +86,4 @@ def test_the_simulated_altimeter_reads_the_flat_surface_integral():
     )
     expected_m = crossing_m(surface_integral())
     assert expected_m == pytest.approx(crossing_m(brown()), abs=0.05)
-    check(prepare(scenario).echoes(np.arange(PULSES)), expected_m)
+    assert_read(prepare(scenario).echoes(np.arange(PULSES)), expected_m)

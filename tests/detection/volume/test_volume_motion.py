@@ -1,10 +1,12 @@
-"""The motion of a volume from likelihoods of known shape, and the ground that a survey learns behind it."""
+"""The motion of a volume whose echo is drawn from its law, and the ground that a survey learns behind it."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sionna_radar.detection.volume.clutter import (
-    MODEL_ERROR_MPS,
+    VolumeCells,
     VolumeClutter,
     estimated_motion,
     expected_motion,
@@ -16,25 +18,52 @@ from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectiv
 
 CARRIER_HZ, RAIN_MM_PER_H = 77e9, 5.0
 # A scan 40 deg to each side, 45 deg forward, of a platform that heads north.
-SCAN_RAD = np.deg2rad(np.tile(np.linspace(-40, 40, 20), 5))
-BORESIGHT = (R_WORLD_NED @ whisk_broom_from_antenna(np.pi / 4, SCAN_RAD))[:, :, 0]
+SCAN_RAD = np.deg2rad(np.linspace(-40, 40, 20))
+LINE = (R_WORLD_NED @ whisk_broom_from_antenna(np.pi / 4, SCAN_RAD))[:, :, 0]
 
 
-def parabolas(velocity_mps, *, scatter_mps=0.0, sharpness=0.5):
-    """Log-likelihood of each pulse about the radial speed of a velocity, moved by chance."""
-    moved = scatter_mps * np.random.default_rng(7).normal(size=len(BORESIGHT))
-    speed = BORESIGHT @ np.asarray(velocity_mps, dtype=float) + moved
-    return lambda tried: -sharpness * (tried - speed) ** 2
+SEEDS = range(20)
+SHIFT_M = 0.41
+RANGE_M = np.arange(3.3, 58.0, 0.3)
+# Two-way, of 5 mm/h.
+ATTENUATION = 1.4e-3
 
 
-@pytest.mark.parametrize("off_mps", [0.0, 0.4 * MODEL_ERROR_MPS, -0.4 * MODEL_ERROR_MPS])
-def test_rain_in_still_air_is_kept_within_an_error_of_the_model(off_mps):
-    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
-    found = estimated_motion(
-        CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas(rain.velocity_mps + np.array([0.0, 0.0, off_mps]))
+def echoes(velocity_mps, seed=7, *, lines=10, nearest_m=0.0, noise=1e-6, sign=1.0):
+    """Powers of a volume that moves, of the law k r^-2 exp(-a r); approaching drops fold onto positive frequencies."""
+    boresight = np.tile(LINE, (lines, 1))
+    platform_mps = -10.0 * boresight[:, 1]
+    shift_m = sign * SHIFT_M * (boresight @ np.asarray(velocity_mps, dtype=float) + platform_mps)
+
+    def mean(measured_m):
+        range_m = measured_m - shift_m[:, None]
+        return np.where(range_m > 0.1, np.exp(-ATTENUATION * range_m) / np.maximum(range_m, 0.1) ** 2, 0.0)
+
+    power = mean(RANGE_M) + mean(-RANGE_M) + noise
+    far = nearest_m <= RANGE_M
+    return VolumeCells(
+        power=np.random.default_rng(seed).exponential(power)[:, far],
+        noise=np.full((len(boresight), 1), noise),
+        range_m=RANGE_M[far],
+        shift_m=sign * SHIFT_M,
+        boresight=boresight,
+        platform_mps=platform_mps,
+        looks=1.0,
+        nearest_m=0.0,
+        margin_m=1.0,
+        uneven=0.0,
     )
-    np.testing.assert_array_equal(found.velocity_mps, rain.velocity_mps)
-    assert found.fall_spread_mps == rain.fall_spread_mps
+
+
+def found_motion(*given, **named):
+    return estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, echoes(*given, **named))
+
+
+def test_rain_in_still_air_is_kept():
+    """Of 40 surveys at most one shows another motion."""
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
+    found = [found_motion(rain.velocity_mps, seed).velocity_mps for seed in range(40)]
+    assert sum(not np.array_equal(velocity_mps, rain.velocity_mps) for velocity_mps in found) <= 1
 
 
 def test_drops_of_heavier_rain_fall_faster():
@@ -57,24 +86,43 @@ def test_echoes_beyond_any_rain_are_taken_for_the_least_and_the_most():
     assert rain_rate_of(1.0, 10.0, CARRIER_HZ) == 150.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("wind_mps", [(-10.0, 0.0), (0.0, 10.0), (0.0, -10.0), (7.0, 7.0)])
-def test_the_wind_is_found(wind_mps):
-    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
-    velocity = rain.velocity_mps + np.array([*wind_mps, 0.0])
-    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas(velocity, scatter_mps=1.0))
-    assert np.abs(found.range_rate_mps(BORESIGHT) - BORESIGHT @ velocity).max() < 0.5
+def test_the_wind_is_found(wind_mps, sign):
+    """By 1,200 pulses, also where drops approach (their echo is folded) and in a sweep downwards."""
+    velocity = expected_motion(CARRIER_HZ, RAIN_MM_PER_H).velocity_mps + np.array([*wind_mps, 0.0])
+    found = found_motion(velocity, lines=60, sign=sign)
+    assert np.abs(found.range_rate_mps(LINE) - LINE @ velocity).mean() < 0.6
+
+
+def test_range_rates_have_no_bias():
+    velocity = expected_motion(CARRIER_HZ, RAIN_MM_PER_H).velocity_mps + np.array([0.0, 6.0, 0.0])
+    errors = [np.mean(found_motion(velocity, seed, lines=20).range_rate_mps(LINE) - LINE @ velocity) for seed in SEEDS]
+    assert abs(np.mean(errors)) < 3 * np.std(errors) / len(SEEDS) ** 0.5
+    assert np.std(errors) < 0.6
 
 
 @pytest.mark.parametrize("fall_mps", [0.8, 1.1, 1.5])
 def test_snow_falls_as_snow(fall_mps):
-    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, parabolas([0.0, 0.0, -fall_mps], scatter_mps=0.5))
-    assert np.abs(found.range_rate_mps(BORESIGHT) + fall_mps * BORESIGHT[:, 2]).max() < 0.5
+    found = found_motion([0.0, 0.0, -fall_mps], lines=50)
+    assert np.abs(found.range_rate_mps(LINE) + fall_mps * LINE[:, 2]).max() < 0.7
 
 
-def test_pulses_that_say_little_keep_rain():
-    """A twentieth of a neper a pulse, over all speeds: what weak ground leaves to chance."""
-    likelihood = parabolas([-10.0, 0.0, -1.0], sharpness=0.05 / 15.0**2)
-    found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, BORESIGHT, likelihood)
+def test_uneven_rain_shows_no_wind():
+    """Strength near and far in a pulse differ by a third and by chance: taken for even rain it is a wind of 2 m/s."""
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
+    even = echoes(rain.velocity_mps, lines=50)
+    change = 0.33 * np.random.default_rng(2).normal(size=(len(even.power), 1))
+    changed = replace(even, power=even.power * np.exp(change * (1 - even.range_m / 30)))
+    for uneven, kept in ((0.0, False), (0.1, True)):
+        found = estimated_motion(CARRIER_HZ, RAIN_MM_PER_H, replace(changed, uneven=uneven))
+        assert np.array_equal(found.velocity_mps, rain.velocity_mps) == kept
+
+
+@pytest.mark.parametrize("told", [{"noise": 1.0}, {"nearest_m": 50.0}, {"nearest_m": 60.0}])
+def test_cells_that_say_little_keep_rain(told):
+    """Far from the radar, and in noise a hundred times as strong as the volume, a shift changes little."""
+    found = found_motion([-5.0, 0.0, -1.0], **told)
     np.testing.assert_array_equal(found.velocity_mps, expected_motion(CARRIER_HZ, RAIN_MM_PER_H).velocity_mps)
 
 

@@ -114,8 +114,7 @@ def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_figures")
 def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
-    custom = CustomParts(antenna=make_antenna(6.0, 6.0))
-    flown = replace(survey, prepared=replace(survey.prepared, custom=custom))
+    flown = replace(survey, prepared=replace(survey.prepared, custom=CustomParts(antenna=make_antenna(6.0, 6.0))))
     horn = "sionna_radar.radar.antenna.Antenna, half-power beam 6 x 6 deg"
     assert summary(flown)["replaced"] == flown.replaced == {"radar.antenna": horn}
     write_survey(flown, tmp_path / "out")

@@ -6,12 +6,11 @@ import trimesh
 
 from beams import make_chirp
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Body
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.bodies import rcs_m2
 from sionna_radar.tracing.effects.physical_optics import Scatterer
-from sionna_radar.tracing.effects.targets import trace_targets
+from targets import over_target, target_paths
 
 WAVELENGTH_M = make_chirp().wavelength_m
 
@@ -69,29 +68,6 @@ def test_what_stands_before_a_plate_hides_it():
     assert np.count_nonzero(both.amplitude(place)) == np.count_nonzero(one.amplitude(place)) > 0
 
 
-def survey(target, **platform):
-    """A radar looking straight down on a target, over level ground."""
-    return parse_scenario(
-        {
-            "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
-            "platform": {"altitude_m": 50.0, "speed_mps": 5.0, "length_m": 10.0} | platform,
-            "radar": {
-                "snr_db": 30.0,
-                "antenna": {"beamwidth_deg": 30.0},
-                "scan": {"mode": "fixed", "incidence_deg": 0.0},
-            },
-            "targets": [target],
-        }
-    )
-
-
-def echoes(scenario, pulses):
-    prepared = prepare(scenario)
-    block, scene = prepared.flight.pulses(pulses), prepared.scene.scene
-    given = (block, prepared.antenna, prepared.receiver.chirp, prepared.scene.caster, 1)
-    return block, trace_targets(scene.targets, *given)
-
-
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
     path = tmp_path_factory.mktemp("body") / "ball.ply"
@@ -102,8 +78,10 @@ def ball(tmp_path_factory):
 def test_a_ball_echoes_as_a_point_on_its_near_side(ball):
     """Its power is that of its cross-section, and its phase that of the range to its front, pulse by pulse."""
     where = {"position_m": [3.0, 1.0], "height_m": 2.0}
-    block, body = echoes(survey(where | {"mesh": ball}), np.arange(0, 720, 40))
-    _, point = echoes(survey(where | {"rcs_dbsm": 10 * np.log10(np.pi * 0.05**2), "swerling": 0}), block.index)
+    block, body = target_paths(over_target(where | {"mesh": ball}), np.arange(0, 720, 40))
+    _, point = target_paths(
+        over_target(where | {"rcs_dbsm": 10 * np.log10(np.pi * 0.05**2), "swerling": 0}), block.index
+    )
     chirp = make_chirp()
     row, field = block.row_of(body.pulse), body.gain * np.exp(-2j * np.pi * chirp.carrier_hz * body.delay_s)
     total = np.bincount(row, field.real) + 1j * np.bincount(row, field.imag)
@@ -116,7 +94,7 @@ def test_a_ball_echoes_as_a_point_on_its_near_side(ball):
 
 def test_a_body_moves_and_turns_with_its_way(ball):
     target = {"position_m": [-8.0, -3.0], "height_m": 1.0, "mesh": ball, "waypoints_m": [[8.0, 5.0]], "speed_mps": 12.0}
-    block, paths = echoes(survey(target), np.arange(100, 104))
+    block, paths = target_paths(over_target(target), np.arange(100, 104))
     first = [int(np.flatnonzero(paths.pulse == index)[0]) for index in block.index]
     centre = [np.average(paths.hit_m[paths.pulse == index], axis=0) for index in block.index]
     assert np.linalg.norm(np.diff(centre, axis=0), axis=1) / np.diff(block.time_s) == pytest.approx(
@@ -130,15 +108,15 @@ def test_a_body_moves_and_turns_with_its_way(ball):
 def test_a_mesh_neither_fluctuates_nor_has_a_cross_section(ball):
     for wrong in ({"swerling": 1}, {"rcs_dbsm": 0.0}):
         with pytest.raises(ScenarioError, match="mesh"):
-            survey({"position_m": [0.0, 0.0], "mesh": ball} | wrong)
+            over_target({"position_m": [0.0, 0.0], "mesh": ball} | wrong)
     with pytest.raises(ScenarioError, match="faces"):
-        prepare(survey({"position_m": [0.0, 0.0], "mesh": ball | {"units": "m", "scale": 0.5}}))
+        prepare(over_target({"position_m": [0.0, 0.0], "mesh": ball | {"units": "m", "scale": 0.5}}))
 
 
 def test_a_body_casts_a_shadow_that_goes_along_with_it(ball):
     """Ground behind a ball is not seen, as far as the cone of its outline reaches; the rest is as without it."""
     table = {"position_m": [0.0, 0.0], "height_m": 5.0, "mesh": ball | {"scale": 40.0}}
-    plain, shaded = (prepare(survey(t)) for t in ({"position_m": [0.0, 0.0], "rcs_dbsm": -90.0}, table))
+    plain, shaded = (prepare(over_target(t)) for t in ({"position_m": [0.0, 0.0], "rcs_dbsm": -90.0}, table))
     paths = []
     for prepared in (plain, shaded):
         block = prepared.flight.pulses(np.array([100, 700]))

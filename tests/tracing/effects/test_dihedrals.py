@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from beams import make_antenna, make_chirp
-from corners import METAL, WAVELENGTH_M, corner, mirror_of, plate, rough_ground, scene_of, wall_on_ground
+from corners import METAL, WAVELENGTH_M, corner, mirror_of, plate, rough_ground, wall_on_ground
 from flights import make_pulses
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import plane_mirrors
 from sionna_radar.tracing.paths import BOUNCED
+from worlds import make_scene
 
 CHIRP = make_chirp()
 RANGE_M = 50.0 * np.sqrt(2.0)
@@ -135,7 +136,7 @@ def test_off_the_plane_across_its_edge_it_has_the_lobes_of_the_length_that_both_
 def test_what_stands_before_it_hides_it():
     scene = corner(1.0, 1.0)
     screen = plate("screen", [[-1, -26, 24], [1, -26, 24], [1, -24, 26], [-1, -24, 26]], "metal")
-    hidden = scene_of((*scene.surfaces, screen), scene.materials)
+    hidden = make_scene(*scene.surfaces, screen, materials=scene.materials)
     assert len(look(scene, make_antenna(8.0, 8.0))) == 1
     assert len(look(hidden, make_antenna(8.0, 8.0))) == 0
 

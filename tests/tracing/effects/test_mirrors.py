@@ -19,7 +19,7 @@ from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, patches_of
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.tracer import Tracer
-from worlds import make_surface
+from worlds import make_scene, make_surface
 
 C = 299_792_458.0
 WAVELENGTH_M = C / 77e9
@@ -59,13 +59,7 @@ def surface_over(height, size_m, spacing_m) -> Surface:
 
 
 def scene_with(*surfaces, material=None) -> Scene:
-    return Scene(
-        surfaces=surfaces,
-        materials={"ground": material or shiny()},
-        targets=(),
-        ground_material="ground",
-        georeference=None,
-    )
+    return make_scene(*surfaces, materials={"ground": material or shiny()})
 
 
 def mirrors(scene, antenna, chirp) -> MirrorTracer:

@@ -6,41 +6,13 @@ from scipy.special import jv
 
 from beams import make_chirp
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.objects import read_rcs
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.paths import TARGET
+from targets import over_target, target_paths
 
 C = 299_792_458.0
-
-
-def survey(target, rate_hz=360.0, **platform):
-    """A radar looking straight down on a target, over level ground."""
-    return parse_scenario(
-        {
-            "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
-            "platform": {"altitude_m": 50.0, "speed_mps": 5.0, "length_m": 10.0} | platform,
-            "radar": {
-                "snr_db": 30.0,
-                "chirp_rate_hz": rate_hz,
-                "antenna": {"beamwidth_deg": 30.0},
-                "scan": {"mode": "fixed", "incidence_deg": 0.0},
-            },
-            "targets": [target],
-        }
-    )
-
-
-def echoes(scenario, pulses):
-    """Paths of the targets alone, in some pulses."""
-    prepared = prepare(scenario)
-    block = prepared.flight.pulses(pulses)
-    scene = prepared.scene.scene
-    return block, trace_targets(
-        scene.targets, block, prepared.antenna, prepared.receiver.chirp, prepared.scene.caster, 1
-    )
 
 
 def test_a_way_is_gone_along_at_one_speed():
@@ -57,7 +29,7 @@ def test_ranges_and_range_rates_are_those_of_the_motion():
     """A car under the radar, both moving: the range rate is the slope of the ranges."""
     target = {"position_m": [-8.0, -3.0], "height_m": 1.0, "rcs_dbsm": 10.0, "swerling": 0}
     target |= {"waypoints_m": [[8.0, 5.0]], "speed_mps": 12.0}
-    block, paths = echoes(survey(target), np.arange(0, 400))
+    block, paths = target_paths(over_target(target), np.arange(0, 400))
     assert len(paths) == 400
     assert np.all(paths.surface == TARGET)
     range_m = paths.delay_s * C / 2
@@ -73,8 +45,8 @@ def test_a_turning_point_gives_bessel_lines():
     """Over whole turns the echo exp(j b cos(w t)) has lines of power J_n(b)^2, b = 4 pi radius / wavelength."""
     rotor = {"radius_m": 0.0012, "rotation_rpm": 600.0, "blades": 1, "points": 1, "rcs_dbsm": 20.0, "axis": "forward"}
     target = {"position_m": [0.0, 0.0], "height_m": 1.0, "rcs_dbsm": -100.0, "rotors": [rotor]}
-    scenario = survey(target, speed_mps=1e-6, length_m=1e-6)
-    _, paths = echoes(scenario, np.arange(360))
+    scenario = over_target(target, speed_mps=1e-6, length_m=1e-6)
+    _, paths = target_paths(scenario, np.arange(360))
     tip = np.abs(paths.gain) > 0.5 * np.abs(paths.gain).max()
     assert tip.sum() == 360
     phase = 2 * np.pi * 77e9 * paths.delay_s[tip]
@@ -125,7 +97,7 @@ def test_a_table_of_cross_sections_is_read(tmp_path):
     file.write_text("# a box\nazimuth_deg,rcs_dbsm\n0,10\n90,0\n180,10\n270,0\n")
     np.testing.assert_allclose(read_rcs(file).rcs_m2, [[10.0, 1.0, 10.0, 1.0]])
     target = {"position_m": [0.0, 0.0], "rcs_table": str(file), "heading_deg": 90.0}
-    _, paths = echoes(survey(target), np.arange(3))
+    _, paths = target_paths(over_target(target), np.arange(3))
     assert len(paths) == 3
     for text in ("azimuth_deg,rcs\n0,1\n", "azimuth_deg,rcs_dbsm\n0,1\n0,2\n", "azimuth_deg,rcs_dbsm\n0,nan\n", ""):
         file.write_text(text)
@@ -150,10 +122,10 @@ MOVING = {"waypoints_m": [[5.0, 0.0]], "speed_mps": 3.0}
 )
 def test_what_cannot_move_so_is_refused(changes, says):
     with pytest.raises(ScenarioError, match=says):
-        prepare(survey({"position_m": [0.0, 0.0], "rcs_dbsm": 0.0} | changes))
+        prepare(over_target({"position_m": [0.0, 0.0], "rcs_dbsm": 0.0} | changes))
 
 
 def test_the_chirp_rate_that_is_asked_for_is_enough():
     rotor = {"radius_m": 0.1, "rotation_rpm": 6000.0, "rcs_dbsm": -20.0}
-    prepare(survey({"position_m": [0.0, 0.0], "rcs_dbsm": 0.0, "rotors": [rotor]}, rate_hz=8000.0, length_m=0.01))
+    prepare(over_target({"position_m": [0.0, 0.0], "rcs_dbsm": 0.0, "rotors": [rotor]}, rate_hz=8000.0, length_m=0.01))
     assert make_chirp().rate_hz < 8000.0

@@ -14,7 +14,7 @@ from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.randomness import split_mix
 from sionna_radar.radar.equation import plane_echo
-from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.engines.gamma import facets
@@ -79,13 +79,7 @@ def test_power_over_a_plane_is_that_of_the_integral(over_plane, pencil, incidenc
 
 def test_any_model_of_backscatter_works(plane, pencil):
     lambertian = LambertianBackscatter(0.1)
-    scene = Scene(
-        surfaces=plane.surfaces,
-        materials={"ground": lambertian},
-        targets=(),
-        ground_material="ground",
-        georeference=None,
-    )
+    scene = make_scene(*plane.surfaces, materials={"ground": lambertian})
     paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(1, incidence_deg=50.0))
     expected = plane_echo(pencil, lambertian, WAVELENGTH_M, 50.0, np.deg2rad(50.0))
     assert db(pulse_power(paths)[0] / expected) == pytest.approx(0.0, abs=0.05)
@@ -251,13 +245,8 @@ def test_each_surface_scatters_with_its_own_material(pencil):
         replace(near, faces=near.faces[near.vertices_m[near.faces, 0].mean(axis=1) < 0], material="weak"),
         replace(near, faces=near.faces[near.vertices_m[near.faces, 0].mean(axis=1) > 0], material="strong"),
     ]
-    scene = Scene(
-        surfaces=tuple(halves),
-        materials={"weak": ConstantGammaBackscatter(0.01), "strong": ConstantGammaBackscatter(0.1)},
-        targets=(),
-        ground_material="weak",
-        georeference=None,
-    )
+    materials = {"weak": ConstantGammaBackscatter(0.01), "strong": ConstantGammaBackscatter(0.1)}
+    scene = make_scene(*halves, materials=materials)
     paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(1, incidence_deg=30.0))
     power = np.bincount(paths.surface, np.abs(paths.gain) ** 2)
     assert db(power[1] / power[0]) == pytest.approx(10.0, abs=0.05)

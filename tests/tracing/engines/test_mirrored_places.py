@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from beams import make_antenna, make_chirp
-from corners import WAVELENGTH_M, mirror_of, plate, rough_ground, scene_of, wall_on_ground
+from corners import WAVELENGTH_M, mirror_of, plate, rough_ground, wall_on_ground
 from flights import make_pulses
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import BOUNCED, Paths
 from sionna_radar.tracing.sionna.pattern import mi, sionna_angles
-from worlds import GAMMA
+from worlds import GAMMA, make_scene
 
 # isort: split
 # Loads libLLVM, which the imports above have selected.
@@ -147,7 +147,7 @@ def test_every_leg_can_be_hidden():
     low = plate("low", [[-60, 54.5, 0], [-60, 54.5, 3], [60, 54.5, 3], [60, 54.5, 0]], "dark")
     materials = scene.materials | {"dark": rough_ground(1e-9)}
     free = bounced(engine(scene, antenna).trace(pulses))
-    kept = bounced(engine(scene_of((*scene.surfaces, low), materials), antenna).trace(pulses))
+    kept = bounced(engine(make_scene(*scene.surfaces, low, materials=materials), antenna).trace(pulses))
     upright = kept.rows(np.flatnonzero(kept.hit_m[:, 2] > 1e-3))
     assert 0 < len(kept) < len(free)
     assert free.hit_m[free.hit_m[:, 2] > 1e-3, 2].min() < 0.5

@@ -15,12 +15,12 @@ from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.cell_tree import CellTree
 from sionna_radar.tracing.engines.persistent.density import DensityMap, FilledBeam
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.persistent.scatterers import CellPoints, Scatterers
+from worlds import make_scene
 
 PENCIL = Antenna(taylor_cut(np.deg2rad(2.0), -20.0), taylor_cut(np.deg2rad(2.0), -20.0))
 
@@ -30,16 +30,6 @@ def square(half_m: float, height_m: float = 0.0, name: str = "ground") -> Surfac
     y = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
     vertices = np.column_stack([x, y, np.full(4, height_m)])
     return Surface(name=name, vertices_m=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="ground")
-
-
-def scene(*surfaces: Surface) -> Scene:
-    return Scene(
-        surfaces=surfaces,
-        materials={"ground": ConstantGammaBackscatter(0.01)},
-        targets=(),
-        ground_material="ground",
-        georeference=None,
-    )
 
 
 def looking(position_m: np.ndarray, velocity_mps: np.ndarray, incidence_deg: float) -> Pulses:
@@ -67,8 +57,8 @@ def test_phase_of_a_fixed_point_follows_its_range():
     ground = square(0.01)
     # Inside one cell of scatterers, whose sides are coordinate planes.
     speck = replace(ground, vertices_m=ground.vertices_m + np.array([0.05, 0.05, 0.01]))
-    engine = PersistentEngine(scene(speck), PENCIL, chirp(), seed=3, density=1 / 4e-4)
-    point = scatter(scene(speck), 1 / 4e-4, 3).position_m
+    engine = PersistentEngine(make_scene(speck), PENCIL, chirp(), seed=3, density=1 / 4e-4)
+    point = scatter(make_scene(speck), 1 / 4e-4, 3).position_m
     assert len(point) == 1
     along = np.arange(-4.0, 4.0, 4e-4)
     position = np.column_stack([np.zeros(len(along)), along - 50 * np.tan(np.deg2rad(20)), np.full(len(along), 50.0)])
@@ -93,7 +83,7 @@ def test_phase_of_a_fixed_point_follows_its_range():
 def test_slow_time_spectrum_peaks_at_the_doppler_of_the_beam():
     rate, count, speed, incidence = 20_000.0, 256, 10.0, 60.0
     sweep = chirp(rate, 256)
-    engine = PersistentEngine(scene(square(200.0)), PENCIL, sweep, seed=1, density=4.0)
+    engine = PersistentEngine(make_scene(square(200.0)), PENCIL, sweep, seed=1, density=4.0)
     position = np.column_stack([np.zeros(count), speed * np.arange(count) / rate - 50.0, np.full(count, 30.0)])
     pulses = looking(position, np.array([0.0, speed, 0.0]), incidence)
     beat = synthesise(engine.trace(pulses), pulses, sweep)
@@ -113,7 +103,7 @@ def grid_of_positions(count: int, spacing_m: float) -> np.ndarray:
 @pytest.mark.parametrize("mode", ["per_pulse", "persistent"])
 def test_speckle_is_fully_developed(mode):
     """Intensities of independent cells of a uniform field are exponential, with a contrast of one."""
-    ground = scene(square(260.0))
+    ground = make_scene(square(260.0))
     sweep = chirp(samples=384)
     position = grid_of_positions(1600, 9.0)
     pulses = looking(position, np.zeros(3), 45.0)
@@ -131,7 +121,7 @@ def test_speckle_is_fully_developed(mode):
 
 
 def test_mean_power_is_the_beam_engines():
-    ground = scene(square(150.0))
+    ground = make_scene(square(150.0))
     position = grid_of_positions(200, 12.0)
     pulses = looking(position, np.zeros(3), 45.0)
     persistent = PersistentEngine(ground, PENCIL, chirp(), seed=2, density=20.0).trace(pulses)
@@ -150,14 +140,14 @@ def test_a_wall_hides_what_is_behind_it():
         faces=np.array([[0, 1, 2], [0, 2, 3]]),
         material="ground",
     )
-    engine = PersistentEngine(scene(square(100.0), wall), PENCIL, chirp(), seed=2, density=100.0)
+    engine = PersistentEngine(make_scene(square(100.0), wall), PENCIL, chirp(), seed=2, density=100.0)
     paths = engine.trace(looking(np.array([[0.0, 0.0, 30.0]]), np.zeros(3), 60.0))
     assert len(paths) > 100
     assert paths.hit_m[:, 1].max() < 20.0 + 1e-5
 
 
 def test_blocks_do_not_change_the_paths():
-    ground = scene(square(100.0))
+    ground = make_scene(square(100.0))
     engine = PersistentEngine(ground, PENCIL, chirp(), seed=2, density=5.0)
     pulses = looking(grid_of_positions(70, 5.0), np.array([0.0, 3.0, 0.0]), 40.0)
     whole = engine.trace(pulses)
@@ -181,7 +171,7 @@ def test_blocks_do_not_change_the_paths():
 
 def test_scatterers_lie_on_their_faces_in_proportion_to_area():
     low, high = square(40.0), square(20.0, 10.0, "roof")
-    points = scatter(scene(low, high), 2.0, seed=4)
+    points = scatter(make_scene(low, high), 2.0, seed=4)
     # Each of some 600 cells rounds its number at random, half a scatterer up or down at most.
     assert np.sum(points.surface == 0) == pytest.approx(2.0 * 80**2, abs=50)
     assert np.sum(points.surface == 1) == pytest.approx(2.0 * 40**2, abs=25)
@@ -192,14 +182,14 @@ def test_scatterers_lie_on_their_faces_in_proportion_to_area():
 
 
 def test_another_surface_leaves_the_scatterers_where_they_were():
-    alone = scatter(scene(square(20.0)), 2.0, seed=4)
-    together = scatter(scene(square(20.0), square(5.0, 3.0, "roof")), 2.0, seed=4)
+    alone = scatter(make_scene(square(20.0)), 2.0, seed=4)
+    together = scatter(make_scene(square(20.0), square(5.0, 3.0, "roof")), 2.0, seed=4)
     mine = together.position_m[together.surface == 0]
     assert {tuple(p) for p in alone.position_m} == {tuple(p) for p in mine}
 
 
 def test_cells_leave_out_no_scatterer_of_a_fan_beam():
-    points = Scatterers(scene(square(60.0)), DensityMap.constant(1.0), seed=4)
+    points = Scatterers(make_scene(square(60.0)), DensityMap.constant(1.0), seed=4)
     pulses = looking(grid_of_positions(30, 9.0), np.zeros(3), 40.0)
     pose, fan = pulses.true, FilledBeam(0.02, 0.3)
     place = points.cells.low_m, points.cells.high_m

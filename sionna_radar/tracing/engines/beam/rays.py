@@ -49,8 +49,7 @@ def beam_sampler(rays: int, side_lobe_share: float) -> BeamSampler:
     """Return the sampler of a number of rays; at least one goes to the side lobes."""
     wide_rays = max(1, round(rays * side_lobe_share))
     beam_rays = rays - wide_rays
-    unit = np.concatenate([halton(beam_rays), halton(wide_rays)])
-    return BeamSampler(unit=unit, beam_rays=beam_rays)
+    return BeamSampler(unit=np.concatenate([halton(beam_rays), halton(wide_rays)]), beam_rays=beam_rays)
 
 
 def quantiles_of(cut: Cut) -> Float[np.ndarray, " quantile"]:

@@ -65,7 +65,7 @@ class Footprint:
     def meets(
         self, ahead_m: Float[np.ndarray, "n 3"], radius_m: Float[np.ndarray, " n"] | float
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether spheres reach into the footprint, given their centres in the antenna's frame."""
+        """Return True where spheres reach into the footprint, given their centres in the antenna's frame."""
         # Numba takes half a second to import.
 
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(ahead_m)))
@@ -73,7 +73,7 @@ class Footprint:
 
 
 def _reached(antenna: Antenna, least_voltage: float, cells: int, side: float) -> Bool[np.ndarray, "_ _"]:
-    """Return whether cells of direction cosines, ahead (1) or behind (-1), have enough amplitude over the peak's."""
+    """Return True where cells of direction cosines, ahead (1) or behind (-1), have enough amplitude over the peak's."""
     place = (np.arange(cells) + 0.5) * (2 / cells) - 1
     reached = np.zeros((cells, cells), dtype=bool)
     for row, up in enumerate(place):
@@ -157,7 +157,6 @@ class FacetIndex:
         Returns
         -------
         The row of the pose, the facet, and whether it is too coarse; by pose, and in the order of the table.
-
         """
         # Numba takes half a second to import.
 
@@ -211,7 +210,6 @@ def search(
     Returns
     -------
     Where each pulse's begin; the facets; and which of them are too coarse, for which a corner in the beam is enough.
-
     """
     edges = np.zeros(high - low + 1, dtype=np.int64)
     found, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
@@ -286,7 +284,7 @@ def all_that_meet(
     radius_m: Float[ndarray, " sphere"],
     directions: tuple[Float[ndarray, " m"], Float[ndarray, " n"], float, Bool[ndarray, "2 cell"], int],
 ) -> Bool[ndarray, " sphere"]:
-    """Return whether spheres reach into directions, given their centres in the antenna's frame."""
+    """Return True where spheres reach into directions, given their centres in the antenna's frame."""
     azimuth, elevation, least_voltage, counts, cells = directions
     found = np.empty(len(ahead_m), dtype=np.bool_)
     for n in range(len(ahead_m)):
@@ -317,7 +315,7 @@ def _meets(
     counts: Bool[ndarray, "2 cell"],
     cells: int,
 ) -> bool:
-    """Return whether a sphere reaches into directions, given its centre in the antenna's frame."""
+    """Return True if a sphere reaches into directions, given its centre in the antenna's frame."""
     x, left, up = ahead_m
     per_m = 1 / max(math.sqrt(x * x + left * left + up * up), NEAREST_M)
     x, left, up, sine = x * per_m, left * per_m, up * per_m, radius_m * per_m

@@ -135,15 +135,10 @@ class FacetScattering:
     ) -> Complex[np.ndarray, " facet"]:
         """Return amplitudes whose squares are cross-sections per unit area.
 
-        Parameters
-        ----------
-        direction, normal:
-            Unit vectors from the radar to each facet, and its normal on the illuminated side; world frame.
-        surface, drawn:
-            The surface of each facet, and random bits that belong to it.
-        R_world_antenna:
-            Orientation of the antenna that sees each.
-
+        direction, normal: unit vectors from the radar to each facet, and its normal on the illuminated side; world
+            frame.
+        surface, drawn: the surface of each facet, and random bits that belong to it.
+        R_world_antenna: orientation of the antenna that sees each.
         """
         cosine = np.minimum(-np.einsum("fi,fi->f", direction, normal), 1.0)
         material = self._material_of_surface[surface]

@@ -84,23 +84,13 @@ class _Echoes(Columns):
 class GammaEngine:
     """Traces pulses over facets; see the module docstring.
 
-    Parameters
-    ----------
-    scene, antenna, chirp:
-        The scene, and the radar that sees it.
-    seed:
-        Determines the phases of the facets, and the signs of their scattering matrices.
-    caster:
-        Rays against the scene's surfaces, for the shadows.
-    footprint_db:
-        Two-way level relative to the peak down to which the beam counts.
-    beam_share, range_cells:
-        Longest side of a facet, in local half-power widths of the beam and in range resolutions.
-    speckle:
-        Whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
-    decorrelation_time_s:
-        After which the field's correlation has fallen to 1 / e; None for a surface that stands still.
-
+    scene, antenna, chirp: the scene, and the radar that sees it.
+    seed: determines the phases of the facets, and the signs of their scattering matrices.
+    caster: rays against the scene's surfaces, for the shadows.
+    footprint_db: two-way level relative to the peak down to which the beam counts.
+    beam_share, range_cells: longest side of a facet, in local half-power widths of the beam and in range resolutions.
+    speckle: whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
+    decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
     """
 
     def __init__(

@@ -104,13 +104,8 @@ class CellTree:
     ) -> tuple[Int[np.ndarray, " beam_edge"], Int[np.ndarray, " pair"]]:
         """Return the cells that may reach into each beam: where each beam's begin, and the cells.
 
-        Parameters
-        ----------
-        apex_m, R_world_antenna:
-            Where the beams start, and the axes of their antennas.
-        beam:
-            What is searched of them.
-
+        apex_m, R_world_antenna: where the beams start, and the axes of their antennas.
+        beam: what is searched of them.
         """
         return _search(self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up)
 

@@ -40,7 +40,7 @@ class FilledBeam:
     up: float
 
     def holds(self, direction: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether unit vectors in the antenna's frame lie in it."""
+        """Return True where unit vectors in the antenna's frame lie in it."""
         ahead, left, up = direction.T
         return (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
 
@@ -142,17 +142,10 @@ def footprint_density(
 ) -> DensityMap:
     """Return the density that a survey's footprints ask for.
 
-    Parameters
-    ----------
-    looks:
-        Beams of pulses spread over the survey.
-    beams:
-        What they fill of the beams of the antennas they look through.
-    range_resolution_m:
-        Of the sweep.
-    scatterers:
-        How many the beam should hold; more, where it spreads over more than a tenth as many range cells.
-
+    looks: beams of pulses spread over the survey.
+    beams: what they fill of the beams of the antennas they look through.
+    range_resolution_m: of the sweep.
+    scatterers: how many the beam should hold; more, where it spreads over more than a tenth as many range cells.
     """
     looks = looks.rows(np.isfinite(looks.range_m))
     if not len(looks.range_m):

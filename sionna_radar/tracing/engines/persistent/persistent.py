@@ -51,17 +51,10 @@ FOLLOWING = 0.5
 class OuterRays:
     """Draws directions outside a part of a beam, and few inside.
 
-    Parameters
-    ----------
-    antenna:
-        Whose power they follow.
-    filled:
-        The part of the beam to be left out.
-    rays:
-        How many a pulse.
-    seed:
-        Of the directions.
-
+    antenna: whose power they follow.
+    filled: the part of the beam to be left out.
+    rays: how many a pulse.
+    seed: of the directions.
     """
 
     def __init__(self, antenna: Antenna, filled: FilledBeam, rays: int, seed: int) -> None:
@@ -128,7 +121,7 @@ def _outside(
 
 
 def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row column"]:
-    """Return whether cells lie wholly in the part of the beam that is left out."""
+    """Return True where cells lie wholly in the part of the beam that is left out."""
     u, v = np.meshgrid(grid.left, grid.up)
     face = np.stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v], axis=-1)
     inside = filled.holds(face.reshape(-1, 3) @ grid.R_face_antenna).reshape(u.shape)

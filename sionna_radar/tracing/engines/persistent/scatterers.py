@@ -79,19 +79,11 @@ class CellPoints(Columns):
 class Scatterers:
     """The scatterers of a scene, drawn where beams need them.
 
-    Parameters
-    ----------
-    scene:
-        The surfaces.
-    density:
-        Where how many are needed.
-    seed:
-        Each surface draws its own numbers, so that adding one leaves the others' scatterers where they were.
-    region_m:
-        Lowest and highest corner of the box of interest; there are none outside. None: no limit.
-    caster:
-        Of the scene's surfaces, with which their cells may be kept.
-
+    scene: the surfaces.
+    density: where how many are needed.
+    seed: each surface draws its own numbers, so that adding one leaves the others' scatterers where they were.
+    region_m: lowest and highest corner of the box of interest; there are none outside. None: no limit.
+    caster: of the scene's surfaces, with which their cells may be kept.
     """
 
     def __init__(
@@ -133,17 +125,10 @@ class Scatterers:
         Occlusion is ignored. It never calls Python's ray tracer, and may be called on any one thread. The table is good
         until the next call, which writes into the same memory.
 
-        Parameters
-        ----------
-        pulses:
-            The pulses; beams start at their true positions.
-        beam:
-            What scatterers fill of the antenna's.
-        wander_hz:
-            Mean size of the scatterers' Doppler shifts.
-        spare:
-            Entries at the end of the table that are left to be written.
-
+        pulses: the pulses; beams start at their true positions.
+        beam: what scatterers fill of the antenna's.
+        wander_hz: mean size of the scatterers' Doppler shifts.
+        spare: entries at the end of the table that are left to be written.
         """
         pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
         edges, cell = self._tree.in_beams(pose.position_m, axes, beam)

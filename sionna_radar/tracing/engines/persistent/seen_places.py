@@ -83,18 +83,11 @@ class SeenPlaces:
     ) -> Paths:
         """Return the paths to the visible places, sorted by pulse.
 
-        Parameters
-        ----------
-        pulses:
-            The block.
-        field:
-            What returns for a factor of one.
-        visible:
-            Which places are not hidden.
-        parts:
-            Two parts of the table, of which a pulse's paths are those of the first and then those of the second: where
-            those of each pulse begin.
-
+        pulses: the block.
+        field: what returns for a factor of one.
+        visible: which places are not hidden.
+        parts: two parts of the table, of which a pulse's paths are those of the first and then those of the second:
+            where those of each pulse begin.
         """
         before = np.concatenate([[0], np.cumsum(visible)])
         begin = np.concatenate([[0], np.cumsum(sum(np.diff(before[edges]) for edges in parts))])

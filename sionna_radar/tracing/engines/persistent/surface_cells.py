@@ -89,15 +89,9 @@ class Triangles:
 def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarray, "2 3"] | None) -> SurfaceCells:
     """Return the cells of some surfaces that scatterers are needed in.
 
-    Parameters
-    ----------
-    triangles:
-        Of the surfaces.
-    density:
-        Where how many scatterers are needed.
-    region_m:
-        Lowest and highest corner of the box of interest; pieces wholly outside get none. None: no limit.
-
+    triangles: of the surfaces.
+    density: where how many scatterers are needed.
+    region_m: lowest and highest corner of the box of interest; pieces wholly outside get none. None: no limit.
     """
     box = np.array([[-np.inf] * 3, [np.inf] * 3]) if region_m is None else np.asarray(region_m, dtype=np.float64)
     side = cell_side_m(density.typical_per_m2)
