@@ -1,7 +1,10 @@
 """Surveys with errors of the instrument, of which `calibrate` is to find what was put in."""
 
+import hashlib
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +12,11 @@ import numpy as np
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, believed_motion
-from sionna_radar.mapping.calibration import Solution, solve
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.calibration import Solution, solve, solve_over_unknown_ground
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import Together, WholeEchoes
+from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.receiver import Receiver, Reception
 from sionna_radar.survey.observation import observe
@@ -104,25 +109,67 @@ def drawn(seed: int, names: tuple[str, ...]) -> dict[str, float]:
     return {name: values[name] for name in names}
 
 
-def solved(errors: dict[str, float], overrides: dict[str, Any], names: tuple[str, ...], lines: int = 3) -> Solution:
-    """Simulate a survey with errors, and estimate them over the true ground."""
+def line_of(echoes: WholeEchoes, number: int) -> WholeEchoes:
+    """The echoes of one of the lines."""
+    return echoes.rows(echoes.motion.line == np.unique(echoes.motion.line)[number])
+
+
+def solved(
+    errors: dict[str, float],
+    overrides: dict[str, Any],
+    names: tuple[str, ...],
+    lines: int = 3,
+    between: dict[str, float] | None = None,
+) -> Solution:
+    """Simulate a survey with errors, and estimate them over the true ground.
+
+    between: standard deviations between lines of errors that drift, in the units of `UNKNOWNS`; each line is that of
+    a survey with its own errors.
+    """
     prepared = prepared_with(errors, overrides)
     prior = {name: SPREAD[name] * UNKNOWNS[name].si for name in names}
-    return solve(Together(parts=(echoes_of(prepared, lines),)), ground_of(prepared), names, prior)
+    if between is None:
+        return solve(Together(parts=(echoes_of(prepared, lines),)), ground_of(prepared), names, prior)
+    rng = np.random.default_rng([41, overrides["seed"]])
+    parts = []
+    for number in range(lines):
+        own = {name: errors.get(name, 0.0) + sigma * rng.standard_normal() for name, sigma in between.items()}
+        parts.append(line_of(echoes_of(prepared_with(errors | own, overrides), lines), number))
+    stated = {name: sigma * UNKNOWNS[name].si for name, sigma in between.items()}
+    return solve(Together(parts=tuple(parts)), ground_of(prepared), names, prior, stated)
 
 
-def trial(seed: int, names: tuple[str, ...], length_m: float, terrain_seed: int, **changes: Any) -> np.ndarray:
+def solved_over_unknown_ground(errors: dict[str, float], overrides: dict[str, Any], names: tuple[str, ...]) -> Solution:
+    """Simulate a survey with errors, and estimate them together with the ground, as `calibrate` does."""
+    prepared = prepared_with(errors, overrides)
+    echoes = echoes_of(prepared)
+    seen = mean_ranges(echoes.sightings)
+    extent = reaching(prepared.mapper.grid, echoes.sightings, seen)
+    footprint_m = 4 * min(echoes.sightings.beam.spread) * float(np.median(seen.range_m))
+    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
+    grid = Grid.covering(west, south, east, north, max(prepared.scenario.dem.spacing_m, footprint_m / 2))
+    prior = {name: SPREAD[name] * UNKNOWNS[name].si for name in names}
+    return solve_over_unknown_ground(echoes, grid, names, prior)[0]
+
+
+def trial(
+    seed: int,
+    names: tuple[str, ...],
+    overrides: dict[str, Any],
+    how: Callable[..., Solution] = solved,
+    **options: Any,
+) -> np.ndarray:
     """Estimate minus truth, standard deviation and whether it is told, of each error: (error, 3), kept in a folder.
 
     The folder is that of `SIONNA_RADAR_STUDY`, so that a study that was cut goes on.
     """
     folder = os.environ.get("SIONNA_RADAR_STUDY")
-    key = f"calibration-{seed}-{length_m:g}-{terrain_seed}-{'-'.join(names)}.npy"
-    path = None if folder is None else os.path.join(folder, key)  # noqa: PTH118
-    if path is not None and os.path.exists(path):  # noqa: PTH110
+    what = hashlib.sha256(repr((names, overrides, options)).encode()).hexdigest()[:12]
+    path = None if folder is None else Path(folder) / f"{how.__name__}-{seed}-{what}.npy"
+    if path is not None and path.exists():
         return np.load(path)
     truth = drawn(seed, names)
-    found = solved(truth, flight(length_m, seed, terrain_seed, **changes), names)
+    found = how(truth, overrides, names, **options)
     units = np.array([UNKNOWNS[name].si for name in names])
     error = found.value / units - np.array([truth[name] for name in names])
     result = np.column_stack([error, found.sigma / units, found.told])

@@ -210,6 +210,15 @@ def calibrate_command(
             "--prior", metavar="NAME=SIGMA", help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms)."
         ),
     ] = None,
+    drift: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drift",
+            metavar="NAME=SIGMA",
+            help="An error that differs from line to line (repeat), also datum_east, datum_north or datum_up, and its "
+            "standard deviation between lines, e.g. heading=0.1 (deg).",
+        ),
+    ] = None,
     reference_sigma: Annotated[
         float,
         typer.Option(
@@ -225,10 +234,12 @@ def calibrate_command(
     from sionna_radar.foundation.input_file import regular_file
     from sionna_radar.report.files.contents import Report
     from sionna_radar.report.studies.calibration import MARKER, print_calibration, write_calibration
-    from sionna_radar.studies.calibration import parse_errors, run_calibration
+    from sionna_radar.studies.calibration import DRIFTS, PRIORS, parse_deviations, parse_errors, run_calibration
 
     page = Report.PAGE if report else Report.NONE
-    names, priors = parse_errors(estimate or [], prior or [])
+    names = parse_errors(estimate or [])
+    priors = parse_deviations("--prior", prior or [], PRIORS)
+    between = parse_deviations("--drift", drift or [], DRIFTS)
     if reference is not None:
         regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
     session.produce(
@@ -237,6 +248,7 @@ def calibrate_command(
             reference,
             names=names,
             prior=priors,
+            drift=between,
             reference_sigma_m=reference_sigma,
             overrides=session.overrides,
         ),

@@ -225,8 +225,8 @@ def fit_materials_command(
         typer.Option(
             "--levels",
             metavar="FILE",
-            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH or an angle in deg. "
-            "Default: measured from traced echoes of the scenario.",
+            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH, HV or an "
+            "angle in deg. Default: measured from traced echoes of the scenario.",
         ),
     ] = None,
     free: Annotated[
@@ -253,19 +253,32 @@ def fit_materials_command(
         float,
         typer.Option("--level-sigma-db", metavar="DB", min=0.0, help="Error of each level beside speckle, dB."),
     ] = 0.0,
-    pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses traced, without --levels.")] = 2000,
+    pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses taken, without --levels.")] = 2000,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            "--recording",
+            metavar="FILE",
+            help="Levels of the recorded echoes of this flight, or of its folder of `run --record signals`.",
+        ),
+    ] = None,
 ) -> None:
     """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
     from sionna_radar.report.studies.material_fit import MARKER, print_materials, write_materials
-    from sionna_radar.studies.material_fit import fit_materials, measure_levels, parse_priors
+    from sionna_radar.studies.calibration import parse_deviations
+    from sionna_radar.studies.material_fit import fit_materials, measure_levels
     from sionna_radar.surfaces.backscatter import Levels
     from sionna_radar.survey.preparation import prepare
 
-    priors, given = parse_priors(prior or []), None if levels is None else Levels.from_csv(levels)
+    if levels is not None and recording is not None:
+        raise ScenarioError(
+            [Problem("--recording", "gives levels, as --levels does; give one of them")], "command line"
+        )
+    priors, given = parse_deviations("--prior", prior or []), None if levels is None else Levels.from_csv(levels)
     loaded = session.load()
     session.produce(
         lambda _: fit_materials(
-            measure_levels(prepare(loaded), pulses) if given is None else given,
+            measure_levels(prepare(loaded), pulses, recording) if given is None else given,
             loaded.all_materials,
             loaded.radar.carrier_hz,
             free=free or (),

@@ -40,9 +40,11 @@ def _chosen(column: Any, chosen: Any) -> Any:
     return column[chosen] if isinstance(column, np.ndarray) else column
 
 
-def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:
-    given = [column for column in columns if column is not None]
-    return np.concatenate(given) if len(given) == len(columns) else None
+def _joined(columns: Sequence[Any]) -> Any:
+    if any(column is None for column in columns):
+        return None
+    first = columns[0]
+    return first.concatenate(columns) if isinstance(first, Columns) else np.concatenate(columns)
 
 
 # Separator of table and column names.

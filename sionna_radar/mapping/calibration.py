@@ -34,6 +34,7 @@ The information is divided by the scatter of the scores of speckle beforehand, s
 weights of their variances (see `calibration`).
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -48,7 +49,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
-from sionna_radar.mapping.instrument_echoes import ErrorsLinearised, Nearness, Step, Together, WholeEchoes
+from sionna_radar.mapping.instrument_echoes import Drift, ErrorsLinearised, Nearness, Step, Together, WholeEchoes
 from sionna_radar.mapping.terrain.echo_heights import ROUGH, echo_surface, reaching
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
@@ -162,10 +163,10 @@ class Solution:
     scatter: factor on the variances; excess: it over that of speckle; surprise: the probability of such an excess.
     misfit: squared residuals of the echoes over those of speckle.
     step: what each pulse says at the estimate.
+    drift: what differs between lines; apart, apart_sigma: by how much on each, and the standard deviations.
     """
 
     before: Knowledge
-
     knowledge: Knowledge
     told: Bool[np.ndarray, " error"]
     value: Float[np.ndarray, " error"]
@@ -175,6 +176,9 @@ class Solution:
     surprise: float
     misfit: float
     step: Step
+    drift: Drift
+    apart: Float[np.ndarray, "line drift"]
+    apart_sigma: Float[np.ndarray, "line drift"]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -200,6 +204,23 @@ class Solution:
             covariance=np.diag(self.knowledge.prior**2),
         )
 
+    def next_range_bias(self, line: Int[np.ndarray, " pulse"]) -> tuple[float, float] | None:
+        """Return the range bias of another flight as long, and its standard deviation, SI; None if none is told.
+
+        line: number of the flight line of each pulse. The bias wanders with the residuals; see `continued`.
+        """
+        step, name = self.step, "range_bias"
+        if name not in self.names or not self.told[self.names.index(name)]:
+            return None
+        weight = np.nan_to_num(step.weight / step.sigma_m**2)
+        number = stretches(line)
+        total = np.bincount(number, weight)
+        means = (np.bincount(number, weight * np.nan_to_num(step.residual_m)) / np.maximum(total, 1e-300))[total > 0]
+        if len(means) < FEWEST_STRETCHES:
+            return None
+        mean, sigma = continued(means)
+        return mean + float(self.value[self.names.index(name)]), sigma
+
     @property
     def errors(self) -> InstrumentErrors:
         """The estimate."""
@@ -216,6 +237,7 @@ def solve(
     surface: Heightfield,
     names: Sequence[str],
     prior: Mapping[str, float] | None = None,
+    between: Mapping[str, float] | None = None,
 ) -> Solution:
     """Estimate errors of an instrument over known ground.
 
@@ -229,35 +251,56 @@ def solve(
         Of the errors, in `UNKNOWNS`.
     prior:
         Standard deviations beforehand, SI, for those of `UNKNOWNS`.
+    between:
+        Standard deviations between lines of errors that drift, SI.
 
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before, step, told = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
+    drift = Drift(names=tuple(names), between=between or {})
+    lines = echoes.lines if between else (echoes,)
+    bounds = np.cumsum([0, *map(len, lines)])
+    apart = np.zeros((len(lines), len(drift.own)))
     for near in Nearness:
         for _ in range(MAX_STEPS):
-            errors = InstrumentErrors.of(dict(zip(names, map(float, value), strict=True)))
-            step = echoes.step(errors, surface, names, near)
-            known = Knowledge(names=tuple(names), prior=sigma0, information=step.total)
+            at = [drift.errors(value, own) for own in apart]
+            steps = [line.step(e, surface, drift.every, near) for line, e in zip(lines, at, strict=True)]
+            step = Step.joined(steps)
+            said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
+            each = [drift.eliminated(*line, d) for line, d in zip(said, apart, strict=True)]
+            information = np.sum([line.information for line in each], axis=0)
+            known = Knowledge(names=tuple(names), prior=sigma0, information=information)
             before, told = before or known, known.told
-            moved = _next(known, told, step.weight @ step.score, value) - value
+            moved = _next(known, told, np.sum([line.score for line in each], axis=0), value) - value
             value = value + moved
-            if np.abs(moved / np.sqrt(np.diag(known.considered(told)))).max(initial=0.0) < near.value:
+            change = np.array([line.moved - line.gain @ moved for line in each])
+            apart = apart + change
+            farthest = np.abs(moved / np.sqrt(np.diag(known.considered(told)))).max(initial=0.0)
+            for line, own in zip(each, change, strict=True):
+                farthest = np.abs(own / np.sqrt(np.diag(line.covariance))).max(initial=farthest)
+            if farthest < near.value:
                 break
     assert before is not None
     assert step is not None
-    scatter, expected, surprise = _scatter(step, echoes, told)
-    known = replace(known, information=known.information / scatter)
+    freedom = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
+    scatter, expected, surprise = _scatter(step, echoes, told, freedom)
+    each = [drift.eliminated(line[0] / scatter, line[1], d) for line, d in zip(said, apart, strict=True)]
+    known = replace(known, information=np.sum([line.information for line in each], axis=0))
+    covariance = known.considered(told)
     return Solution(
         before=before,
         knowledge=known,
         told=told,
         value=value,
-        covariance=known.considered(told),
+        covariance=covariance,
         scatter=scatter,
         excess=scatter / expected,
         surprise=surprise,
         misfit=float(np.nanmean(step.misfit)) if echoes.whole else 1.0,
         step=step,
+        drift=drift,
+        apart=apart,
+        apart_sigma=np.array([np.sqrt(np.diag(e.covariance + e.gain @ covariance @ e.gain.T)) for e in each]),
     )
 
 
@@ -285,13 +328,56 @@ def stretches(line: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " pulse"]:
     return number
 
 
-def _scatter(step: Step, echoes: Together, told: Bool[np.ndarray, " error"]) -> tuple[float, float, float]:
-    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess."""
+# Ratios of the standard deviations of steps and noise, as angles, over which a walk is averaged.
+ANGLES = 64
+# Stretches without which the posterior of a walk has no variance.
+FEWEST_STRETCHES = 4
+
+
+def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
+    """Return the mean of as many further stretches, and its standard deviation, if they go on as a random walk.
+
+    The means of stretches are noise of variance s^2 about a level that steps by q^2 from one to the next (the local
+    level model: Durbin and Koopman 2012, "Time Series Analysis by State Space Methods", section 2.1). A flight says
+    little of steps that add up over its own length, so that q / s = tan(angle) is not estimated but averaged over:
+    every angle alike beforehand, the scale by 1 / scale, any level.
+    """
+    count = len(means)
+    number, ones = np.arange(1.0, count + 1), np.ones(count)
+    found = []
+    for angle in (np.arange(ANGLES) + 0.5) * np.pi / 2 / ANGLES:
+        noise, steps = np.cos(angle) ** 2, np.sin(angle) ** 2
+        system = cho_factor(noise * np.eye(count) + steps * np.minimum(number[:, None], number))
+        inverse = cho_solve(system, ones)
+        variance = 1 / inverse.sum()
+        level = variance * (inverse @ means)
+        residual = cho_solve(system, means - level)
+        squares = max(float((means - level) @ residual), np.finfo(float).tiny)
+        log = -np.log(np.diag(system[0])).sum() + np.log(variance) / 2 - (count - 1) / 2 * np.log(squares)
+        # With the level at the last stretch the further ones begin: its covariance with each mean is that of the walk.
+        last = steps * number
+        spread = steps * count - last @ cho_solve(system, last) + (1 - last @ inverse) ** 2 * variance
+        further = steps * (count + 1) * (2 * count + 1) / (6 * count) + noise / count
+        found.append((log, level + last @ residual, squares / (count - 3) * (spread + further)))
+    log, mean, variances = np.array(found).T
+    weight = np.exp(log - log.max())
+    middle = np.average(mean, weights=weight)
+    return float(middle), float(np.sqrt(np.average(variances + (mean - middle) ** 2, weights=weight)))
+
+
+def _scatter(
+    step: Step, echoes: Together, told: Bool[np.ndarray, " error"], drifting: float
+) -> tuple[float, float, float]:
+    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess.
+
+    drifting: degrees of freedom of the errors that drift.
+    """
     number, count = stretches(echoes.line), int(told.sum())
     score, information = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
-    np.add.at(score, number, step.weight[:, None] * step.score[:, told])
-    np.add.at(information, number, step.weight[:, None, None] * step.information[:, told][:, :, told])
-    total, freedom = 0.0, -count
+    own = np.flatnonzero(told)
+    np.add.at(score, number, step.weight[:, None] * step.score[:, own])
+    np.add.at(information, number, step.weight[:, None, None] * step.information[:, own][:, :, own])
+    total, freedom = 0.0, -count - drifting
     for s, i in zip(score, information, strict=True):
         value, vector = np.linalg.eigh(i)
         kept = value > 1e-9 * max(value.max(initial=0.0), 1e-300)
@@ -329,6 +415,7 @@ def solve_over_unknown_ground(
     names: Sequence[str],
     prior: Mapping[str, float] | None = None,
     places: MeasuredPlaces | None = None,
+    between: Mapping[str, float] | None = None,
 ) -> tuple[Solution, Heightfield]:
     """Estimate errors of an instrument together with the heights of the ground, and return both.
 
@@ -342,6 +429,8 @@ def solve_over_unknown_ground(
         Errors to estimate, and their standard deviations beforehand, SI.
     places:
         Heights that are known otherwise.
+    between:
+        Standard deviations between lines of errors that drift, SI.
 
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
@@ -358,17 +447,26 @@ def solve_over_unknown_ground(
     ground = _coefficients(waves, first.at(*places_m.T))
     rough = echoes.step(InstrumentErrors(), first, (), Nearness.SETTLED)
     less = float(np.nanmean(rough.spread)) * echoes.repeated
+    drift = Drift(names=tuple(names), between=between or {})
+    lines = [echoes.rows(echoes.motion.line == k) for k in np.unique(line)] if between else [echoes]
+    apart = np.zeros((len(lines), len(drift.own)))
     for free in (np.ones(len(names), dtype=bool), None):
         for _ in range(STEPS):
             surface = _surface(terrain.grid, waves, ground)
-            linear = echoes.linearise(_errors(names, value), surface, names, less)
-            known, moved, change = _step(linear, surface, waves, ground, sigma0, names, value, places, free)
+            at = zip(lines, apart, strict=True)
+            linear = [each.linearise(drift.errors(value, own), surface, drift.every, less) for each, own in at]
+            known, moved, change, own_sigma = _step(
+                linear, surface, waves, ground, drift, apart, sigma0, value, places, free
+            )
             before, told = before or known, known.told
-            value, ground = value + moved, ground + change
+            value, ground = value + moved, ground + change[: len(ground)]
+            apart = apart + change[len(ground) :].reshape(apart.shape)
             if np.abs(moved / known.sigma).max(initial=0.0) < SETTLED:
                 break
     surface = _surface(terrain.grid, waves, ground)
-    step = echoes.step(_errors(names, value), surface, names, Nearness.SETTLED)
+    at = zip(lines, apart, strict=True)
+    steps = [each.step(drift.errors(value, own), surface, drift.every, Nearness.SETTLED) for each, own in at]
+    step = Step.joined(steps)
     assert before is not None
     solution = Solution(
         before=before,
@@ -381,12 +479,11 @@ def solve_over_unknown_ground(
         surprise=1.0,
         misfit=float(np.nanmean(step.misfit)),
         step=step,
+        drift=drift,
+        apart=apart,
+        apart_sigma=own_sigma,
     )
     return solution, surface
-
-
-def _errors(names: Sequence[str], value: Float[np.ndarray, " error"]) -> InstrumentErrors:
-    return InstrumentErrors.of(dict(zip(names, map(float, value), strict=True)))
 
 
 def _surface(grid: Grid, waves: Float[np.ndarray, "cell wave"], ground: Float[np.ndarray, " wave"]) -> Heightfield:
@@ -431,50 +528,64 @@ def _waves(terrain: TerrainModel) -> Float[np.ndarray, "cell wave"]:
 
 
 def _step(
-    linear: ErrorsLinearised,
+    lines: Sequence[ErrorsLinearised],
     surface: Heightfield,
     waves: Float[np.ndarray, "cell wave"],
     ground: Float[np.ndarray, " wave"],
+    drift: Drift,
+    apart: Float[np.ndarray, "line drift"],
     sigma0: Float[np.ndarray, " error"],
-    names: Sequence[str],
     value: Float[np.ndarray, " error"],
     places: MeasuredPlaces | None = None,
     free: Bool[np.ndarray, " error"] | None = None,
-) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " wave"]]:
-    """Return the knowledge of the errors, their step, and the step of the ground's coefficients.
+) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
+    """Return the knowledge of the errors, their step, that of ground and drifts, and how well drifts are known.
 
     free: errors that are estimated; None for those that are told.
     """
-    heights = linear.heights
-    count = linear.per_error.shape[2]
-    between = surface.weights(*np.nan_to_num(heights.place_m).reshape(-1, 2).T)
-    factor = _by_pulses(linear)
-    onto = factor @ between
-    by_error = factor @ linear.per_error.reshape(-1, count)
-    told = (onto.T @ onto).tocsr()
-    height_score = between.T @ linear.node_score.ravel()
+    count, own, root, first = len(drift.names), drift.own, drift.sigma, len(ground)
+    told, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
     if places is not None:
-        own = surface.weights(*places.place_m.T)
+        at = surface.weights(*places.place_m.T)
         precision = csr_matrix((1 / places.sigma_m**2, (np.arange(len(places.sigma_m)),) * 2))
-        told = told + own.T @ precision @ own
-        height_score = height_score + own.T @ (precision @ (places.height_m - own @ surface.height_m.ravel()))
-    normal = waves.T @ (told @ waves)
-    normal[np.diag_indices_from(normal)] += 1.0
-    coupled = waves.T @ (onto.T @ by_error)
+        told = told + at.T @ precision @ at
+        height_score += at.T @ (precision @ (places.height_m - at @ surface.height_m.ravel()))
+    size = first + apart.size
+    normal, coupled, right = np.zeros((size, size)), np.zeros((size, count)), np.zeros(size)
+    information, score = np.zeros((count, count)), np.zeros(count)
+    for k, line in enumerate(lines):
+        cells = surface.weights(*np.nan_to_num(line.heights.place_m).reshape(-1, 2).T)
+        factor = _by_pulses(line)
+        onto = factor @ cells
+        by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
+        said, of_line = by_error.T @ by_error, line.score.sum(axis=0)
+        told = told + onto.T @ onto
+        height_score += cells.T @ line.node_score.ravel()
+        by_wave = waves.T @ (onto.T @ by_error)
+        coupled[:first] += by_wave[:, :count]
+        rows = slice(first + k * len(own), first + (k + 1) * len(own))
+        normal[:first, rows] = by_wave[:, own] * root
+        normal[rows, :first] = normal[:first, rows].T
+        normal[rows, rows] = root[:, None] * said[np.ix_(own, own)] * root
+        coupled[rows] = root[:, None] * said[own, :count]
+        right[rows] = root * of_line[own] - apart[k] / root
+        information += said[:count, :count]
+        score += of_line[:count]
+    normal[:first, :first] = waves.T @ (told.tocsr() @ waves)
+    normal[np.diag_indices(size)] += 1.0
+    right[:first] = waves.T @ height_score - ground
     system = cho_factor(normal, lower=True, overwrite_a=True)
-    explained = cho_solve(system, waves.T @ height_score - ground)
-    solved = cho_solve(system, coupled)
-    information = by_error.T @ by_error - coupled.T @ solved
-    known = Knowledge(names=tuple(names), prior=sigma0, information=(information + information.T) / 2)
-    following, is_told = np.zeros(count), known.told if free is None else free
-    if is_told.any():
-        score = linear.score.sum(axis=0) - coupled.T @ explained
-        right = score[is_told] + known.information[is_told] @ value
-        own_prior = sigma0[is_told]
-        scaled = own_prior[:, None] * known.information[np.ix_(is_told, is_told)] * own_prior + np.eye(is_told.sum())
-        following[is_told] = own_prior * np.linalg.solve(scaled, own_prior * right)
-    moved = following - value
-    return known, moved, explained - solved @ moved
+    explained, solved = cho_solve(system, right), cho_solve(system, coupled)
+    information -= coupled.T @ solved
+    known = Knowledge(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
+    is_told = known.told if free is None else free
+    moved = _next(known, is_told, score - coupled.T @ explained, value) - value
+    # Units of ground and drifts: their standard deviations beforehand.
+    scale = np.concatenate([np.ones(first), np.tile(root, len(lines))])
+    by_error = solved[first:]
+    covariance = cho_solve(system, np.eye(size)[:, first:])[first:] + by_error @ known.considered(is_told) @ by_error.T
+    own_sigma = (scale[first:] * np.sqrt(np.diag(covariance))).reshape(apart.shape)
+    return known, moved, scale * (explained - solved @ moved), own_sigma
 
 
 def _by_pulses(linear: ErrorsLinearised) -> csr_matrix:

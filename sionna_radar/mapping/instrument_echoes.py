@@ -17,9 +17,15 @@ covariance C in cells of the weights w_c, (1 + e_c) / (1 + sum w e / sum w) has 
 constant. To this order the score's mean is not zero, and is subtracted (Cox and Snell 1968, "A general definition of
 residuals": the bias of order 1/n): it is 0.006 deg of pitch and 8 mm of range of a beam of 2 deg, however long the
 flight. Mean ranges, of whole echoes or as an instrument reads them, say less.
+
+An error may drift from line to line: on line l it is theta + d_l, with d_l of zero mean and a stated covariance S. With
+s and J the score and information of a line, and D the errors that drift, d_l is eliminated line by line as a random
+effect (Laird and Ware 1982, "Random-effects models for longitudinal data"), which leaves for theta
+
+    J - J_D (J_DD + S^-1)^-1 J_D',   s - J_D (J_DD + S^-1)^-1 (s_D - S^-1 d_l).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -27,8 +33,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.mapping.echo_model.model import (
     BeamFootprints,
@@ -77,10 +85,10 @@ class Step:
         names = Step.__dataclass_fields__
         return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
 
-    @property
-    def total(self) -> Float[np.ndarray, "error error"]:
-        """Information of all pulses."""
-        return np.einsum("p,pkl->kl", self.weight, self.information)
+    def summed(self, own: slice = slice(None)) -> tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]:
+        """Return information and score of all pulses, or of some."""
+        weight = self.weight[own]
+        return np.einsum("p,pkl->kl", weight, self.information[own]), weight @ self.score[own]
 
     @cached_property
     def weight(self) -> Float[np.ndarray, " pulse"]:
@@ -134,6 +142,30 @@ class WholeEchoes:
         """Return some of the echoes."""
         own = np.flatnonzero(kept)
         return WholeEchoes(sightings=self.sightings.rows(kept), motion=self.motion.rows(own), reach=self.reach[kept])
+
+    @staticmethod
+    def joined(parts: Sequence["WholeEchoes"]) -> "WholeEchoes":
+        """Return the echoes of several recordings of one radar; pulses and lines are counted on."""
+        if len(parts) == 1:
+            return parts[0]
+        profiles, lines, pulse, line = [], [], 0, 0
+        for part in parts:
+            own = part.sightings.profiles
+            profiles.append(replace(own, pulse=own.pulse + pulse))
+            lines.append(part.motion.line + line)
+            # No pulse follows the last one of another recording.
+            pulse, line = int(profiles[-1].pulse[-1]) + 2, int(lines[-1].max()) + 1
+        sightings = replace(
+            parts[0].sightings,
+            profiles=Profiles.concatenate(profiles),
+            pose=Pose.concatenate([part.sightings.pose for part in parts]),
+        )
+        motion = BelievedMotion.concatenate([part.motion for part in parts])
+        return WholeEchoes(
+            sightings=sightings,
+            motion=replace(motion, line=np.concatenate(lines)),
+            reach=np.concatenate([part.reach for part in parts]),
+        )
 
     @property
     def repeated(self) -> float:
@@ -346,6 +378,15 @@ class Together:
         return np.concatenate(lines)
 
     @property
+    def lines(self) -> tuple["Together", ...]:
+        """The echoes of each flight line."""
+        return tuple(
+            Together(parts=(part.rows(part.motion.line == line),))
+            for part in self.parts
+            for line in np.unique(part.motion.line)
+        )
+
+    @property
     def repeated(self) -> float:
         """Mean number of pulses over which speckle repeats."""
         return float(np.average([part.repeated for part in self.parts], weights=list(map(len, self.parts))))
@@ -358,6 +399,75 @@ class Together:
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
         """Return score and information of all echoes; see `WholeEchoes.step`."""
         return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """Errors that are constant on a line, and differ between lines.
+
+    names: of the errors of the whole flight. between: standard deviations between lines, SI, by name.
+    """
+
+    names: tuple[str, ...]
+    between: Mapping[str, float]
+
+    @cached_property
+    def every(self) -> tuple[str, ...]:
+        """Names of the errors of the flight, and of those that only drift."""
+        return (*self.names, *(name for name in self.between if name not in self.names))
+
+    @cached_property
+    def own(self) -> list[int]:
+        """Which of `every` drift."""
+        return [self.every.index(name) for name in self.between]
+
+    @cached_property
+    def sigma(self) -> Float[np.ndarray, " drift"]:
+        """Standard deviations between lines."""
+        return np.array([*self.between.values()])
+
+    def errors(self, value: Float[np.ndarray, " error"], apart: Float[np.ndarray, " drift"]) -> InstrumentErrors:
+        """Return the errors of a line, given those of the flight, and what the line has apart from them."""
+        at = dict(zip(self.names, map(float, value), strict=True))
+        for name, more in zip(self.between, apart, strict=True):
+            at[name] = at.get(name, 0.0) + float(more)
+        return InstrumentErrors.of(at)
+
+    def eliminated(
+        self,
+        information: Float[np.ndarray, "every every"],
+        score: Float[np.ndarray, " every"],
+        apart: Float[np.ndarray, " drift"],
+    ) -> "Eliminated":
+        """Return what a line says of the errors of the flight, whatever it has apart from them."""
+        count, own, root = len(self.names), self.own, self.sigma
+        # In units of the standard deviations between lines, where the matrix is well conditioned.
+        scaled = root[:, None] * information[np.ix_(own, own)] * root + np.eye(len(own))
+        covariance = root[:, None] * np.linalg.inv(scaled) * root
+        gain = covariance @ information[own, :count]
+        moved = covariance @ (score[own] - apart / root**2)
+        return Eliminated(
+            information=information[:count, :count] - information[:count, own] @ gain,
+            score=score[:count] - information[:count, own] @ moved,
+            covariance=covariance,
+            gain=gain,
+            moved=moved,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eliminated:
+    """A line without its own errors: information and score of those of the flight.
+
+    covariance: of its own errors, if those of the flight were known. moved: their step, less `gain` times that of the
+    flight's.
+    """
+
+    information: Float[np.ndarray, "error error"]
+    score: Float[np.ndarray, " error"]
+    covariance: Float[np.ndarray, "drift drift"]
+    gain: Float[np.ndarray, "drift error"]
+    moved: Float[np.ndarray, " drift"]
 
 
 def _split(

@@ -36,7 +36,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.survey.observation import Observed, observe, place
 from sionna_radar.survey.recordings.described import DescribedRanges
-from sionna_radar.survey.reprocessing import RecordingSource, open_recording
+from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
 from sionna_radar.survey.sensors.sensor import Sensor
 
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
@@ -82,7 +82,7 @@ class Calibrated:
 class Calibration:
     """Estimated errors of an instrument, and what the flight tells of them.
 
-    solution: the estimate. manoeuvres: what one more line would tell.
+    solution: the estimate. manoeuvres: what one more line would tell; none over unknown ground.
     displaced: the estimate that lets the reference lie elsewhere, if it does.
     """
 
@@ -103,28 +103,42 @@ class Calibration:
         return {name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, told in rows if told}
 
 
-def parse_errors(names: Sequence[str], priors: Sequence[str]) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Return the errors to estimate, the usual ones without any, and standard deviations beforehand, SI.
+def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the errors to estimate, the usual ones without any.
 
-    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    Raises ScenarioError for a name that is none.
     """
     known = [name for name in UNKNOWNS if name not in DATUM]
     for name in names:
         if name not in known:
             message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
             raise ScenarioError([Problem("--estimate", message)], "command line")
+    return tuple(dict.fromkeys(names)) or USUAL
+
+
+# Units, SI, of the errors that have standard deviations beforehand, and of those that may drift.
+PRIORS = {name: unknown.si for name, unknown in UNKNOWNS.items() if name not in DATUM}
+DRIFTS = {name: unknown.si for name, unknown in UNKNOWNS.items()}
+
+
+def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return standard deviations, SI, from NAME=SIGMA in units by name; in that of the key, of any name, without them.
+
+    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    """
     found = {}
-    for text in priors:
+    for text in texts:
         name, _, number = text.partition("=")
         try:
             value = float(number)
         except ValueError:
             value = 0.0
-        if name not in known or not 0 < value < np.inf:
-            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. time_offset=5 in ms"
-            raise ScenarioError([Problem("--prior", message)], "command line")
-        found[name] = value * UNKNOWNS[name].si
-    return tuple(dict.fromkeys(names)) or USUAL, found
+        if (units is not None and name not in units) or not 0 < value < np.inf:
+            known = "" if units is None else f" of {', '.join(units)}"
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
+            raise ScenarioError([Problem(option, message)], "command line")
+        found[name] = value if units is None else value * units[name]
+    return found
 
 
 @on_one_thread
@@ -134,6 +148,7 @@ def run_calibration(
     *,
     names: Sequence[str] = USUAL,
     prior: Mapping[str, float] | None = None,
+    drift: Mapping[str, float] | None = None,
     reference_sigma_m: float = 0.0,
     overrides: Mapping[str, Any] | None = None,
 ) -> Calibration:
@@ -148,6 +163,8 @@ def run_calibration(
         overlap.
     names, prior:
         Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
+    drift:
+        Errors that differ from line to line, and their standard deviations between lines, SI.
     reference_sigma_m:
         Standard deviation of an error of position and height that all of the reference shares.
     overrides:
@@ -172,19 +189,21 @@ def run_calibration(
     changes = dict(overrides or {})
     path = None if reference is None else Path(reference)
     with ExitStack() as stack:
-        heard = [_heard(stack.enter_context(open_recording(_signals(Path(name)), changes))) for name in recordings]
+        heard = [echoes_of(stack.enter_context(open_recording(signals_in(Path(name)), changes))) for name in recordings]
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
-            found = _over_surface(heard, known, path, names, dict(prior or {}), reference_sigma_m)
+            found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
         else:
-            found = _over_unknown(heard, known, path, names, dict(prior or {}))
+            found = _over_unknown(heard, known, path, names, dict(prior or {}), drift or {})
         parts, surface, solution = found.parts, found.surface, found.solution
-        warnings = [*found.warnings, *_doubts(solution)]
+        warnings = [*found.warnings, *_doubts(solution, parts)]
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
         solution = solution.held() if solution.of_other_ground else solution
+        # Over unknown ground a further line would first have to tell the ground.
+        further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
             Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
-            for name, information in _manoeuvres(parts, surface, solution).items()
+            for name, information in further.items()
         )
         both = zip(heard, parts.parts, strict=True)
         calibrated = tuple(_calibrated(each, part, surface, solution) for each, part in both)
@@ -212,11 +231,12 @@ class _Found:
 
 
 def _over_surface(
-    heard: Sequence["_Heard"],
+    heard: Sequence["Heard"],
     reference: ReferenceSurface,
     path: Path | None,
     names: Sequence[str],
     prior: dict[str, float],
+    drift: Mapping[str, float],
     sigma_m: float,
 ) -> _Found:
     """Estimate errors over a surface, which may lie elsewhere."""
@@ -224,8 +244,8 @@ def _over_surface(
     parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
     asked = tuple(names) + (DATUM if sigma_m > 0 else ())
     with stage("estimating", 1):
-        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m))
-        free = solve(parts, surface, (*names, *DATUM), prior)
+        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
+        free = solve(parts, surface, (*names, *DATUM), prior, drift)
     if not _displaced(free, sigma_m):
         return _Found(parts=parts, surface=surface, solution=solution)
     warnings = (_displacement(free, sigma_m),)
@@ -233,31 +253,40 @@ def _over_surface(
 
 
 def _over_unknown(
-    heard: Sequence["_Heard"],
+    heard: Sequence["Heard"],
     known: Checkpoints | None,
     path: Path | None,
     names: Sequence[str],
     prior: dict[str, float],
+    drift: Mapping[str, float],
 ) -> _Found:
     """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
-    (echoes,) = [each.echoes for each in heard] if len(heard) == 1 else [None]
-    if not isinstance(echoes, WholeEchoes):
-        message = "without a surface as --reference give one recording of signals, of lines that overlap"
+    parts = tuple(
+        each.echoes.rows(each.echoes.motion.within_lines) for each in heard if isinstance(each.echoes, WholeEchoes)
+    )
+    if len(parts) < len(heard):
+        message = "without a surface as --reference give recordings of signals, of lines that overlap"
         raise ScenarioError([Problem("recordings", message)], "command line")
+    for each, part in zip(heard, parts, strict=True):
+        check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
+        of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
+        if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
+            message = "are of different antennas or weather; calibrate each by itself"
+            raise ScenarioError([Problem("recordings", message)], "command line")
     places = None
     if known is not None:
         if not (known.sigma_m > 0).all():
             message = f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma"
             raise InputFileError(message)
         places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
-    own = echoes.rows(echoes.motion.within_lines)
+    own = WholeEchoes.joined(parts)
     # Waves much shorter than a footprint are nothing that an echo tells.
-    extent, spacing_m = heard[0].grid, max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
+    extent, spacing_m = _grid(heard), max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
     west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
     grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
     with stage("estimating", 1):
-        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places)
-    return _Found(parts=Together(parts=(own,)), surface=surface, solution=solution)
+        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places, drift)
+    return _Found(parts=Together(parts=parts), surface=surface, solution=solution)
 
 
 def _footprint_m(echoes: WholeEchoes) -> float:
@@ -266,7 +295,7 @@ def _footprint_m(echoes: WholeEchoes) -> float:
     return 4 * min(echoes.sightings.beam.spread) * range_m
 
 
-def _signals(path: Path) -> Path:
+def signals_in(path: Path) -> Path:
     """Return the recording of beat signals in a folder of results, or the recording itself."""
     if not path.is_dir():
         return path
@@ -279,7 +308,7 @@ def _signals(path: Path) -> Path:
 
 # --------------------------------------------------------------------------------------------------------- echoes
 @dataclass(frozen=True, kw_only=True)
-class _Heard:
+class Heard:
     """A recording with its detected echoes, and what they say."""
 
     source: RecordingSource
@@ -289,7 +318,7 @@ class _Heard:
     grid: Grid
 
 
-def _heard(source: RecordingSource) -> _Heard:
+def echoes_of(source: RecordingSource) -> Heard:
     """Return the echoes of a recording, with the poses as they were reported."""
     if not source.file.pulses.located:
         message = f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones"
@@ -317,14 +346,14 @@ def _heard(source: RecordingSource) -> _Heard:
             motion=own,
             reach_m=2 * float(points.range_m.max()),
         )
-        return _Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
+        return Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
     assert observed.profiles is not None
     own = motion.rows(observed.profiles.pulse)
     sightings = mapper.sightings(observed.profiles, own.pose)
     echo_ranges = mean_ranges(sightings)
     whole = WholeEchoes(sightings=sightings, motion=own, reach=sightings.repeated(echo_ranges.range_m))
     grid = reaching(mapper.grid, sightings, echo_ranges)
-    return _Heard(
+    return Heard(
         source=source,
         sensor=sensor,
         observed=observed,
@@ -339,7 +368,7 @@ def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | Recorded
     return settings.model_copy(update={"dem": dem})
 
 
-def _grid(heard: Sequence[_Heard]) -> Grid:
+def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
@@ -412,11 +441,17 @@ def _displacement(free: Solution, stated_m: float) -> str:
     )
 
 
-def _doubts(solution: Solution) -> list[str]:
+def _doubts(solution: Solution, parts: Together) -> list[str]:
     """Return warnings about echoes that are not those of the modelled ground."""
     if solution.model_holds:
         return []
+    bias = None if solution.of_other_ground else solution.next_range_bias(parts.line)
+    wanders = (
+        "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
+        "{:.2f} ± {:.2f} m"
+    )
     return [
+        *([] if bias is None else [wanders.format(*bias)]),
         f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
         f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
@@ -424,14 +459,14 @@ def _doubts(solution: Solution) -> list[str]:
             "No estimate is stated"
             if solution.of_other_ground
             else "Standard deviations include the scatter of stretches, and no error that all of them share"
-        )
+        ),
     ]
 
 
 # ------------------------------------------------------------------------------------------------------- manoeuvres
 def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
     """Return the information that one more line of each kind would add, like the longest that was flown."""
-    line = parts.line
+    line, drift = parts.line, solution.drift
     longest = np.bincount(line).argmax()
     first, found = 0, {}
     for part in parts.parts:
@@ -441,8 +476,8 @@ def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> di
             break
         first += len(part)
     for name, motion in _lines(one.motion, surface).items():
-        information = one.expected(motion, solution.errors, surface, solution.names, sigma_m)
-        found[name] = information / solution.scatter
+        information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
+        found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
     return found
 
 
@@ -486,7 +521,7 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
 
 
 # ------------------------------------------------------------------------------------------------ before and after
-def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
+def _calibrated(heard: Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
     before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose
@@ -507,7 +542,7 @@ def _calibrated(heard: _Heard, echoes: WholeEchoes | Readings, surface: Heightfi
     )
 
 
-def _mapped(heard: _Heard, errors: InstrumentErrors) -> Raster:
+def _mapped(heard: Heard, errors: InstrumentErrors) -> Raster:
     """Return the DEM of a recording without some errors."""
     source = heard.source.corrected(errors)
     sensor = source.build_sensor()

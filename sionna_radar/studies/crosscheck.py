@@ -510,6 +510,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
         polarization_rad=np.zeros(int(fitted.sum())),
         sigma0=10 ** (sigma0_db[fitted] / 10),
         looks=np.full(int(fitted.sum()), np.inf),
+        cross=np.zeros(int(fitted.sum()), dtype=bool),
     )
     # Equal weights and nothing known beforehand; a constant gamma is the same at any carrier.
     unknown = {"material.gamma_db": math.inf}

@@ -14,21 +14,24 @@ A constant gamma against the curve of another model is the special case of one p
 known beforehand.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.constants import speed_of_light
 from scipy.optimize import least_squares
-from scipy.special import digamma, gammaincc, polygamma
+from scipy.special import digamma, gammaincc, gammaincinv, polygamma
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread, spread_indices
 from sionna_radar.mapping.calibration import Knowledge
+from sionna_radar.mapping.instrument_echoes import Readings
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
     ConstantGamma,
@@ -37,28 +40,31 @@ from sionna_radar.scenario.materials import (
     Lambertian,
     PhysicalOptics,
     RoughTable,
+    SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.studies.calibration import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
-from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.surfaces.radar_material import TYPICAL_CROSS_POLAR_DB, as_radar_material
 from sionna_radar.surfaces.rough_surface import MAX_RELATIVE_HEIGHT
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.reprocessing import open_recording
 
 NEPERS_PER_DB = math.log(10) / 10
 # Known beforehand of a parameter unless stated: to a factor e, and levels to 10 dB.
 PRIOR_NEPERS, PRIOR_DB = 1.0, 10.0
 # Fitted as logarithms, above these values.
 LOGARITHMIC = {"rms_height_m": 0.0, "correlation_length_m": 0.0, "permittivity": 1.0, "loss": 0.0}
-CALIBRATION = "calibration_db"
+CALIBRATION, CROSS = "calibration_db", "cross_polar_db"
 # Probability of residuals as large by chance, below which the models do not describe the levels.
 SURPRISE = 1e-3
 # Step of difference quotients, in nepers or dB: rounding and curvature are both below 1e-8 of a derivative.
 STEP = 1e-5
 # Standard deviation that stands for one of a parameter of which nothing is known.
 UNKNOWN = 1e6
-# Starts of the fit at most, if the first one ends far from the levels.
-MAX_STARTS = 16
+# Heights and lengths that are tried as a start, from those believed, in standard deviations beforehand.
+SCANNED = np.linspace(-3.0, 3.0, 13)
 # Of measurements that were not made: an amplitude known to this, dB, and incidence angles.
 CALIBRATED_DB = 0.5
 WIDE_DEG = np.arange(5.0, 76.0, 10.0)
@@ -195,6 +201,7 @@ def fit_materials(
     True
 
     """
+    tables = {name: _with_cross_polar(table) for name, table in tables.items()} if levels.cross.any() else tables
     unknowns = _unknowns(levels, tables, carrier_hz, free, prior or {}, calibration_sigma_db)
     sigma = _sigma(levels.looks, level_sigma_db)
     if not (sigma > 0).all():
@@ -204,12 +211,10 @@ def fit_materials(
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
     problem = _Problem(model=model, measured=np.log(levels.sigma0) - bias, sigma=sigma)
-    scaled, misfit = problem.solve()
+    scaled, misfit = problem.solve(np.array([u.start for u in unknowns]))
     freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
-    if gammaincc(freedom / 2, misfit / 2) < SURPRISE:
-        # Another valley may describe them: rougher or smoother, of longer or shorter waves.
-        candidates = [(scaled, misfit), *(problem.solve(start) for start in problem.corners())]
-        scaled, misfit = min(candidates, key=lambda found: found[1])
+    if misfit > freedom:
+        scaled, misfit = min((scaled, misfit), problem.solve(problem.scanned()), key=lambda found: found[1])
     rates = model.rates(scaled) / sigma[:, None]
     prior_known = np.minimum([u.prior for u in unknowns], UNKNOWN)
     knowledge = Knowledge(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
@@ -226,6 +231,13 @@ def fit_materials(
     )
 
 
+def _with_cross_polar(table: MaterialParameters) -> MaterialParameters:
+    """Return a material that has a cross-polar ratio: a typical one unless it is given."""
+    if isinstance(table, SurfaceTable) and table.cross_polar_db is None:
+        return table.model_copy(update={"cross_polar_db": TYPICAL_CROSS_POLAR_DB})
+    return table
+
+
 def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.ndarray, " row"]:
     """Return standard deviations of logarithms of levels."""
     speckle = np.where(np.isinf(looks), 0.0, polygamma(1, np.where(np.isinf(looks), 1.0, looks)))
@@ -233,24 +245,6 @@ def _sigma(looks: Float[np.ndarray, " row"], level_sigma_db: float) -> Float[np.
 
 
 # -------------------------------------------------------------------------------------------------------- parameters
-def parse_priors(given: Sequence[str]) -> dict[str, float]:
-    """Return what is known beforehand of parameters, by NAME=VALUE.
-
-    Raises ScenarioError for a text that is none, or a value that is no positive number.
-    """
-    found = {}
-    for text in given:
-        name, _, number = text.partition("=")
-        try:
-            found[name] = float(number)
-        except ValueError:
-            found[name] = math.nan
-        if not 0 < found[name] < math.inf:
-            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, e.g. road.rms_height_m=2, a factor"
-            raise ScenarioError([Problem("--prior", message)], "command line")
-    return found
-
-
 def _unknowns(
     levels: Levels,
     tables: Mapping[str, MaterialParameters],
@@ -263,7 +257,9 @@ def _unknowns(
     if strange := [name for name in covers if name not in tables]:
         message = f"has the cover {shown(strange[0])}, which is no material; use {', '.join(sorted(tables))}"
         raise ScenarioError([Problem("--levels", message)], "command line")
-    names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover in covers for key in _usual(tables[cover])]
+    usual = {cover: _usual(tables[cover]) for cover in covers}
+    usual |= {cover: (*keys, CROSS) for cover, keys in usual.items() if levels.cross[levels.of(cover)].any()}
+    names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover, keys in usual.items() for key in keys]
     if not names:
         message = f"is needed: nothing is estimated by default of {', '.join(covers)}; name COVER.KEY"
         raise ScenarioError([Problem("--free", message)], "command line")
@@ -298,7 +294,7 @@ def _usual(table: MaterialParameters) -> tuple[str, ...]:
 
 
 def _values(table: MaterialParameters, carrier_hz: float) -> dict[str, float]:
-    """Return the numbers of a material that its co-polar backscatter may depend on."""
+    """Return the numbers of a material that its backscatter may depend on."""
     found = {
         key: float(value)
         for key, value in table
@@ -373,7 +369,8 @@ class _Model:
         """Return the logarithm of sigma0 of the rows of a cover."""
         table, own = self.table(cover, scaled), self.levels.of(cover)
         material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
-        sigma0 = material.linear_sigma0(self.levels.incidence_rad[own], self.levels.polarization_rad[own])
+        levels = self.levels
+        sigma0 = material.linear_sigma0(levels.incidence_rad[own], levels.polarization_rad[own], levels.cross[own])
         return np.log(np.maximum(sigma0, np.finfo(float).tiny))
 
     def predict(self, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " row"]:
@@ -404,12 +401,10 @@ class _Problem:
     measured: Float[np.ndarray, " row"]
     sigma: Float[np.ndarray, " row"]
 
-    def solve(self, start: Float[np.ndarray, " unknown"] | None = None) -> tuple[Float[np.ndarray, " unknown"], float]:
+    def solve(self, start: Float[np.ndarray, " unknown"]) -> tuple[Float[np.ndarray, " unknown"], float]:
         """Return the estimate, and the sum of squared residuals."""
         unknowns = self.model.unknowns
-        beforehand, weight, most = (
-            np.array([getattr(u, name) for u in unknowns]) for name in ("start", "weight", "most")
-        )
+        beforehand, weight, most = np.array([(u.start, u.weight, u.most) for u in unknowns]).T
 
         def residuals(scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
             rows = (self.model.predict(scaled) - self.measured) / self.sigma
@@ -419,20 +414,26 @@ class _Problem:
             return np.concatenate([self.model.rates(scaled) / self.sigma[:, None], np.diag(weight)])
 
         # A quotient's step stays within the models' range.
-        limits, tight = (-np.inf, most - 2 * STEP), 1e-12
-        first = np.minimum(beforehand if start is None else start, most - 3 * STEP)
+        limits, first, tight = (-np.inf, most - 2 * STEP), np.minimum(start, most - 3 * STEP), 1e-12
         found = least_squares(residuals, first, jacobian, limits, x_scale="jac", xtol=tight, ftol=tight, gtol=tight)
         return found.x, float(2 * found.cost)
 
-    def corners(self) -> list[Float[np.ndarray, " unknown"]]:
-        """Return other starts: heights and lengths larger and smaller by what is known of them."""
-        unknowns = self.model.unknowns
-        starts = [np.array([u.start for u in unknowns])]
-        for k, unknown in enumerate(unknowns):
-            if unknown.key in ("rms_height_m", "correlation_length_m") and len(starts) < MAX_STARTS:
-                shift = min(unknown.prior, PRIOR_NEPERS) * np.eye(len(unknowns))[k]
-                starts = [start + sign * shift for start in starts for sign in (-1, 1)]
-        return starts if len(starts) > 1 else []
+    def scanned(self) -> Float[np.ndarray, " unknown"]:
+        """Return what was believed, with heights and lengths near it at which the levels of a cover are met best."""
+        # The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
+        model, place = self.model, {u.name: k for k, u in enumerate(self.model.unknowns)}
+        believed, weight, most = np.array([(u.start, u.weight, u.most) for u in model.unknowns]).T
+        start, width = believed.copy(), np.minimum(1 / np.maximum(weight, 1e-9), PRIOR_NEPERS)
+        for cover in dict.fromkeys(model.levels.cover):
+            pair = [place.get(f"{cover}.{key}", -1) for key in ("rms_height_m", "correlation_length_m")]
+            tried, own = [], model.levels.of(cover)
+            for shift in itertools.product(SCANNED, SCANNED) if min(pair) >= 0 else ():
+                at = believed.copy()
+                at[pair] = np.minimum(at[pair] + shift * width[pair], most[pair] - 3 * STEP)
+                rows = (model.of_cover(cover, at) - self.measured[own]) / self.sigma[own]
+                tried.append((float(rows @ rows + np.sum(((at - believed) * weight) ** 2)), at[pair]))
+            start[pair] = min(tried, key=lambda found: found[0])[1] if tried else start[pair]
+        return start
 
 
 def _measures(
@@ -449,15 +450,18 @@ def _measures(
         known[-1, -1] = 1 / CALIBRATED_DB**2
         name = f"a radar calibrated to {CALIBRATED_DB:g} dB, as by a reflector of known cross-section,"
         found.append(Measure(name=name, knowledge=knowledge.with_more(known)))
-    series = list(dict.fromkeys(zip(levels.cover, np.round(levels.polarization_rad, 6), strict=True)))
-    rows = [(cover, polarization, incidence) for cover, polarization in series for incidence in np.deg2rad(WIDE_DEG)]
+    series = dict.fromkeys(
+        zip(levels.cover, np.round(levels.polarization_rad, 6), map(bool, levels.cross), strict=True)
+    )
+    rows = [(*each, incidence) for each in series for incidence in np.deg2rad(WIDE_DEG)]
     both = levels.polarization_rad.min() < NEAR_V_RAD and levels.polarization_rad.max() > math.pi / 2 - NEAR_V_RAD
     turned = replace(levels, polarization_rad=math.pi / 2 - levels.polarization_rad)
     further = ({} if both else {"the other linear polarization": turned}) | {
         f"incidence from {WIDE_DEG[0]:g} to {WIDE_DEG[-1]:g} deg": Levels(
-            cover=tuple(cover for cover, _, _ in rows),
-            incidence_rad=np.array([incidence for _, _, incidence in rows]),
-            polarization_rad=np.array([polarization for _, polarization, _ in rows]),
+            cover=tuple(cover for cover, *_ in rows),
+            incidence_rad=np.array([incidence for *_, incidence in rows]),
+            polarization_rad=np.array([polarization for _, polarization, _, _ in rows]),
+            cross=np.array([cross for _, _, cross, _ in rows]),
             sigma0=np.ones(len(rows)),
             looks=np.full(len(rows), float(np.median(levels.looks))),
         ),
@@ -476,38 +480,49 @@ PURE = 0.99
 BLOCK = 500
 
 
-def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
-    """Return levels of the covers of a survey, measured from traced echoes of some of its pulses.
+def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | None = None) -> Levels:
+    """Return levels of the covers of a survey, measured from traced or recorded echoes of some of its pulses.
 
-    The power of an echo is that of the coherent sum of its paths, with speckle drawn for each pulse: one look. It is
-    divided by the power expected of ground of a sigma0 of 1, by the same antenna and over the same ground, and
-    averaged over echoes of one cover in classes of incidence and polarization. The plane of incidence is taken as that
-    of boresight and vertical, as over level ground. No noise, targets, weather or errors of the radar; covers that are
-    mirrors as well are left out.
+    The power of an echo is that of the coherent sum of its paths, with speckle drawn for each pulse: one look; or that
+    of the cells of a recorded profile less the noise, of as many looks as they are. It is divided by the power expected
+    of ground of a sigma0 of 1, by the same antenna and over the same ground, and averaged over echoes of one cover in
+    classes of incidence and polarization, without those that no speckle of the class explains, as of a target. The
+    plane of incidence is taken as that of boresight and vertical, as over level ground. Antennas that receive across
+    the wave give cross-polar levels. Traced echoes are without noise, targets, weather and errors of the radar; covers
+    that are mirrors as well are left out.
 
     Parameters
     ----------
     prepared:
-        The survey, with linear co-polar antennas.
+        The survey, with linear antennas.
     pulses:
         How many are taken at most, evenly over the flight.
+    recording:
+        Of beat signals of this flight, or a folder with one; None for traced echoes.
 
     Raises
     ------
-    ScenarioError
-        Another polarization, or no echoes of a single cover.
+    InputFileError, ScenarioError
+        A recording of another flight, another polarization, or no echoes of a single cover.
 
     """
     scenario = prepared.scenario.replace({"tracing.speckle": "per_pulse"})
     antenna, tables = scenario.radar.antenna, scenario.all_materials
-    if antenna.polarization not in ("V", "H") or antenna.receive_polarization != "co":
-        message = f"{antenna.polarization!r}, received {antenna.receive_polarization!r}, is not fitted; use 'V' or 'H'"
+    if antenna.polarization not in ("V", "H"):
+        message = f"{antenna.polarization!r} is not fitted; use 'V' or 'H'"
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
-    uniform = {f"materials.{name}": {"model": "constant_gamma", "gamma_db": 0.0} for name in tables}
+    cross = antenna.receive_polarization == "cross"
+    # Its power is the same in all channels, however the scan turns the wave.
+    same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})
+    uniform = {f"materials.{name}": same for name in tables}
     surveys = (prepare(scenario, prepared.custom), prepare(scenario.replace(uniform), prepared.custom))
-    chosen = spread_indices(pulses, len(prepared))
-    blocks = [_looks(*surveys, chosen[low : low + BLOCK]) for low in range(0, len(chosen), BLOCK)]
+    heard = None if recording is None else _recorded(recording, prepared)
+    pulse = np.arange(len(prepared)) if heard is None else heard["pulse"]
+    chosen = spread_indices(pulses, len(pulse))
+    blocks = [_looks(*surveys, pulse[chosen[low : low + BLOCK]]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
+    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "variance")}
+    looks["sigma0"] = looks["power"] / looks["unit"]
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]
     groups: dict[tuple[str, int, int], list[int]] = {}
     for k in np.flatnonzero(~np.isin(looks["cover"], ["", *mirrors])):
@@ -517,22 +532,45 @@ def measure_levels(prepared: Prepared, pulses: int = 2000) -> Levels:
     if not groups:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError([Problem("terrain", message)])
-    found = sorted(groups)
-    means = {
-        name: np.array([looks[name][groups[key]].mean() for key in found])
-        for name in ("incidence_rad", "polarization_rad", "sigma0")
-    }
+    found, count = sorted(groups), []
+    for key in found:
+        own = np.array(groups[key])
+        # The mean square of a power is that of its mean and its variance; a target is in no median.
+        square, variance, level = looks["power"][own] ** 2, looks["variance"][own], looks["sigma0"][own]
+        each = max(float(np.median(square / variance)) - 1, 1.0)
+        mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
+        kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
+        groups[key] = own[kept].tolist()
+        count.append(kept.sum() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
+    columns = ("incidence_rad", "polarization_rad", "sigma0")
+    means = {name: np.array([looks[name][groups[key]].mean() for key in found]) for name in columns}
     return Levels(
         cover=tuple(cover for cover, _, _ in found),
-        incidence_rad=means["incidence_rad"],
-        polarization_rad=means["polarization_rad"],
-        sigma0=means["sigma0"],
-        looks=np.array([float(len(groups[key])) for key in found]),
+        looks=np.array(count),
+        cross=np.full(len(found), cross),
+        **means,
     )
 
 
+def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
+    """Return the pulses of a recording with an echo, its power over that transmitted, and the variance by speckle."""
+    with open_recording(signals_in(recording), {}) as source:
+        echoes = echoes_of(source).echoes
+        if isinstance(echoes, Readings) or len(source.file.pulses) != len(prepared):
+            message = f"{shown(recording)}: is no recording of signals of the {len(prepared)} pulses of this flight"
+            raise InputFileError(message)
+    profiles, middle = echoes.sightings.profiles, float(echoes.sightings.response.max())
+    row = np.repeat(np.arange(len(profiles)), np.diff(profiles.start))
+    cells = profiles.power - profiles.noise[row]
+    total = np.bincount(row, cells)
+    # Exponential powers have twice the mean square of their means.
+    variance = np.bincount(row, cells**2 / 2) / echoes.looks
+    scale = middle / prepared.receiver.transmit_power_w
+    return {"pulse": profiles.pulse, "power": np.maximum(total, 0.0) * scale, "variance": variance * scale**2}
+
+
 def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]) -> dict[str, np.ndarray]:
-    """Return sigma0 of each pulse's echo, incidence, polarization, and cover, which is empty for several or none."""
+    """Return power and variance of each echo, the power of a sigma0 of 1, angles, and the cover if it is single."""
     paths, flat = (each.rows(each.surface >= 0) for each in (survey.paths(index), uniform.paths(index)))
     field = np.zeros(len(index), dtype=np.complex128)
     np.add.at(field, np.searchsorted(index, paths.pulse), paths.gain)
@@ -551,9 +589,11 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
     along = np.cross(across, pose.boresight)
     outside, inside = (np.abs(np.sum(electric * axis, axis=1)) for axis in (across, along))
     incidence = np.bincount(row, weight * flat.incidence_rad, minlength=len(index))
-    whole = np.where(single, total, 1.0)
+    whole, power = np.where(single, total, 1.0), np.abs(field) ** 2
     return {
-        "sigma0": np.abs(field) ** 2 / whole,
+        "power": power,
+        "unit": whole,
+        "variance": power**2 / 2,
         "incidence_rad": incidence / whole,
         "polarization_rad": np.arctan2(outside, inside),
         "cover": np.where(single, covers[share.argmax(axis=1)], ""),

@@ -168,6 +168,7 @@ class Levels:
 
     cover: material of the ground. polarization_rad: of the linear wave, from the plane of incidence: 0 VV, pi/2 HH.
     sigma0: a ratio. looks: independent ones averaged; infinite for a level without speckle.
+    cross: received across the wave that was sent: 0 is HV.
     """
 
     cover: tuple[str, ...]
@@ -175,6 +176,7 @@ class Levels:
     polarization_rad: Float[np.ndarray, " row"]
     sigma0: Float[np.ndarray, " row"]
     looks: Float[np.ndarray, " row"]
+    cross: Bool[np.ndarray, " row"]
 
     def __len__(self) -> int:
         return len(self.cover)
@@ -187,8 +189,9 @@ class Levels:
     def from_csv(cls, path: Path) -> "Levels":
         """Read a table of cover, incidence_deg, polarization, sigma0_db and perhaps looks.
 
-        The polarization is VV, HH, or an angle from the plane of incidence in degrees; lines starting with # are
-        comments. Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
+        The polarization is VV, HH, HV (or VH, which is the same), or an angle from the plane of incidence in degrees,
+        with an x behind it if it is received across; lines starting with # are comments. Raises InputFileError, naming
+        the line, for a file that is missing or does not contain such a table.
         """
         header_text = f"{','.join(LEVEL_COLUMNS)}[,looks]"
         text = read_text(path, "--levels", f"give a CSV file with the columns {header_text}")
@@ -206,13 +209,14 @@ class Levels:
             message = f"{shown(path)}: has no rows; give one for each cover, incidence and polarization"
             raise InputFileError(message)
         cover, *columns = zip(*rows, strict=True)
-        incidence_rad, polarization_rad, sigma0, looks = (np.array(column, dtype=np.float64) for column in columns)
+        incidence_rad, polarization_rad, sigma0, looks, cross = map(np.array, columns)
         return cls(
             cover=tuple(map(str, cover)),
             incidence_rad=incidence_rad,
             polarization_rad=polarization_rad,
             sigma0=sigma0,
             looks=looks,
+            cross=cross,
         )
 
     def to_csv(self) -> str:
@@ -221,32 +225,34 @@ class Levels:
         for row in range(len(self)):
             angles = np.rad2deg([self.incidence_rad[row], self.polarization_rad[row]])
             level_db = 10 * math.log10(self.sigma0[row])
-            lines.append(f"{self.cover[row]},{angles[0]:.6g},{angles[1]:.6g},{level_db:.9g},{self.looks[row]:g}")
+            polarization = f"{angles[1]:.6g}{'x' * int(self.cross[row])}"
+            lines.append(f"{self.cover[row]},{angles[0]:.6g},{polarization},{level_db:.9g},{self.looks[row]:g}")
         return "\n".join(lines) + "\n"
 
 
-def _parse_level(path: Path, number: int, line: str, columns: int) -> tuple[str, float, float, float, float]:
-    """Return cover, incidence (rad), polarization (rad), sigma0 and looks of a line."""
+def _parse_level(path: Path, number: int, line: str, columns: int) -> tuple[str, float, float, float, float, bool]:
+    """Return cover, incidence (rad), polarization (rad), sigma0, looks and whether it is cross-polar of a line."""
     try:
         cover, *cells = (cell.strip() for cell in next(csv.reader([line], strict=True)))
-        polarization = {"VV": "0", "HH": "90"}.get(cells[1].upper(), cells[1])
-        values = [float(cell) for cell in (cells[0], polarization, *cells[2:])]
+        polarization = {"VV": "0", "HH": "90", "HV": "0x", "VH": "0x"}.get(cells[1].upper(), cells[1])
+        cross = polarization.endswith("x")
+        values = [float(cell) for cell in (cells[0], polarization.removesuffix("x"), *cells[2:])]
         if len(values) + 1 != columns:
             raise ValueError
     except (ValueError, IndexError, csv.Error) as error:
         message = (
-            f"{shown(path)}: line {number} reads {shown(line)}; give a cover, an incidence in degrees, VV, HH or an "
-            "angle in degrees, sigma0 in dB, and looks if the header has them"
+            f"{shown(path)}: line {number} reads {shown(line)}; give a cover, an incidence in degrees, VV, HH, HV or "
+            "an angle in degrees, sigma0 in dB, and looks if the header has them"
         )
         raise InputFileError(message) from error
     incidence_deg, polarization_deg, level_db, looks = (*values, math.inf)[:4]
     for name, value, valid, wanted in (
         ("incidence_deg", incidence_deg, 0 <= incidence_deg < 90, "give 0 or more, below 90"),
-        ("polarization", polarization_deg, 0 <= polarization_deg <= 180, "give VV, HH, or 0 to 180 deg"),
+        ("polarization", polarization_deg, 0 <= polarization_deg <= 180, "give VV, HH, HV, or 0 to 180 deg"),
         ("sigma0_db", level_db, abs(level_db) < 200, "give a level in dB, or leave the row out"),
         ("looks", looks, looks > 0, "give a positive number"),
     ):
         if not valid:
             message = f"{shown(path)}: line {number}: {name} = {value:g} is not possible; {wanted}"
             raise InputFileError(message)
-    return cover, math.radians(incidence_deg), math.radians(polarization_deg), 10 ** (level_db / 10), looks
+    return cover, math.radians(incidence_deg), math.radians(polarization_deg), 10 ** (level_db / 10), looks, cross

@@ -24,7 +24,9 @@ A circular wave (v + j h) / sqrt 2 returns in the same sense (v - h + 2 j x') / 
 
 A linear wave that makes an angle p with v, sent and received, returns with
 
-    (a_v cos^2 p + a_h sin^2 p)^2 + d^2 cos^2 2p + x^2 sin^2 2p.
+    (a_v cos^2 p + a_h sin^2 p)^2 + d^2 cos^2 2p + x^2 sin^2 2p,
+
+and one sent at p and received across it with ((a_v - a_h)^2 / 4 + d^2) sin^2 2p + x^2 cos^2 2p.
 
 The phase between V and H of a lossy rough surface is neglected: over soil at 77 GHz it is 1 to 10 deg.
 """
@@ -33,7 +35,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.numerics import from_db
@@ -106,12 +108,20 @@ class RadarMaterial:
         return self.co_polar.sigma0(incidence_rad)
 
     def linear_sigma0(
-        self, incidence_rad: Float[np.ndarray, " n"], polarization_rad: Float[np.ndarray, " n"]
+        self,
+        incidence_rad: Float[np.ndarray, " n"],
+        polarization_rad: Float[np.ndarray, " n"],
+        cross: Bool[np.ndarray, " n"],
     ) -> Float[np.ndarray, " n"]:
-        """Return the co-polar cross-section at angles between polarization and plane of incidence: 0 is VV, pi/2 HH."""
+        """Return the cross-section at angles between polarization and plane of incidence: 0 is VV, pi/2 HH.
+
+        cross: which are received across the wave that was sent.
+        """
         parts, twice = self.parts(incidence_rad), 2 * polarization_rad
         along = parts.vertical * np.cos(polarization_rad) ** 2 + parts.horizontal * np.sin(polarization_rad) ** 2
-        return along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
+        co = along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
+        across = (parts.vertical - parts.horizontal) ** 2 / 4 + parts.opposed**2
+        return np.where(cross, across * np.sin(twice) ** 2 + (parts.exchanged * np.cos(twice)) ** 2, co)
 
     def _circular_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         parts = self.parts(incidence_rad)

@@ -1,5 +1,7 @@
 """Errors of an instrument: derivatives against differences, closed forms of what is told, and readings over planes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from sionna_radar.mapping.calibration import (
     TOLD,
     Knowledge,
     MeasuredPlaces,
+    continued,
     solve,
     solve_over_unknown_ground,
     stretches,
@@ -70,7 +73,7 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
 def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hills):
     echoes, surface = over_hills
     step = echoes.step(InstrumentErrors(), surface, ["range_bias"], Nearness.SETTLED)
-    total = float(step.total[0, 0])
+    total = float(step.summed()[0][0, 0])
     # A survey of 1000 pulses: the mean residual within four of its standard deviations.
     assert abs(step.score.sum() / total) < 4 / np.sqrt(total)
     shifted = echoes.step(InstrumentErrors(range_bias_m=-0.1), surface, ["range_bias"], Nearness.SETTLED)
@@ -101,10 +104,26 @@ def test_ground_that_is_surveyed_at_many_places_tells_nearly_what_the_whole_grou
     over = solve(Together(parts=(echoes,)), surface, names)
     assert surveyed.told.all()
     assert (np.abs(surveyed.value) < 4 * surveyed.sigma).all()
+    # An error of this one line that is not of the flight: the longest known part of the bias is lost.
+    drifting, _ = solve_over_unknown_ground(echoes, own, names, places=places, between={"range_bias": 0.1})
+    np.testing.assert_allclose(drifting.sigma[2] ** 2, surveyed.sigma[2] ** 2 + 0.1**2, rtol=0.02)
+    np.testing.assert_allclose(drifting.sigma[:2], surveyed.sigma[:2], rtol=0.02)
     # Speckle counts alike in both, but over known ground as its scores scattered.
     ratio = surveyed.sigma / (over.sigma * np.sqrt(surveyed.scatter / over.scatter))
     assert (ratio > 0.95).all()
     assert (ratio < 3.0).all()
+
+
+def test_echoes_of_several_recordings_say_what_they_say_in_one(over_hills):
+    echoes, surface = over_hills
+    first = np.arange(len(echoes)) < len(echoes) // 2
+    parts = [echoes.rows(first), echoes.rows(~first)]
+    both = WholeEchoes.joined(parts)
+    np.testing.assert_array_equal(np.unique(both.motion.line), [0, 1])
+    assert (np.diff(both.sightings.profiles.pulse) > 0).all()
+    names = ["roll", "range_bias"]
+    one, other = (each.step(InstrumentErrors(), surface, names, Nearness.SETTLED) for each in (echoes, both))
+    np.testing.assert_allclose(other.score, one.score, rtol=1e-9, atol=1e-9)
 
 
 def knowledge(information, prior=(1.0, 1.0)) -> Knowledge:
@@ -181,6 +200,31 @@ def test_readings_over_a_plane_tell_their_bias_as_a_mean_does():
     assert found.told.all()
 
 
+def test_a_bias_that_drifts_from_line_to_line_is_known_as_a_mean_of_lines_is():
+    """Of lines of n readings: d ~ N(0, s^2), so that the mean of a line varies by s^2 + sigma^2 / n about the bias."""
+    count, sigma_m, between_m, apart_m = [400, 100, 50], 0.5, 0.2, [0.1, -0.3, 0.25]
+    lines = [altimeter(n, k + 1) for k, n in enumerate(count)]
+    lines = [replace(line, range_m=line.range_m + d) for line, d in zip(lines, apart_m, strict=True)]
+    found = solve(
+        Together(parts=tuple(lines)), plane(), ["range_bias"], {"range_bias": 10.0}, {"range_bias": between_m}
+    )
+    # Readings count by how well they fit.
+    weight = np.split(found.step.weight, np.cumsum(count)[:-1])
+    mean = np.array([np.average(line.range_m - 100.0, weights=w) for line, w in zip(lines, weight, strict=True)])
+    own = sigma_m**2 / np.array([w.sum() for w in weight])
+    drawn = between_m**2 / (between_m**2 + own)
+    mean_of_lines = drawn @ mean / (drawn.sum() + between_m**2 / 10.0**2)
+    assert found.value[0] == pytest.approx(mean_of_lines, abs=0.02 * found.sigma[0])
+    # What a line has apart: its mean, drawn toward that of all.
+    np.testing.assert_allclose(found.apart[:, 0], drawn * (mean - found.value[0]), atol=0.02 * found.sigma[0])
+    own *= found.scatter
+    drawn = between_m**2 / (between_m**2 + own)
+    variance = 1 / (drawn.sum() / between_m**2 + 1 / 10.0**2)
+    assert found.sigma[0] == pytest.approx(np.sqrt(variance), rel=1e-6)
+    assert found.sigma[0] > between_m / np.sqrt(3)
+    np.testing.assert_allclose(found.apart_sigma[:, 0], np.sqrt(drawn * own + drawn**2 * variance), rtol=1e-6)
+
+
 def test_over_level_ground_the_heading_is_not_told_and_bias_and_pitch_are_one():
     one = Together(parts=(altimeter(400, 1, tilt_deg=30.0),))
     found = solve(one, plane(), ["pitch", "heading", "range_bias"])
@@ -189,6 +233,24 @@ def test_over_level_ground_the_heading_is_not_told_and_bias_and_pitch_are_one():
     assert not (found.told[0] and found.told[2])
     assert {"pitch", "range_bias"} in [set(direction) for direction in found.before.unseen]
     assert found.value[1] == 0.0
+
+
+def test_what_a_walk_goes_on_to_is_within_what_is_stated():
+    """Noise and walks in all proportions, as they are taken beforehand: 14 stretches, and the mean of 14 more."""
+    rng, deviation = np.random.default_rng(7), []
+    for angle in rng.uniform(0, np.pi / 2, 400):
+        means = np.cumsum(np.sin(angle) * rng.standard_normal(28)) + np.cos(angle) * rng.standard_normal(28)
+        mean, sigma = continued(means[:14] + 5.0)
+        deviation.append((means[14:].mean() + 5.0 - mean) / sigma)
+    # Four standard deviations of a mean, a variance and a share of 400; of several laws the middle is the likelier.
+    assert abs(np.mean(deviation)) < 0.2
+    assert np.var(deviation) == pytest.approx(1, abs=0.35)
+    assert np.mean(np.abs(deviation) < 1.96) == pytest.approx(0.95, abs=0.044)
+    assert np.mean(np.abs(deviation) < 1) > 0.6
+    # A level that only steps stays where it was last; of noise alone the mean is more than the last.
+    steady = 1.0 + 1e-3 * rng.standard_normal(14)
+    assert continued(steady)[0] == pytest.approx(1.0, abs=2e-3)
+    assert continued(10 * steady)[1] == pytest.approx(10 * continued(steady)[1], rel=1e-9)
 
 
 def test_stretches_stay_within_lines():

@@ -90,6 +90,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "covariance": (solution.covariance / np.outer(units, units)).tolist(),
         "correlation": solution.knowledge.correlation.tolist(),
         "trade_offs": _trade_offs(result),
+        "drift": _drift(result),
         "manoeuvres": [_told_by(manoeuvre) for manoeuvre in result.manoeuvres],
         "variance_factor": solution.scatter,
         "excess_of_stretches": solution.excess,
@@ -109,6 +110,20 @@ def _units(names: tuple[str, ...]) -> Float[np.ndarray, " error"]:
 def _trade_offs(result: Calibration) -> list[dict[str, float]]:
     unseen = result.solution.before.unseen
     return [{name: value / UNKNOWNS[name].si for name, value in direction.items()} for direction in unseen]
+
+
+def _drift(result: Calibration) -> list[dict[str, Any]]:
+    solution = result.solution
+    return [
+        {
+            "name": name,
+            "unit": UNKNOWNS[name].unit,
+            "sigma_between_lines": between / UNKNOWNS[name].si,
+            "lines": (solution.apart[:, k] / UNKNOWNS[name].si).tolist(),
+            "sigma_of_lines": (solution.apart_sigma[:, k] / UNKNOWNS[name].si).tolist(),
+        }
+        for k, (name, between) in enumerate(solution.drift.between.items())
+    ]
 
 
 def _told_by(manoeuvre: Manoeuvre) -> dict[str, Any]:
@@ -252,7 +267,7 @@ def print_calibration(result: Calibration) -> None:
         table.add_row(row["name"], row["unit"], *_texts(row).values())
     print_whole(table)
     out = console()
-    for text in [*trade_off_words(result), *_manoeuvre_words(result), _meaning(result)]:
+    for text in [*_statements(result), _meaning(result)]:
         out.print(text, soft_wrap=True)
     for recording in result.recordings:
         if recording.error is not None:
@@ -294,9 +309,18 @@ def trade_off_words(result: Calibration) -> list[str]:
     return words
 
 
+def _statements(result: Calibration) -> list[str]:
+    drifts = []
+    for row in _drift(result):
+        lines = zip(row["lines"], row["sigma_of_lines"], strict=True)
+        apart = ", ".join(f"{value:+.2g} ± {sigma:.2g}" for value, sigma in lines)
+        drifts.append(f"{row['name']} of each line apart from that of the flight: {apart} {row['unit']}")
+    return [*drifts, *trade_off_words(result), *_manoeuvre_words(result)]
+
+
 def _manoeuvre_words(result: Calibration) -> list[str]:
     solution = result.solution
-    if solution.told.all():
+    if solution.told.all() or not result.manoeuvres:
         return []
     held = [name for name, told in zip(solution.names, solution.told, strict=True) if not told]
     words = []
@@ -361,7 +385,7 @@ def calibration_page(result: Calibration) -> str:
             ]
             for k, row in enumerate(content["errors"])
         ],
-        statements=[*trade_off_words(result), *_manoeuvre_words(result)],
+        statements=_statements(result),
         manoeuvre_head=["One more line", *(f"{name} ({UNKNOWNS[name].unit})" for name in names)],
         manoeuvre_rows=[
             [

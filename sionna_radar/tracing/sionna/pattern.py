@@ -20,7 +20,7 @@ import sionna.rt as rt  # noqa: E402
 class SionnaPattern(rt.AntennaPattern):
     """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
 
-    tables: of a separable antenna, its two cuts and its peak voltage.
+    tables: samples of the pattern, of a separable antenna its two cuts, and its peak voltage.
     jones: shares of the received field along Sionna's two axes, theta (ours for V, pointing down) and phi; None for
     what the antenna transmits.
     """
@@ -29,11 +29,8 @@ class SionnaPattern(rt.AntennaPattern):
         # Reversing one axis swaps the two senses of circular polarization.
         shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         whole = antenna.transmit if jones is None or antenna.receive is None else antenna.receive
-        self.tables: list[Any] = []
-        if whole is None:
-            voltage_toward, self.tables = _product_of_cuts(antenna)
-        else:
-            voltage_toward = _whole(whole, antenna.efficiency)
+        self.tables: list[Any]
+        voltage_toward, self.tables = _product_of_cuts(antenna) if whole is None else _whole(whole, antenna.efficiency)
 
         def pattern(theta, phi):  # type: ignore[no-untyped-def]
             sin_theta, cos_theta = dr.sincos(theta)
@@ -59,26 +56,29 @@ def _product_of_cuts(antenna: Antenna):  # type: ignore[no-untyped-def]
 
 
 def _whole(pattern: Pattern, efficiency: float):  # type: ignore[no-untyped-def]
-    """Return the voltage of a pattern against the direction cosines ahead, left and up."""
-    amplitude = _amplitude(pattern)
+    """Return the voltage of a pattern against the direction cosines ahead, left and up, and its tables."""
+    amplitude, tables = _amplitude(pattern)
     peak = dr.opaque(mi.Float, float(np.sqrt(efficiency * pattern.directivity)))
-    return lambda ahead, left, up: peak * amplitude(ahead, left, up)
+    return lambda ahead, left, up: peak * amplitude(ahead, left, up), [*tables, peak]
 
 
 def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
-    """Return a pattern's relative amplitude as a function on the device; the same interpolation as in NumPy."""
+    """Return a pattern's relative amplitude as a function on the device, interpolated as in NumPy, and its tables."""
     match pattern:
         case ProductPattern():
             azimuth, elevation = (mi.Float(cut.astype(np.float32)) for cut in (pattern.azimuth, pattern.elevation))
-            return lambda ahead, left, up: (
-                _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+            return (
+                lambda ahead, left, up: (
+                    _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+                ),
+                [azimuth, elevation],
             )
         case SphericalPattern():
             table = _Table(pattern.samples)
-            return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left))
+            return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left)), [table.samples]
         case ElementPattern():
             half = pattern.exponent / 2
-            return lambda ahead, left, up: dr.power(dr.maximum(ahead, 0.0), half)
+            return lambda ahead, left, up: dr.power(dr.maximum(ahead, 0.0), half), []
         case ArrayPattern():
             return _steered(pattern)
     # Any other pattern, of someone's own, is sampled as finely as it says it changes.
@@ -86,7 +86,7 @@ def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
 
 
 def _steered(pattern: ArrayPattern):  # type: ignore[no-untyped-def]
-    table, element = _Table(pattern.factor.samples), _amplitude(pattern.element)
+    table, (element, of_element) = _Table(pattern.factor.samples), _amplitude(pattern.element)
     beam = pattern.R_face_antenna[:, 0]
     level = 1 / float(pattern.element.amplitude(beam[None])[0])
     # Opaque, so that all beams of an array share one compiled kernel.
@@ -98,7 +98,7 @@ def _steered(pattern: ArrayPattern):  # type: ignore[no-untyped-def]
         factor = table.at((along - off_up + REACH) / (2 * REACH), (across - off_left + REACH) / (2 * REACH))
         return factor * element(normal, across, along) * level
 
-    return amplitude
+    return amplitude, [table.samples, *of_element]
 
 
 def _azimuth_share(ahead, left):  # type: ignore[no-untyped-def]
@@ -114,7 +114,7 @@ class _Table:
 
     def __init__(self, samples: Float[np.ndarray, "row column"]) -> None:
         self._rows, self._columns = samples.shape
-        self._samples = mi.Float(np.ascontiguousarray(samples, dtype=np.float32).ravel())
+        self.samples = mi.Float(np.ascontiguousarray(samples, dtype=np.float32).ravel())
 
     def at(self, height, width):  # type: ignore[no-untyped-def]
         """Return the table at shares of its height and width, from 0 to 1."""
@@ -123,9 +123,9 @@ class _Table:
         near = mi.UInt32(dr.clip(column, 0, self._columns - 2))
         first = below * self._columns + near
         a, b = row - mi.Float(below), column - mi.Float(near)
-        low = dr.lerp(dr.gather(mi.Float, self._samples, first), dr.gather(mi.Float, self._samples, first + 1), b)
+        low = dr.lerp(dr.gather(mi.Float, self.samples, first), dr.gather(mi.Float, self.samples, first + 1), b)
         first += self._columns
-        high = dr.lerp(dr.gather(mi.Float, self._samples, first), dr.gather(mi.Float, self._samples, first + 1), b)
+        high = dr.lerp(dr.gather(mi.Float, self.samples, first), dr.gather(mi.Float, self.samples, first + 1), b)
         return dr.lerp(low, high, a)
 
 
