@@ -18,7 +18,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.radar.antenna import Antenna, two_way_spread
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.equation import collimated_m, two_way_beam_sr
+from sionna_radar.radar.equation import near_field_m, two_way_beam_sr
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
@@ -128,7 +128,7 @@ def build_detector(
         beam=None if antenna is None else beam_profile(antenna, response),
         speckle_looks=speckle_looks,
         volume_echo_w=_volume_echo_w(antenna, analyser, transmit_power_w),
-        collimated_m=0.0 if antenna is None else collimated_m(antenna, analyser.chirp.wavelength_m),
+        near_field_m=0.0 if antenna is None else near_field_m(antenna, analyser.chirp.wavelength_m),
     )
 
 

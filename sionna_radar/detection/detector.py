@@ -76,7 +76,7 @@ class Detector:
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
     volume_echo_w: mean power in a range cell at one metre of a volume of reflectivity one (m2/m3); None if unknown.
-    collimated_m: range up to which the beam is as wide as the aperture.
+    near_field_m: of the antenna, for a volume's echo.
     """
 
     analyser: SpectrumAnalyser
@@ -94,7 +94,7 @@ class Detector:
     beam: BeamProfile | None = None
     speckle_looks: int = 1
     volume_echo_w: float | None = None
-    collimated_m: float = 0.0
+    near_field_m: float = 0.0
 
     def spectra(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""

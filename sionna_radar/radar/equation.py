@@ -84,12 +84,18 @@ def two_way_beam_sr(antenna: Antenna) -> float:
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
 
 
-def collimated_m(antenna: Antenna, wavelength_m: float) -> float:
-    """Return the range (m) up to which the beam is as wide as the aperture, and a volume's echo does not fall as r^-2.
+def near_field_m(antenna: Antenna, wavelength_m: float) -> float:
+    """Return the range r_n (m) of the law (r^2 + r_n^2)^-1 of a volume's echo, which is r^-2 far beyond it.
 
-    lambda (G0^3 Omega_2 / (4 pi)^3)^(1/2), where the law of the far field falls below the echo of a collimated beam.
+    By reciprocity a drop's echo is sigma lambda^2 / (4 pi) S^2 with the power density S for a transmitted power of one.
+    Over a Gaussian beam of the Rayleigh range r_n the integral of S^2 is 1 / (lambda r_n (1 + (r / r_n)^2)). Far away
+    it is G0^2 Omega_2 / (4 pi r)^2, and so
+
+        r_n = lambda (G0 / 4 pi)^2 Omega_2.
+
+    Diffraction from uniform, cosine and squared-cosine apertures follows that law within 0.3 dB beyond 2 r_n.
     """
-    return float(wavelength_m * np.sqrt(antenna.peak_gain**3 * two_way_beam_sr(antenna) / (4 * np.pi) ** 3))
+    return wavelength_m * (antenna.peak_gain / (4 * np.pi)) ** 2 * two_way_beam_sr(antenna)
 
 
 def _parts_of_beam(

@@ -11,15 +11,16 @@ The motion is estimated from the survey as well: drops fall, and the wind carrie
 by an FMCW sweep by s metres for each m/s of range rate, of near drops as of far ones. So the mean at the measured range
 x, in a pulse whose boresight is b and through a volume of the velocity v, is
 
-    mu(x) = k r^-2 exp(-a r) + n,       r = x - s (b . v + the platform's range rate),
+    mu(x) = k (r^2 + r_n^2)^-1 exp(-a r) + n,       r = x - s (b . v + the platform's range rate),
 
-with the two-way attenuation a and the receiver noise n. A cell tells a shift of its range by the relative change
-2 / r + a of its mean: some hundred pulses tell the range rate to half a metre a second, and a scan samples many
-directions. (The end of the volume at the ground is shifted as well, but stands out in the tails of the ground's echo
-only, which is hundreds of times as strong: the footprint's shape would have to be known to a percent there.) The prior
-is rain falling through still air, drops weighted by their echo; its rate follows from the strength of the echo where
-the transmitted power is known. Rain in still air, snowfall, suspended particles and each of them in a wind are compared
-by their probabilities, the unknown velocity integrated out (Laplace's approximation; MacKay 1992, Neural Comput. 4).
+with the two-way attenuation a, the receiver noise n and the antenna's near field r_n (`near_field_m`). A cell tells a
+shift of its range by the relative change of its mean, 2 / r + a far away: some hundred pulses tell the range rate to
+half a metre a second, and a scan samples many directions. (The end of the volume at the ground is shifted as well, but
+stands out in the tails of the ground's echo only, which is hundreds of times as strong: the footprint's shape would
+have to be known to a percent there.) The prior is rain falling through still air, drops weighted by their echo; its
+rate follows from the strength of the echo where the transmitted power is known. Rain in still air, snowfall, suspended
+particles and each of them in a wind are compared by their probabilities, the unknown velocity integrated out
+(Laplace's approximation; MacKay 1992, Neural Comput. 4).
 """
 
 import math
@@ -28,7 +29,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import brentq
-from scipy.special import ndtri
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
@@ -143,7 +143,7 @@ def _volume_at(
 ) -> VolumeClutter | None:
     """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential."""
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
-    noise = _noise(level[first:last], np.sqrt(share / (1 - share) / len(power)) / -np.log(1 - share))
+    noise = float(np.quantile(level[first:last], QUIET_SHARE))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
@@ -157,17 +157,6 @@ def _volume_at(
         if filled and 1 / MAX_UNEVEN < ratio < MAX_UNEVEN:
             return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
-
-
-def _noise(level: Float[np.ndarray, " cell"], scatter: float) -> float:
-    """Return the level of the quietest cells: of those from their 5 % quantile to as far above their median.
-
-    scatter: standard deviation of the level of a cell, over its mean.
-    """
-    lowest = np.quantile(level, QUIET_SHARE)
-    below = -float(ndtri(QUIET_SHARE)) * scatter
-    highest = lowest * (1 + below) / max(1 - below, 0.1)
-    return float(np.median(level[(level >= lowest) & (level <= highest)]))
 
 
 def measured_mean(
@@ -277,7 +266,7 @@ class VolumeCells:
     power: over the volume's strength around each pulse. noise: mean power of the receiver noise, likewise.
     range_m: measured ranges of the cells. shift_m: increase of a range for each m/s of range rate.
     boresight, platform_mps: boresights, and the platform's range rates along them, of the measured poses.
-    looks: independent looks per cell. nearest_m: least range of the law r^-2. margin_m: reach of an echo's side lobes.
+    looks: independent looks per cell. margin_m: reach of an echo's side lobes. near_field_m: of the antenna.
     uneven: variance of the volume's strength between pulses, and so along a beam; 0 if it is uniform.
     """
 
@@ -288,8 +277,8 @@ class VolumeCells:
     boresight: Float[np.ndarray, "pulse 3"]
     platform_mps: Float[np.ndarray, " pulse"]
     looks: float
-    nearest_m: float
     margin_m: float
+    near_field_m: float
     uneven: float
 
     def beyond(self, particles_mps: Float[np.ndarray, " pulse"] | float) -> "VolumeCells":
@@ -298,7 +287,7 @@ class VolumeCells:
         Approaching ones next to the radar have negative beat frequencies, which a real signal shows as positive ones.
         """
         shift_m = abs(self.shift_m) * float(np.max(np.abs(self.platform_mps) + particles_mps))
-        far = self.range_m >= max(self.nearest_m, self.margin_m) + shift_m
+        far = self.range_m >= self.margin_m + shift_m
         return replace(self, power=self.power[:, far], range_m=self.range_m[far])
 
 
@@ -365,7 +354,7 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
 
     def law(value: Float[np.ndarray, " 5"]) -> tuple[Float[np.ndarray, "pulse cell"], Float[np.ndarray, "pulse cell"]]:
         range_m = np.maximum(at_rest - cells.shift_m * (cells.boresight @ value[:3])[:, None], nearest_m)
-        return range_m, np.exp(value[3] - value[4] * range_m) / range_m**2
+        return range_m, np.exp(value[3] - value[4] * range_m) / (range_m**2 + cells.near_field_m**2)
 
     value = expected.copy()
     noise = float(np.mean(cells.noise))
@@ -376,7 +365,7 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
         range_m, volume = law(value)
         mean = volume + cells.noise
         share = volume / mean
-        by_rate = share * (2 / range_m + value[4]) * cells.shift_m
+        by_rate = share * (2 * range_m / (range_m**2 + cells.near_field_m**2) + value[4]) * cells.shift_m
         slopes = np.stack([*(cells.boresight.T[:, :, None] * by_rate), share, -range_m * share]).reshape(5, -1)
         information = looks * slopes @ slopes.T + np.diag(precision)
         score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)

@@ -46,8 +46,6 @@ RARELY_GROUND = 0.02
 EVEN_LEVEL = 100.0
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
 STRONGER = 2.0
-# Times the range up to which the beam is collimated: the law r^-2 of a volume is not quite that of a far field before.
-NEAR_FIELD = 2.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
@@ -291,6 +289,7 @@ def _learned(
     # Motion shifts the ranges at which the law r^-2 of the first guess appears.
     nearest_m, middle = detector.analyser.chirp.range_resolution_m, _first_cell(detector) + NEAR_CELLS // 2
     range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
+    range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
     through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
     for _ in range(detector.volume.estimation_rounds):
@@ -309,7 +308,7 @@ def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) ->
     if echo_w is None or cells.size == 0:
         return TYPICAL_RATE_MM_PER_H
     range_m = _still_range_m(cells, through.detector, through.motion, pulses, sweep)
-    reflectivity_per_m = float(np.mean(volume.mean[cells] * range_m**2)) / echo_w
+    reflectivity_per_m = float(np.mean(volume.mean[cells] * (range_m**2 + through.detector.near_field_m**2))) / echo_w
     return rain_rate_of(reflectivity_per_m, float(range_m.mean()), sweep.carrier_hz)
 
 
@@ -404,7 +403,7 @@ def _motion(
         boresight=pose.boresight,
         platform_mps=pose.boresight_range_rate_mps,
         looks=end.looks,
-        nearest_m=NEAR_FIELD * through.detector.collimated_m,
+        near_field_m=through.detector.near_field_m,
         margin_m=2 * RESPONSE_CELLS * end.cell_m,
         uneven=volume.uneven,
     )

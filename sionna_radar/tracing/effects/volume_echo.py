@@ -14,14 +14,7 @@ incidence, split at the edge of a roof; the part of the beam that is still in th
 constant over the footprint (constant gamma, one material), and close to it elsewhere. A pulse that meets no
 surface sees the volume up to the last sampled range.
 
-Close to the antenna the far-field law 1/r^2 cannot hold: there the beam is as wide as the aperture. By reciprocity a
-drop's echo is P/P_t = sigma lambda^2 / (4 pi) (S/P_t)^2 with the power density S, in the far field the radar
-equation. Where the beam is collimated, S = P_t / A over the aperture A = G0 lambda^2 / (4 pi), and a metre of rain
-returns eta / G0 whatever the range. The far-field law falls below that at
-
-    r = lambda (G0^3 Omega_2 / (4 pi)^3)^(1/2),
-
-2.3 m for a beam of 2 deg; nearer than that the echo of a cell is kept constant.
+Close to the antenna the beam is as wide as the aperture, and the echo falls as (r^2 + r_n^2)^-1 (`near_field_m`).
 
 The polarization of the echo of rain and snow determines the share of it that the antenna's receive port accepts.
 """
@@ -37,7 +30,7 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.equation import collimated_m, two_way_beam_sr
+from sionna_radar.radar.equation import near_field_m, two_way_beam_sr
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Volume, Weather
@@ -159,19 +152,17 @@ def _cell_power(
     reflectivity_per_m: float, antenna: Antenna, chirp: Chirp, cell_m: float, cells: int
 ) -> Float[np.ndarray, " {cells}"]:
     beam_sr = two_way_beam_sr(antenna)
-    edge_m = cell_m * np.arange(cells + 1)
-    first = min(max(1, round(collimated_m(antenna, chirp.wavelength_m) / cell_m)), cells - 1)
+    edge_m, near_m = cell_m * np.arange(cells + 1), near_field_m(antenna, chirp.wavelength_m)
     far = rain_clutter_power(
-        edge_m[first:],
+        edge_m[-2:],
         reflectivity_per_m=reflectivity_per_m,
         two_way_beam_sr=beam_sr,
         peak_gain=antenna.peak_gain,
         wavelength_m=chirp.wavelength_m,
         specific_attenuation_db_per_km=0.0,
     )
-    # The power of an infinitely thin cell at the edge: that of the first far cell times (r + dr) / r.
-    held = far[0] * edge_m[first + 1] / edge_m[first]
-    return np.concatenate([np.full(first, held), far])
+    # Of a cell the far field has the integral of r^-2, 1 / r1 - 1 / r2.
+    return far / np.diff(-1 / edge_m[-2:]) * np.diff(np.arctan(edge_m / near_m)) / near_m
 
 
 # Rain given by a map only: the rate hardly affects the share.

@@ -23,21 +23,21 @@ LINE = (R_WORLD_NED @ whisk_broom_from_antenna(np.pi / 4, SCAN_RAD))[:, :, 0]
 
 
 SEEDS = range(20)
-SHIFT_M = 0.41
+SHIFT_M, NEAR_FIELD_M = 0.41, 1.6
 RANGE_M = np.arange(3.3, 58.0, 0.3)
 # Two-way, of 5 mm/h.
 ATTENUATION = 1.4e-3
 
 
 def echoes(velocity_mps, seed=7, *, lines=10, nearest_m=0.0, noise=1e-6, sign=1.0):
-    """Powers of a volume that moves, of the law k r^-2 exp(-a r); approaching drops fold onto positive frequencies."""
+    """Powers of a volume that moves; approaching drops fold onto positive frequencies."""
     boresight = np.tile(LINE, (lines, 1))
     platform_mps = -10.0 * boresight[:, 1]
     shift_m = sign * SHIFT_M * (boresight @ np.asarray(velocity_mps, dtype=float) + platform_mps)
 
     def mean(measured_m):
         range_m = measured_m - shift_m[:, None]
-        return np.where(range_m > 0.1, np.exp(-ATTENUATION * range_m) / np.maximum(range_m, 0.1) ** 2, 0.0)
+        return np.where(range_m > 0, np.exp(-ATTENUATION * range_m) / (range_m**2 + NEAR_FIELD_M**2), 0.0)
 
     power = mean(RANGE_M) + mean(-RANGE_M) + noise
     far = nearest_m <= RANGE_M
@@ -49,8 +49,8 @@ def echoes(velocity_mps, seed=7, *, lines=10, nearest_m=0.0, noise=1e-6, sign=1.
         boresight=boresight,
         platform_mps=platform_mps,
         looks=1.0,
-        nearest_m=0.0,
         margin_m=1.0,
+        near_field_m=NEAR_FIELD_M,
         uneven=0.0,
     )
 
