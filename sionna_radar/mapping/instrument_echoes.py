@@ -439,7 +439,7 @@ class Drift:
         score: Float[np.ndarray, " every"],
         apart: Float[np.ndarray, " drift"],
     ) -> "Eliminated":
-        """Return what a line says of the errors of the flight, whatever it has apart from them."""
+        """Return the information of a line on the errors of the flight, with its own errors eliminated."""
         count, own, root = len(self.names), self.own, self.sigma
         # In units of the standard deviations between lines, where the matrix is well conditioned.
         scaled = root[:, None] * information[np.ix_(own, own)] * root + np.eye(len(own))

@@ -419,7 +419,7 @@ class _Problem:
         return found.x, float(2 * found.cost)
 
     def scanned(self) -> Float[np.ndarray, " unknown"]:
-        """Return what was believed, with heights and lengths near it at which the levels of a cover are met best."""
+        """Return a start: the belief, with the heights and lengths near it that fit the levels of each cover best."""
         # The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
         model, place = self.model, {u.name: k for k, u in enumerate(self.model.unknowns)}
         believed, weight, most = np.array([(u.start, u.weight, u.most) for u in model.unknowns]).T
@@ -443,7 +443,7 @@ def _measures(
     level_sigma_db: float,
     calibration_sigma_db: float,
 ) -> tuple[Measure, ...]:
-    """Return what measurements that were not made would tell, by the Fisher information of their rows."""
+    """Return measurements that were not made, each with the Fisher information that it would add."""
     levels, found = model.levels, []
     if calibration_sigma_db > CALIBRATED_DB:
         known = np.zeros_like(knowledge.information)

@@ -212,7 +212,7 @@ class ThroughVolume:
 
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
-    """Return whether spectra of pulses sampled over a survey show a volume in front of the ground."""
+    """Return True if spectra of pulses sampled over a survey show a volume in front of the ground."""
     return detector.beam is not None and _first_guess(detector, power) is not None
 
 

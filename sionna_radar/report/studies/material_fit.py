@@ -149,7 +149,7 @@ def measure_words(fit: MaterialFit) -> list[str]:
 
 
 def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
-    """Return what a measurement tells that was not told, and by how much it lowers the uncertainty of the rest."""
+    """Return sentences: the parameters that a measurement would tell, and the standard deviations that it lowers."""
     before, after = fit.knowledge, measure.knowledge
     gained = [n for n, was, now in zip(before.names, before.told, after.told, strict=True) if now and not was]
     lowered = [
