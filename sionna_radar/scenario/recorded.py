@@ -92,7 +92,7 @@ class ReadingsTable(Table):
     """Ranges that a radar or a laser read by itself, as an altimeter does."""
 
     file: InputPath
-    """a CSV file or .npz with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
+    """a CSV file, .npz or netCDF (.nc) with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
     columns: dict[Literal["time_s", "range_m", "sigma_m"], str] = {}
     """names in the file, by ours."""
     range_cell_m: Annotated[Positive, Field(le=1e4)] = 1.0
@@ -105,9 +105,9 @@ class RecordingTable(Table):
     """The samples of a recording, and what is to be done to them before they are processed."""
 
     samples: InputPath
-    """a .npy or .npz array, or the raw capture (.bin) of TI's DCA1000 card."""
+    """a .npy, .npz or netCDF (.nc) array, or the raw capture (.bin) of TI's DCA1000 card."""
     variable: str = "samples"
-    """name of the array in a .npz file."""
+    """name of the array in a .npz or netCDF file."""
     axes: tuple[Literal["pulse", "receiver", "sample", "range", "iq"], ...] = ("pulse", "sample")
     """what the axes of an array are, the slowest first: "sample" of beat signals, or "range" of range profiles; "iq"
     holds I and Q, unless values are complex."""

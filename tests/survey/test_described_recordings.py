@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray
 from scipy.constants import speed_of_light
 
 from sionna_radar import process
@@ -159,11 +160,19 @@ def test_complex_profiles_are_the_signals_that_they_were_made_from(tmp_path, sen
 def test_averaged_powers_keep_their_cells_and_levels(tmp_path, sent, values, zero_m):
     beat = sent[:, :, 0, 0].reshape(-1, 4, SAMPLES) * np.hanning(SAMPLES) * 2
     power = (np.abs(np.fft.fft(beat, axis=-1) / SAMPLES) ** 2).mean(axis=1)
-    np.save(tmp_path / "profiles.npy", power if values == "power" else 10 * np.log10(power))
-    recording = f'samples = "profiles.npy"\nvalues = "{values}"\nrange_zero_m = {zero_m}\n{PROFILE_AXES}'
+    if values == "power":
+        np.save(tmp_path / "profiles.npy", power)
+    else:
+        packed = {"scale_factor": 0.01, "dtype": "int16", "_FillValue": -32768}
+        stored = xarray.Dataset({"level": (("pulse", "range"), 10 * np.log10(power))})
+        stored.to_netcdf(tmp_path / "profiles.nc", engine="h5netcdf", encoding={"level": packed})
+    name = "profiles.npy" if values == "power" else 'profiles.nc"\nvariable = "level'
+    recording = f'samples = "{name}"\nvalues = "{values}"\nrange_zero_m = {zero_m}\n{PROFILE_AXES}'
     found = process(described(tmp_path, recording, SWEEP))
     if zero_m == 0:
-        np.testing.assert_allclose(found.spectrum.mean, power.mean(axis=0), rtol=1e-9)
+        # Half a step of 0.01 dB is a share of 0.0012.
+        rounding = 1e-9 if values == "power" else 0.0012
+        np.testing.assert_allclose(found.spectrum.mean, power.mean(axis=0), rtol=rounding)
     assert abs(np.median(found.echoes.range_m) - (range_of(0, 0) - zero_m)) < 0.02
     with pytest.raises(ScenarioError, match=r"processing.window: has no effect on powers"):
         process(described(tmp_path, recording, SWEEP), {"processing.window": "hann"})
@@ -224,7 +233,7 @@ def readings(folder: Path, name: str, readings: str = "", rest: str = "") -> Pat
     return path
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("suffix", ["csv", "npz", "nc"])
 def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     """Level ground 104.3 m under a flight along 20 m, read 1.5 m too far, with a gap."""
     time_s = 70.0 + np.arange(0.0, 4.0, 0.05)
@@ -232,8 +241,13 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     if suffix == "csv":
         rows = [f"{t:.2f},{'' if np.isnan(r) else r}" for t, r in zip(time_s, range_m, strict=True)]
         (tmp_path / "alt.csv").write_text("\n".join(["utc,radar_m", *rows]))
-    else:
+    elif suffix == "npz":
         np.savez(tmp_path / "alt.npz", utc=time_s, radar_m=range_m)
+    else:
+        when = ("reading", time_s, {"units": "seconds since 2020-01-01"})
+        stored = xarray.Dataset({"utc": when, "radar_m": ("reading", range_m, {"units": "m"})})
+        packed = {"scale_factor": 0.1, "dtype": "int32", "_FillValue": -1}
+        stored.to_netcdf(tmp_path / "alt.nc", engine="h5netcdf", encoding={"radar_m": packed})
     flight = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 6.01, 0.1)]
     (tmp_path / "flight.csv").write_text("\n".join([COLUMNS, *flight]))
     named = 'columns = { time_s = "utc", range_m = "radar_m" }\nrange_zero_m = 1.5'
@@ -270,6 +284,29 @@ def test_readings_that_do_not_fit_are_one_clear_error(tmp_path, text, keys, word
     with pytest.raises((InputFileError, ScenarioError)) as refused:
         process(readings(tmp_path, "alt.csv", keys))
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("variable", "words"),
+    [
+        (("reading", [1.0, 2.0], {"units": "ft"}), "range_m has the unit 'ft'; give it in m"),
+        (("reading", ["a", "b"]), "columns that are no numbers"),
+        ((("reading", "beam"), [[1.0], [2.0]]), "columns of different lengths"),
+    ],
+)
+def test_netcdf_readings_that_do_not_fit_are_one_clear_error(tmp_path, variable, words):
+    stored = xarray.Dataset({"time_s": ("reading", [0.0, 1.0]), "range_m": variable})
+    stored.to_netcdf(tmp_path / "alt.nc", engine="h5netcdf")
+    with pytest.raises(InputFileError, match=words):
+        process(readings(tmp_path, "alt.nc"))
+
+
+def test_swapped_axes_of_a_netcdf_file_are_one_clear_error(tmp_path):
+    stored = xarray.Dataset({"samples": (("range", "pulse"), np.ones((SAMPLES, SAMPLES)))})
+    stored.to_netcdf(tmp_path / "profiles.nc", engine="h5netcdf")
+    recording = f'samples = "profiles.nc"\nvalues = "power"\n{PROFILE_AXES}'
+    with pytest.raises(InputFileError, match=r"has the dimensions \['range', 'pulse'\]; set recording.axes to these"):
+        process(described(tmp_path, recording, SWEEP))
 
 
 def test_a_description_has_samples_or_readings(tmp_path):

@@ -1,7 +1,7 @@
-"""Recordings of other programs, described by a TOML file beside them: NumPy arrays, and raw captures of TI's DCA1000.
+"""Recordings of other programs, described by a TOML file beside them: arrays, and raw captures of TI's DCA1000.
 
     [recording]
-    samples = "adc_data.bin"            # .npy, .npz, or .bin of the capture card
+    samples = "adc_data.bin"            # .npy, .npz, .nc, or .bin of the capture card
     config = "profile.cfg"              # of a .bin: the chirp configuration (.cfg), or mmWave Studio's .mmwave.json
     receiver = 1
 
@@ -50,6 +50,7 @@ from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
 from sionna_radar.survey.recordings.capture_file import CONFIG_REMEDY, capture_config, capture_frames, receiver_samples
+from sionna_radar.survey.recordings.netcdf import open_netcdf
 from sionna_radar.survey.recordings.signal_file import MAX_PULSES, MAX_SAMPLES, MIN_SAMPLES, RecordedPulses, sweeps_of
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
@@ -257,25 +258,57 @@ def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarr
     """Return the columns of a file of ranges by our names."""
     regular_file(path, "readings.file =", REMEDY, MAX_BYTES)
     wanted = {name: renamed.get(name, name) for name in ("time_s", "range_m", "sigma_m")}
-    try:
-        if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                found = {name: np.asarray(file[key], np.float64) for name, key in wanted.items() if key in file}
-                names = list(file)
-        else:
+    if path.suffix.lower() in (".npz", ".nc"):
+        found, names = _stored(path, wanted, {"time_s": "s", "range_m": "m", "sigma_m": "m"})
+    else:
+        with _readable(path, "a table"):
             table: np.ndarray = np.genfromtxt(
                 path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8", ndmin=1
             )
-            names = list(table.dtype.names or ())
-            found = {name: np.asarray(table[key]) for name, key in wanted.items() if key in names}
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        _fail(path, f"cannot be read as a table ({str(error).splitlines()[0]})")
+        names = list(table.dtype.names or ())
+        found = {name: table[key] for name, key in wanted.items() if key in names}
     missing = [wanted[name] for name in wanted if name not in found and (name != "sigma_m" or name in renamed)]
     if missing:
         _fail(path, f"has {', '.join(names)}, and not {missing[0]}; name it in [readings.columns]")
     if len({column.shape for column in found.values()}) != 1 or found["time_s"].ndim != 1:
         _fail(path, "has columns of different lengths; give one value a reading")
-    return found
+    if any(column.dtype.kind not in "iuf" for column in found.values()):
+        _fail(path, "has columns that are no numbers; give seconds and metres")
+    return {name: np.asarray(column, np.float64) for name, column in found.items()}
+
+
+@contextmanager
+def _readable(path: Path, what: str) -> Iterator[None]:
+    """Turn NumPy's errors for a file into one that names it."""
+    try:
+        yield
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        _fail(path, f"cannot be read as {what} ({str(error).splitlines()[0]})")
+
+
+def _stored(
+    path: Path, wanted: Mapping[str, str], units: Mapping[str, str] | None = None, axes: tuple[str, ...] = ()
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return arrays of a NumPy or netCDF file by our names, those that it has, and the names of all.
+
+    units, axes: that a netCDF file may not contradict: by our names, and of all arrays.
+    """
+    if path.suffix.lower() == ".nc":
+        with open_netcdf(path, "recording", REMEDY) as file:
+            found = {name: file.variable(key) for name, key in wanted.items() if key in file}
+            for name, unit in (units or {}).items():
+                file.check_unit(wanted[name], unit)
+            for variable in found.values():
+                names = tuple(axis[0].name.strip("/") if len(axis) else "" for axis in variable.dims)
+                if set(names) == set(axes) and names != axes:
+                    file.fail(f"has the dimensions {list(names)}; set recording.axes to these")
+            return {name: file.unpacked(variable, variable[...]) for name, variable in found.items()}, list(file)
+    with _readable(path, "a NumPy file"):
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return dict.fromkeys(wanted, loaded), []
+        with loaded as arrays:
+            return {name: arrays[key] for name, key in wanted.items() if key in arrays}, list(arrays)
 
 
 def _description(path: Path) -> DescribedRecording:
@@ -338,16 +371,11 @@ def _check_receiver(own: RecordingTable, receivers: int) -> None:
 
 
 def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver sample"]:
-    """Return the samples of a receiver in a NumPy file, or of every one."""
-    try:
-        values = np.load(own.samples, allow_pickle=False)
-        if isinstance(values, np.lib.npyio.NpzFile):
-            with values as file:
-                if own.variable not in file:
-                    _fail(own.samples, f"has {', '.join(file)}; name one as recording.variable")
-                values = file[own.variable]
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        _fail(own.samples, f"cannot be read as a NumPy file ({str(error).splitlines()[0]})")
+    """Return the samples of a receiver in a file of arrays, or of every one."""
+    found, names = _stored(own.samples, {"samples": own.variable}, axes=own.axes)
+    if "samples" not in found:
+        _fail(own.samples, f"has {', '.join(names)}; name one as recording.variable")
+    values = found["samples"]
     if values.dtype.kind not in "iufc" or values.ndim != len(own.axes):
         _fail(own.samples, f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(own.axes)}")
     if not np.isfinite(values).all():
