@@ -125,7 +125,7 @@ class RecordingTable(Table):
     """first sample and the one after the last, where those at the ends of a sweep are dead."""
     background: InputPath | None = None
     """a recording of the sky or an absorber in the same form; its mean sweep is subtracted from each, and leakage with
-    it."""
+    it; of powers, what its mean exceeds its median over the ranges by."""
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
     """range that the radar reads at range zero: cables, filters, internal delay."""
 
@@ -137,8 +137,6 @@ class RecordingTable(Table):
             yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
             yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
-        if self.values != "complex" and self.background is not None:
-            yield "background", "is subtracted from signals and complex profiles; powers have no phase"
 
     @property
     def kind(self) -> Literal["sample", "range"]:

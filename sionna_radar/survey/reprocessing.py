@@ -563,9 +563,9 @@ def _warnings(
     source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum | None
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
-    warnings: tuple[str, ...] = ()
+    warnings = source.file.warnings if isinstance(source.file, Described) else ()
     if not source.file.pulses.located:
-        warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
+        warnings += ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"
     if source.file.scenario is None and spectrum is not None and complex_signals and _turned(spectrum, source.detector):
         warnings += (

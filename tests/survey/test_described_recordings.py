@@ -1,12 +1,14 @@
 """Recordings of other programs, described by a TOML file: every layout gives the range that was put in."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
 from scipy.constants import speed_of_light
+from scipy.stats import norm
 
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -176,6 +178,38 @@ def test_averaged_powers_keep_their_cells_and_levels(tmp_path, sent, values, zer
     assert abs(np.median(found.echoes.range_m) - (range_of(0, 0) - zero_m)) < 0.02
     with pytest.raises(ScenarioError, match=r"processing.window: has no effect on powers"):
         process(described(tmp_path, recording, SWEEP), {"processing.window": "hann"})
+
+
+def test_a_background_of_powers_leaves_the_echo_and_the_floor(tmp_path):
+    """|leakage + noise|^2 has the mean L + F and the variance 2 L F + F^2; without the background the mean is F."""
+    floor, leakage, echo, looks, pulses = 1.0, 100.0, 400.0, 64, 200
+    rng = np.random.default_rng(5)
+    amplitude = np.zeros(SAMPLES)
+    amplitude[[10, 60]] = np.sqrt([leakage, echo])
+
+    def powers(amplitude: np.ndarray) -> np.ndarray:
+        noise = rng.normal(size=(pulses, looks, SAMPLES, 2)) * np.sqrt(floor / 2)
+        return ((amplitude + noise[..., 0]) ** 2 + noise[..., 1] ** 2).mean(axis=1)
+
+    np.save(tmp_path / "profiles.npy", powers(amplitude))
+    np.save(tmp_path / "sky.npy", sky := powers(np.where(np.arange(SAMPLES) == 10, amplitude, 0.0)))
+    recording = f'samples = "profiles.npy"\nbackground = "sky.npy"\nvalues = "power"\n{PROFILE_AXES}'
+    found = process(described(tmp_path, recording, SWEEP))
+    deviation = np.sqrt(2 * leakage * floor + floor**2) / np.sqrt(looks)
+    # Two means, of the recording and of the sky; powers below zero count as zero, which adds deviation / sqrt(2 pi).
+    assert abs(found.spectrum.mean[10] - floor) < deviation * (5 * np.sqrt(2 / pulses) + 1 / np.sqrt(2 * np.pi))
+    assert found.spectrum.mean[60] == pytest.approx(echo + floor, rel=0.02)
+    np.testing.assert_allclose(np.delete(found.spectrum.mean, [10, 60]), floor, atol=5 * np.sqrt(2 / pulses / looks))
+    cell_m = speed_of_light / (2 * SLOPE * SAMPLES / RATE_HZ)
+    (share,) = re.findall(rf"most often at {10 * cell_m:.2f} m \(in (\d+)% of the pulses\)", found.warnings[0])
+    assert abs(int(share) / 100 - norm.cdf(-floor / deviation)) < 5 * np.sqrt(0.25 / pulses)
+    np.save(tmp_path / "sky.npy", powers(np.zeros(SAMPLES)))
+    kept = process(described(tmp_path, recording, SWEEP))
+    assert kept.spectrum.mean[10] == pytest.approx(leakage + floor, rel=0.02)
+    assert kept.warnings == ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
+    np.save(tmp_path / "sky.npy", sky[:, 1:])
+    with pytest.raises(InputFileError, match="has 255 cells a pulse, and the recording 256"):
+        process(described(tmp_path, recording, SWEEP))
 
 
 @pytest.mark.parametrize("real", [True, False])

@@ -69,6 +69,7 @@ class Described:
     time_s: of each pulse, from the first position of the log, or else from the first pulse.
     pose_at: returns the poses at some times; None if they are not known.
     settings: values of `processing`, `dem` and `radar` in the description, by dotted keys. files: that it names.
+    warnings: what its user should know of it.
     """
 
     time_s: Float[np.ndarray, " pulse"]
@@ -76,6 +77,7 @@ class Described:
     georeference: Georeference | None
     settings: Mapping[str, Any]
     files: tuple[Path, ...]
+    warnings: tuple[str, ...] = ()
     scenario: None = None
     flight: None = None
     truth: None = None
@@ -192,7 +194,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         raise ScenarioError([Problem("recording.values", "powers have no phase; an array needs 'complex'")], str(path))
     channel = _read(path, own, table.sweep, array)
     samples, radar, background = channel.samples, channel.radar, None
-    if own.background is not None:
+    if own.background is not None and own.values == "complex":
         sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep, array)
         background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
@@ -219,6 +221,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         georeference=georeference,
         settings=table.settings() | (WHOLE_CELLS if own.values != "complex" else {}),
         files=_files(table, own.samples, own.config, own.background),
+        warnings=channel.warnings,
     )
 
 
@@ -340,6 +343,7 @@ class _Channel:
     samples: Num[np.ndarray, "pulse *channel sample"]
     radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
+    warnings: tuple[str, ...] = ()
 
 
 def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
@@ -353,8 +357,11 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
         raise ScenarioError([Problem("sweep", message)], str(path))
     samples = _array(own, every=array is not None)
-    if own.kind == "range":
-        samples = _signals_of(samples, own, sweep)
+    warnings: tuple[str, ...] = ()
+    if own.values != "complex":
+        samples, warnings = _of_powers(samples, own, sweep)
+    elif own.kind == "range":
+        samples = np.fft.ifft(samples, norm="forward")
     period_s = 1 / sweep.pulse_rate_hz
     radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
     chirps = 1 if array is None else array.chirps_per_frame
@@ -362,7 +369,8 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         _fail(own.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
     if array is not None:
         samples = samples.reshape(-1, chirps, *samples.shape[1:])
-    return _Channel(samples=samples, radar=radar, time_s=period_s * chirps * np.arange(len(samples)))
+    time_s = period_s * chirps * np.arange(len(samples))
+    return _Channel(samples=samples, radar=radar, time_s=time_s, warnings=warnings)
 
 
 def _check_receiver(own: RecordingTable, receivers: int) -> None:
@@ -395,16 +403,40 @@ def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver
     return values if every else values[:, own.receiver - 1]
 
 
-def _signals_of(
-    profiles: Num[np.ndarray, "pulse *receiver cell"], own: RecordingTable, sweep: SweepTable
-) -> Complex[np.ndarray, "pulse *receiver sample"]:
-    """Return the I/Q samples whose spectra are the given range profiles.
+def _of_powers(
+    profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable, sweep: SweepTable
+) -> tuple[Complex[np.ndarray, "pulse sample"], tuple[str, ...]]:
+    """Return I/Q samples whose spectra have given powers and no phase, and what is to be said of them.
 
-    Those of powers have spectra with these powers and no phase, which an analysis without a window and zero-padding
-    returns as they are; their ranges are counted from the radar's zero here, between cells linearly.
+    An analysis without a window and zero-padding returns the powers as they are. Their ranges are counted from the
+    radar's zero here, between cells linearly.
     """
-    if own.values == "complex":
-        return np.fft.ifft(profiles, norm="forward")
+    power, cell = _powers(profiles, own), np.arange(profiles.shape[1], dtype=np.float64)
+    cell_m = sweep.propagation_mps / (2 * sweep.bandwidth_hz)
+    warnings: tuple[str, ...] = ()
+    if own.background is not None:
+        sky = own.model_copy(update={"samples": own.background})
+        mean = _powers(_array(sky, every=False), sky).mean(axis=0)
+        if mean.shape != cell.shape:
+            _fail(own.background, f"has {len(mean)} cells a pulse, and the recording {len(cell)}")
+        # Of a sky most cells hold noise alone; what exceeds it is leakage.
+        power = power - (mean - np.median(mean))
+        below = (power < 0).mean(axis=0)
+        if below.any():
+            at = int(np.argmax(below))
+            warnings = (
+                f"{below.mean():.2g} of the powers are negative without the background, most often at "
+                f"{cell_m * at - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as zero; where "
+                "its leakage was stronger, record it again",
+            )
+        power = np.maximum(power, 0.0)
+    if own.range_zero_m:
+        power = np.stack([np.interp(cell + own.range_zero_m / cell_m, cell, row) for row in power])
+    return np.fft.ifft(np.sqrt(power), axis=1, norm="forward"), warnings
+
+
+def _powers(profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable) -> Float[np.ndarray, "pulse cell"]:
+    """Return the powers of profiles, or of these in dB."""
     if profiles.dtype.kind == "c":
         _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
     power = np.asarray(profiles, dtype=np.float64)
@@ -412,11 +444,7 @@ def _signals_of(
         power = 10 ** (power / 10)
     if not (np.isfinite(power).all() and (power >= 0).all()):
         _fail(own.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
-    if own.range_zero_m:
-        cell = np.arange(power.shape[1], dtype=np.float64)
-        seen = cell + own.range_zero_m * 2 * sweep.bandwidth_hz / sweep.propagation_mps
-        power = np.stack([np.interp(seen, cell, row) for row in power])
-    return np.fft.ifft(np.sqrt(power), axis=1, norm="forward")
+    return power
 
 
 def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -> _Channel:
