@@ -15,7 +15,7 @@ come from the sums of Z'r over square tiles, wider than the correlation length o
 "Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -31,6 +31,7 @@ from rasterio.warp import Resampling, reproject
 from sionna_radar.accuracy.breakdown import Breakdown, break_down, variogram
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import DemError, nmad, statistics
+from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import height_system, horizontal_part
@@ -167,6 +168,8 @@ def compare_with_reference(
     lit: Bool[np.ndarray, "row column"] | None = None,
     points: Points | None = None,
     uncertainty: Uncertainty | None = None,
+    walls: Walls | None = None,
+    covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
     seed: int = 0,
 ) -> ReferenceCheck:
     """Compare a DEM with the measured heights of a file.
@@ -186,6 +189,8 @@ def compare_with_reference(
         Cells that the main beam reached; None takes all filled ones.
     points, uncertainty:
         The located echoes, and the uncertainty of means, for classes of view and windows.
+    walls, covers:
+        Where they are, in the coordinates of the DEM, for classes of distance and of cover; None if it is not known.
     seed:
         Of the random choice of checkpoints among cells.
 
@@ -224,7 +229,7 @@ def compare_with_reference(
         applied=apply_shift,
         error=error,
         statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
-        breakdown=break_down(error, surface, known, points, None, seed, own_error_m=reference.sigma_m),
+        breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
         calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
     )
 

@@ -17,6 +17,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_referen
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.report.page.sections import reference_section
 
 GRID = Grid(west_m=-40.0, south_m=-35.0, spacing_m=1.0, columns=81, rows=71)
 
@@ -139,6 +140,40 @@ def test_the_true_surface_as_reference_gives_the_errors_of_a_survey(survey, tmp_
     wider = survey.with_reference(path, sigma_m=0.1).reference
     assert wider.calibration.cells.sigma_rms_m > check.calibration.cells.sigma_rms_m
     assert "an error of 10.0 cm" in wider.breakdown.checkpoints.statement
+
+
+def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_path):
+    """A reference 0.4 m too low on a field, and 0.2 m too high within 5 m of a wall of which the scenario knows."""
+    stand = {"polygon_m": [[-45, 15], [-30, 15], [-30, 30], [-45, 30]], "height_m": 3.0}
+    changes = {
+        "platform.length_m": 40.0,
+        "terrain.spacing_m": 1.0,
+        "terrain.fields": [{"centre_m": [-40.0, -25.0], "size_m": [20.0, 20.0], "material": "gravel"}],
+        "materials.gravel": {"model": "constant_gamma", "gamma_db": -10.0},
+        "buildings": [{"position_m": [-22.0, -5.0], "size_m": [8.0, 8.0, 6.0]}],
+        "vegetation": [{**stand, "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}],
+    }
+    survey = run(load_scenario("hills", changes))
+    x, y = survey.truth.grid.centres_m.T.reshape(2, *survey.truth.grid.shape)
+    field = (np.abs(x + 40) <= 10) & (np.abs(y + 25) <= 10)
+    beyond = np.maximum(np.abs(x + 22), np.abs(y + 5)) - 4
+    beside = (np.abs(beyond) <= 5) & (np.minimum(np.abs(x + 22), np.abs(y + 5)) <= 4)
+    surveyed = survey.dem.height_m + np.where(beside, 0.2, np.where(field, -0.4, 0.0))
+    path = written(replace(survey.dem, height_m=surveyed), tmp_path / "surveyed.tif")
+    result = survey.with_reference(path)
+    found = result.reference.breakdown
+    covers = {name: error.mean_m for name, error in found.by_cover.items()}
+    assert set(covers) == {"ground", "gravel", "vegetation", "building"}
+    # Cells of the border, which follows the mesh, and those of the wall's corners.
+    assert covers["gravel"] == pytest.approx(0.4, abs=0.05)
+    assert covers["vegetation"] == pytest.approx(0.0, abs=1e-5)
+    assert abs(covers["ground"]) < 0.02
+    walls = {entry.low: entry.mean_m for entry in found.by_wall_distance}
+    assert all(walls[low] < -0.1 for low in (0.0, 1.0, 2.0))
+    assert walls[20.0] > -0.01
+    names = {name: error.count for name, error in survey.breakdown.by_cover.items()}
+    assert sum(names.values()) == survey.lit_error.count
+    assert reference_section(result.reference)["classes"]["Cover"][0][0] == "building"
 
 
 @pytest.mark.parametrize("every", [1, 9])
