@@ -177,6 +177,16 @@ def _pulses_at(time_s: Float[np.ndarray, " pulse"], pose_at: PoseAt | None) -> R
     return RecordedPulses(poses=poses, time_s=time_s, scan_rad=np.zeros(len(time_s)), scan_number=None, beam=None)
 
 
+def is_recording(path: Path) -> bool:
+    """Return True for a file of recorded signals, and for a TOML file that describes a recording."""
+    if path.suffix.lower() != ".toml":
+        return path.suffix.lower() in (".nc", ".bin")
+    try:
+        return not {"recording", "readings"}.isdisjoint(parse_toml(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return False
+
+
 @contextmanager
 def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
     """Open a recording that a TOML file describes.
