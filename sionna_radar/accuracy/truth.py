@@ -139,16 +139,13 @@ class GroundTruth:
 
     @cached_property
     def covers(self) -> dict[str, Bool[np.ndarray, "row column"]]:
-        """Cells under vegetation, and others by the material of the highest surface; empty where all are the same."""
+        """Cells of each cover, seen from above; empty where all are the same."""
         scene, centres_m = self.built.scene, self.grid.centres_m
-        materials = np.array([surface.material for surface in scene.surfaces])
-        if len(set(materials)) == 1 and scene.vegetation is None:
+        if len({surface.material for surface in scene.surfaces}) == 1 and scene.vegetation is None:
             return {}
         above = np.column_stack([centres_m, np.full(len(centres_m), scene.bounds_m[1, 2] + CLEAR_M)])
         hits = self.built.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
-        name = np.where(hits.hit, materials[hits.surface], "").reshape(self.grid.shape)
-        if scene.vegetation is not None:
-            name = np.where(np.isfinite(scene.vegetation.over(self.grid)), "vegetation", name)
+        name = scene.covers(hits.surface, centres_m).reshape(self.grid.shape)
         return {str(own): name == own for own in np.unique(name[name != ""])}
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:

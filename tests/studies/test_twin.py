@@ -120,6 +120,20 @@ def test_what_is_changed_is_told_by_its_row(flown, changes, name, measured_is, n
     assert needs in row.needs
 
 
+def test_the_power_over_a_cover_is_told_apart_from_that_of_the_others(tmp_path):
+    field = {
+        "terrain.fields": [{"centre_m": [-37.0, 22.0], "size_m": [40.0, 44.0], "material": "gravel"}],
+        "materials.gravel": {"model": "constant_gamma", "gamma_db": -10.0},
+    }
+    run(load_scenario("hills", FLOWN | field), recordings={"signals": tmp_path / "flown.nc"})
+    twin = run_twin(tmp_path / "flown.nc", overrides={"materials.gravel.gamma_db": -7.0})
+    gravel, ground = (twin.row(f"echo power over {name}") for name in ("gravel", "ground"))
+    assert gravel.differs
+    assert gravel.difference == pytest.approx(-3.0, abs=4 * gravel.sigma)
+    assert abs(ground.difference) < 1.0
+    assert not ground.differs
+
+
 def test_a_bias_of_range_is_told_with_its_size(flown, tmp_path):
     path = shutil.copy(flown, tmp_path / "biased.nc")
     with h5py.File(path, "r+") as file:
