@@ -204,7 +204,11 @@ def strip_along(measured: Pose, clearance_m: float, beamwidths_rad: tuple[float,
         raise InputFileError(message + " below it as --ground-height")
     incidence_rad = float(np.arctan2(np.hypot(along, right), -look[2]))
     side: Literal["left", "right"] = "right" if right > 0 else "left"
-    return lit_strip(ends, side, clearance_m, incidence_rad, beamwidths_rad[1], max_range_m)
+    strip = lit_strip(ends, side, clearance_m, incidence_rad, beamwidths_rad[1], max_range_m)
+    if not strip.near_m < strip.far_m:
+        message = f"the beam is {np.rad2deg(incidence_rad):.1f} deg off nadir, and meets no ground {clearance_m:.1f} m "
+        raise InputFileError(message + "below within the ranges; look at measured_rotation and --ground-height")
+    return strip
 
 
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:

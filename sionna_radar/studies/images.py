@@ -4,6 +4,7 @@ Imaging uses the measured pose and the nominal altitude only; point targets of t
 resolution, like corner reflectors.
 """
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,9 +54,18 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import RecordedSensor, RecordingSource, open_recording
+from sionna_radar.survey.reprocessing import (
+    RecordedSensor,
+    RecordingSource,
+    mean_spectrum,
+    open_recording,
+)
 from sionna_radar.survey.sensors.radar import Radar
 
+logger = logging.getLogger("sionna_radar")
+
+# Energy where the mirrored strip would lie over that in the strip, outside of which the beam is under half its power.
+TURNED = 2.0
 # Bins of the slant-range image per range cell, and averaging intervals per resolved width at the near edge.
 BINS_PER_CELL = 4
 STRETCHES_PER_WIDTH = 8
@@ -200,6 +210,8 @@ def image_recording(
     with execution.reported(), open_recording(Path(recording), dict(overrides or {})) as source:
         view, sensor = _recorded_view(source, ground_m), source.build_sensor()
         assert isinstance(sensor, RecordedSensor)
+        for warning in source.file.warnings + _turned(source, view.strip):
+            logger.warning("%s", warning)
 
         def beat(pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
             return sensor.sweeps.cleaned(source.beats(pulses), pulses)[0]
@@ -274,6 +286,22 @@ def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
         georeference=file.georeference,
         rate_hz=speed_mps / spacing_m,
         recording=source.path,
+    )
+
+
+def _turned(source: RecordingSource, strip: Strip) -> tuple[str, ...]:
+    """Return a warning if the energy lies where the strip would stand in I/Q samples of the other sign."""
+    spectrum, reach_m = mean_spectrum(source), source.sweeps[0].max_range_m
+    near_m, far_m = (strip.slant_range_m(ground_m) for ground_m in (strip.near_m, strip.far_m))
+    power, r = np.maximum(spectrum.mean - spectrum.floor, 0.0), spectrum.range_m
+    lit, mirrored = (r >= near_m) & (r <= far_m), (reach_m - r >= near_m) & (reach_m - r <= far_m)
+    right, wrong = power[lit & ~mirrored].sum(), power[mirrored & ~lit].sum()
+    if source.file.scenario is not None or source.sweeps[0].sampling == "real" or wrong <= TURNED * right:
+        return ()
+    return (
+        f"the strip is expected at {near_m:.1f} to {far_m:.1f} m, and its energy lies at {reach_m - far_m:.1f} to "
+        f"{reach_m - near_m:.1f} m, as where Q has the other sign; set radar.conjugate = "
+        f"{str(not source.conjugate).lower()}",
     )
 
 

@@ -382,7 +382,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         profiles=(np.nanmean(measured.side.about, axis=0), np.nanmean(simulated.side.about, axis=0)),
         levels_known=readings or pair.levels_known,
         overrides={},
-        warnings=prepared.warnings,
+        warnings=source.file.warnings + prepared.warnings,
     )
 
 

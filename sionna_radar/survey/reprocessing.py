@@ -497,7 +497,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     readings = isinstance(file, DescribedRanges)
-    spectrum = None if readings else _spectrum(source)
+    spectrum = None if readings else mean_spectrum(source)
     return Processed(
         source=source.path,
         overrides=source.overrides,
@@ -553,7 +553,8 @@ def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[C
         return sensor.sweeps.record_chirps(again.flight.pulses(index))
 
 
-def _spectrum(source: RecordingSource) -> RangeSpectrum:
+def mean_spectrum(source: RecordingSource) -> RangeSpectrum:
+    """Return the spectrum of pulses spread over a recording."""
     analyser = source.detector.analyser
     power = analyser.power(source.beats(source.flight.sample(SPECTRUM_PULSES))[0])
     return RangeSpectrum(range_m=analyser.range_m, mean=power.mean(axis=0), median=np.median(power, axis=0))
@@ -563,7 +564,7 @@ def _warnings(
     source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum | None
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
-    warnings = source.file.warnings if isinstance(source.file, Described) else ()
+    warnings = source.file.warnings
     if not source.file.pulses.located:
         warnings += ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import h5py
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.io import netcdf_file
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from sionna_radar import run
+from sionna_radar import process, run
 from sionna_radar.cli.app import app
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -290,6 +291,32 @@ def test_a_recording_is_focused_along_its_measured_poses(imagery, tmp_path):
         file["measured_position"][...] = np.linspace(place[0], place[-1], len(place))
     straight = image_recording(path, ground_m=0.0).focused
     assert straight.power.max() < 0.1 * focused.power.max()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("beat_q", lambda q: -q, "as where Q has the other sign; set radar.conjugate = true"),
+        ("measured_velocity", lambda v: -v, r"velocities -11.0 [+-]0.0 [+-]0.0 m; look at signs, axes and units"),
+        ("measured_rotation", lambda R: np.swapaxes(R, 1, 2), "look at measured_rotation"),
+        ("beat_q", lambda q: q, ""),
+    ],
+)
+def test_poses_and_signs_that_contradict_what_is_seen_are_told(imagery, tmp_path, caplog, name, change, words):
+    path, antenna = tmp_path / "strip.nc", {"radar.antenna.beamwidth_deg": [2.5, 12.0]}
+    run(imagery.scenario, recordings={"signals": path})
+    with h5py.File(path, "r+") as file:
+        for own in ("scenario", "survey", "true_height", "lit"):
+            del file[own]
+        file[name][...] = change(file[name][...])
+    caplog.clear()
+    if name == "measured_rotation":
+        with pytest.raises(InputFileError, match=words):
+            image_recording(path, antenna, ground_m=0.0)
+        assert "looks to the horizon or above it in 100%" in process(path, antenna).warnings[0]
+        return
+    image_recording(path, antenna, ground_m=0.0)
+    assert re.search(words, caplog.text) if words else not caplog.text
 
 
 @pytest.mark.parametrize(

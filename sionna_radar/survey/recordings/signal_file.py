@@ -50,6 +50,8 @@ FARTHEST_M, FASTEST_MPS = 1e6, 1e4
 LAYOUT = 1
 MAX_CAPTURE_BYTES = 64_000_000_000
 UNITS = {"measured_position": "m", "measured_velocity": "m s-1", "time": "s"}
+# Share of pulses that look down, and of the way that positions and velocities agree on, at least; pulses looked at.
+MOSTLY, MOTION_PULSES = 0.8, 2000
 # How far a rotation matrix may be from orthonormal.
 ROUNDING = 1e-6
 
@@ -165,6 +167,26 @@ class SignalFile:
             scan_number=None if number is None else number.astype(np.int64),
             beam=None if beam is None else beam.astype(np.int64),
         )
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What its user should know of the poses of a real radar: whether they contradict themselves or look up."""
+        if self.scenario is not None or not self.pulses.located:
+            return ()
+        some = np.unique(np.linspace(0, len(self) - 1, MOTION_PULSES).astype(np.int64))
+        pose, warnings = self.pose(some), []
+        up = float(np.mean(pose.boresight[:, 2] >= 0))
+        if up > MOSTLY:
+            reason = "the first column of measured_rotation is the boresight: east, north, up"
+            warnings.append(f"the beam looks to the horizon or above it in {up:.0%} of the pulses; {reason}")
+        told_m = np.trapezoid(pose.velocity_mps, self.pulses.time_s[some], axis=0)
+        moved_m = pose.position_m[-1] - pose.position_m[0]
+        contradicted_m = np.linalg.norm(told_m - moved_m)
+        if "time" in self._file and contradicted_m > (1 - MOSTLY) * max(map(np.linalg.norm, (told_m, moved_m))):
+            ways = (" ".join(f"{metres:+.1f}" for metres in way) for way in (moved_m, told_m))
+            reason = "positions move {} m (east, north, up), and velocities {} m".format(*ways)
+            warnings.append(f"{reason}; look at signs, axes and units of measured_position, measured_velocity and time")
+        return tuple(warnings)
 
     @cached_property
     def flight(self) -> RecordedFlight | None:
