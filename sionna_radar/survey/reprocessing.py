@@ -515,7 +515,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         spectrum=spectrum,
         chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
-        warnings=_warnings(source, observed.echoes, comparison, spectrum),
+        warnings=_warnings(source, observed.echoes, None if estimate is None else estimate.dem, comparison, spectrum),
     )
 
 
@@ -561,7 +561,11 @@ def mean_spectrum(source: RecordingSource) -> RangeSpectrum:
 
 
 def _warnings(
-    source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum | None
+    source: RecordingSource,
+    echoes: Echoes,
+    dem: Raster | None,
+    comparison: Comparison | None,
+    spectrum: RangeSpectrum | None,
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
     warnings = source.file.warnings
@@ -577,6 +581,8 @@ def _warnings(
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)
     elif comparison is not None and comparison.lit_error.count == 0:
         warnings += ("no cell of the DEM is filled where the main beam reached; look at the poses",)
+    elif dem is not None and not dem.filled.any():
+        warnings += ("no cell of the DEM is filled; for points along a line set dem.method = 'smooth'",)
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings

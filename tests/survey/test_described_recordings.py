@@ -299,6 +299,7 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     assert "79 of 80" in recording_page(found)
     with pytest.raises(ScenarioError, match=r"dem.method: needs range profiles"):
         process(path, {"dem.method": "refined"})
+    assert "for points along a line set dem.method = 'smooth'" in process(path, {"dem.method": "linear"}).warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -388,6 +389,11 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
         ('samples = "adc_data.bin"\nconfig = "empty.cfg"', "", "has no channelCfg"),
         ('samples = "text.npy"', SWEEP, "cannot be read as a NumPy file"),
+        ('samples = "beat.npy"\nbackground = "real.npy"', SWEEP, "holds float64, and the recording complex128"),
+        ('samples = "beat.npy"\nbackground = "none.npy"', SWEEP, "does not exist"),
+        ('samples = "beat.npy"\nrange_zero_m = 500.0', SWEEP, "is beyond the 12.5 m that the samples reach"),
+        ('samples = "beat.npy"', SWEEP.replace("100.0", "2e4"), "lasts 0.0512 ms with 256 samples, and pulses follow"),
+        (f'samples = "loud.npy"\n{PROFILE_AXES}\nvalues = "power_db"', SWEEP, "holds levels of no power in dB"),
         ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "states no receiver, sample, rate"),
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "cannot be read as a chirp configuration"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "has no 7.0"),
@@ -403,6 +409,7 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
     np.save(tmp_path / "real.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES).real)
+    np.save(tmp_path / "loud.npy", np.full((24, SAMPLES), 1e5))
     (tmp_path / "profile.cfg").write_text(CONFIG)
     with pytest.raises((InputFileError, ScenarioError)) as refused:
         process(described(tmp_path, recording, rest))

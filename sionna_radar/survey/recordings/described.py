@@ -206,6 +206,8 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     samples, radar, background = channel.samples, channel.radar, None
     if own.background is not None and own.values == "complex":
         sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep, array)
+        if np.iscomplexobj(sky.samples) != np.iscomplexobj(samples):
+            _fail(own.background, f"holds {sky.samples.dtype}, and the recording {samples.dtype}; give both alike")
         background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
             _fail(own.background, f"has {background.shape} samples a pulse, and the recording {samples.shape[1:]}")
@@ -218,6 +220,10 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         samples, background = samples[..., first:end], None if background is None else background[..., first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
+    (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
+    if abs(own.range_zero_m) >= chirp.max_range_m:
+        message = f"{own.range_zero_m:g} m is beyond the {chirp.max_range_m:.1f} m that the samples reach; give metres"
+        raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -372,7 +378,11 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         samples, warnings = _of_powers(samples, own, sweep)
     elif own.kind == "range":
         samples = np.fft.ifft(samples, norm="forward")
-    period_s = 1 / sweep.pulse_rate_hz
+    period_s, sweep_s = 1 / sweep.pulse_rate_hz, samples.shape[-1] / sweep.sampling_rate_hz
+    if sweep_s > period_s * (1 + 1e-9):
+        message = f"lasts {1e3 * sweep_s:.3g} ms with {samples.shape[-1]:,} samples, and pulses follow after "
+        message += f"{1e3 * period_s:.3g} ms; look at sampling_rate_hz, pulse_rate_hz and recording.axes"
+        raise ScenarioError([Problem("sweep", message)], str(path))
     radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
     chirps = 1 if array is None else array.chirps_per_frame
     if len(samples) % chirps:
@@ -451,8 +461,11 @@ def _powers(profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable) -> Flo
         _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
     power = np.asarray(profiles, dtype=np.float64)
     if own.values == "power_db":
-        power = 10 ** (power / 10)
-    if not (np.isfinite(power).all() and (power >= 0).all()):
+        with np.errstate(over="ignore"):
+            power = 10 ** (power / 10)
+        if not np.isfinite(power).all():
+            _fail(own.samples, "holds levels of no power in dB; powers are recording.values = 'power'")
+    if not (power >= 0).all():
         _fail(own.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
     return power
 
