@@ -15,6 +15,7 @@ come from the sums of Z'r over square tiles, wider than the correlation length o
 "Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
 """
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -42,6 +43,8 @@ from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
+
+logger = logging.getLogger("sionna_radar")
 
 KEY = "reference"
 REMEDY = "give a GeoTIFF, a LAS or LAZ file, or a CSV file with the columns x, y, z and, if known, sigma"
@@ -526,11 +529,26 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     if wkt is not None and grid.georeference is None:
         message = f"{named}: has a CRS, and the DEM is in local metres; give a file in the same metres without a CRS"
         raise InputFileError(message)
+    if wkt is None or grid.georeference is None:
+        return LOCAL
     try:
-        return CRS.from_wkt(wkt).to_wkt() if wkt else LOCAL
+        crs = CRS.from_wkt(wkt)
     except CRSError as error:
         message = f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}"
         raise InputFileError(message) from error
+    own, other = _vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), _vertical_datum(crs)
+    if own and other and own != other:
+        warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"
+        logger.warning(warning, named, other, own)
+    return crs.to_wkt()
+
+
+def _vertical_datum(crs: CRS) -> str | None:
+    """Return what heights count from; None where a CRS does not say it."""
+    vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
+    if vertical is not None:
+        return vertical.datum.name if vertical.datum else vertical.name
+    return "the ellipsoid" if len(crs.axis_info) == 3 and not crs.is_geocentric else None
 
 
 def georeferenced(raster: Raster, crs_wkt: str) -> Raster:

@@ -247,6 +247,27 @@ def test_a_reference_elsewhere_or_in_other_coordinates_is_refused(tmp_path):
         compare_with_reference(written(relief(1), tmp_path / "local.tif"), placed)
 
 
+@pytest.mark.parametrize(
+    ("theirs", "words"),
+    [
+        ("EPSG:32616+5703", ""),
+        ("EPSG:32616", ""),
+        ("EPSG:32616+5773", "heights count from EGM96 geoid, and those of the DEM from North American Vertical Datum"),
+        ("EPSG:32616", "heights count from the ellipsoid, and those of the DEM"),
+    ],
+)
+def test_another_vertical_datum_is_told(tmp_path, caplog, theirs, words):
+    place = Georeference(crs_wkt=CRS.from_user_input("EPSG:32616+5703").to_wkt(), origin_m=(5e5, 4e6, 0.0))
+    dem = seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1))
+    placed = replace(dem, grid=replace(dem.grid, georeference=place))
+    reference = relief(1)
+    crs = CRS.from_user_input(theirs).to_3d() if "ellipsoid" in words else CRS.from_user_input(theirs)
+    there = replace(place, crs_wkt=crs.to_wkt())
+    path = written(replace(reference, grid=replace(reference.grid, georeference=there)), tmp_path / "reference.tif")
+    compare_with_reference(path, placed)
+    assert words in caplog.text if words else "heights count from" not in caplog.text
+
+
 @pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
 def test_a_reference_in_another_projection_is_the_same_ground(tmp_path):
     place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(500_000.0, 4_000_000.0, 100.0))
