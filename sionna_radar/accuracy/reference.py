@@ -217,6 +217,7 @@ def compare_with_reference(
     reached = dem.filled if lit is None else lit
     shift = _shift_of(dem, reference, dem.filled & reached, seed, path)
     surface = reference.on(dem.grid)
+    _warn_of(shift, path.name, apply_shift)
     if apply_shift:
         surface = reference.on(dem.grid, shift.east_m or 0.0, shift.north_m or 0.0)
         trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
@@ -237,6 +238,14 @@ def compare_with_reference(
     )
 
 
+def _warn_of(shift: Shift, name: str, applied: bool) -> None:
+    """Warn of a vertical shift beyond which a single error would be an outlier."""
+    if not applied and abs(shift.up_m) > OUTLIERS * max(shift.shifted_rms_m, shift.up_sigma_m):
+        warning = "the DEM lies %+.2f m off %s, and the rest of its errors is %.2f m: look at vertical datum, unit and "
+        warning += "range zero of both, or take the shift out"
+        logger.warning(warning, shift.up_m, name, shift.shifted_rms_m)
+
+
 def _check_at(
     name: str, reference: Checkpoints, dem: Raster, sigma: Raster | None, apply_shift: bool
 ) -> ReferenceCheck:
@@ -252,6 +261,7 @@ def _check_at(
         raise InputFileError(message)
     place_m, own_m = reference.place_m[inside], reference.sigma_m[inside]
     shift = _trend_of(error_m, place_m, _middle_m(dem.grid))
+    _warn_of(shift, name, apply_shift)
     if apply_shift:
         error_m = error_m - shift.trend_m(place_m, _middle_m(dem.grid))
     stated = None if sigma is None else np.hypot(sigma.at(place_m), own_m)

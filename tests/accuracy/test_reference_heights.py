@@ -177,7 +177,7 @@ def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_pa
 
 
 @pytest.mark.parametrize("every", [1, 9])
-def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(tmp_path, every):
+def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(tmp_path, caplog, every):
     surface, rng = relief(5), np.random.default_rng(5)
     cloud = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
     place = surface.grid.centres_m.reshape(*surface.grid.shape, 2)[::every, ::every].reshape(-1, 2)
@@ -187,6 +187,9 @@ def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(
     cloud.write(tmp_path / "cloud.laz")
     check = compare_with_reference(tmp_path / "cloud.laz", seen(surface, (0.0, 0.0), 0.25, (0.0, 0.0), rng))
     assert check.kind == ("cloud" if every == 1 else "sparse cloud")
+    assert "lies +0.25 m off" not in caplog.text
+    compare_with_reference(tmp_path / "cloud.laz", seen(surface, (0.0, 0.0), 20.0, (0.0, 0.0), rng))
+    assert "the DEM lies +20." in caplog.text
     assert (check.shift.east_m is None) == (every == 9)
     assert abs(check.shift.up_m - 0.25) < 3 * check.shift.up_sigma_m + 0.01
     np.testing.assert_allclose(check.statistics.mean_m, 0.25, atol=0.03)
