@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -130,6 +131,8 @@ class RecordingTable(Table):
     """range that the radar reads at range zero: cables, filters, internal delay."""
 
     def _conflicts(self) -> Conflicts:
+        for key in sorted({"axes", "values", "variable"} & self.model_fields_set) if self.captured else ():
+            yield key, "is of arrays; the configuration of a capture says what it holds"
         kinds = {"sample", "range"} & set(self.axes)
         if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
             yield "axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them"
@@ -137,6 +140,11 @@ class RecordingTable(Table):
             yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
             yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
+
+    @property
+    def captured(self) -> bool:
+        """Whether the samples are a raw capture."""
+        return Path(self.samples).suffix.lower() == ".bin"
 
     @property
     def kind(self) -> Literal["sample", "range"]:
@@ -186,6 +194,8 @@ class DescribedRecording(RecordedSettings):
     def _conflicts(self) -> Conflicts:
         if (self.recording is None) == (self.readings is None):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
+        if self.sweep is not None and (self.recording is None or self.recording.captured):
+            yield "sweep", "is of arrays; readings have none, and the configuration of a capture says it"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings of its processing by dotted keys, those that are given."""

@@ -397,6 +397,9 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "states no receiver, sample, rate"),
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "cannot be read as a chirp configuration"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "has no 7.0"),
+        ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "states a number that is not finite"),
+        ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: is of arrays"),
+        (f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{PROFILE_AXES}', "", "recording.axes: is of arrays"),
     ],
 )
 def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, words):
@@ -406,6 +409,7 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "idle.cfg").write_text(CONFIG.replace(f"frameCfg 0 1 {LOOPS}", "frameCfg 0 1 0"))
     (tmp_path / "short.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2"))
     (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
+    (tmp_path / "nan.cfg").write_text(CONFIG.replace("60 1", "nan 1"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
     np.save(tmp_path / "real.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES).real)

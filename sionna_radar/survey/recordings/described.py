@@ -365,7 +365,7 @@ class _Channel:
 def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
     """Return the chosen channel of a file of samples, or the frames of an array."""
     regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
-    if own.samples.suffix.lower() == ".bin":
+    if own.captured:
         if own.config is None:
             raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
         return _capture(own, own.config, array)
