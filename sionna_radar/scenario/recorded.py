@@ -176,7 +176,9 @@ class PosesTable(Table):
     first_pulse_s: NonNegative = 0.0
     """time of the first pulse in the log, from its first position."""
     incidence_deg: Annotated[Real, Field(ge=-180.0, le=180.0)] = 0.0
-    """of the antenna's boresight, from nadir toward the nose."""
+    """of the antenna's boresight, from nadir toward `look`."""
+    look: Literal["forward", "left", "right"] = "forward"
+    """where the antenna looks: toward the nose, or to a side."""
 
 
 class DescribedRecording(RecordedSettings):

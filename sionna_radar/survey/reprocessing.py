@@ -88,8 +88,8 @@ def process(
     Parameters
     ----------
     recording:
-        A netCDF file: of `run(..., recordings={"signals": ...})`, or in the layout that
-        `sionna_radar.survey.recordings.signal_file` describes.
+        A netCDF file of `run(..., recordings={"signals": ...})` or in the layout of `survey.recordings.signal_file`; or
+        a TOML file that describes samples, range profiles or readings, see `survey.recordings.described`.
     overrides:
         Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
         `radar.receiver` and `radar.conjugate`.

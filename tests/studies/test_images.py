@@ -346,3 +346,33 @@ def test_the_command_images_a_recording(imagery, tmp_path):
     assert told["sar"]["theory"]["along_m"] == imagery.sar.along_m
     with pytest.raises(ScenarioError, match="--ground-height: is of a recording"):
         CliRunner().invoke(app, ["image", "slar", "--ground-height", "3"], catch_exceptions=False)
+
+
+def test_a_recording_of_powers_has_a_slant_range_image_alone(imagery, tmp_path, capsys):
+    """Range profiles of the same flight, described by a TOML file, whose log flies straight and looks to the right."""
+    chirp = imagery.focused.chirp
+    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
+    with h5py.File(tmp_path / "strip.nc") as file:
+        beat = file["beat_i"][...] + 1j * file["beat_q"][...]
+        time_s, (x, y, z), speed = file["time"][...], file["measured_position"][0], file["measured_velocity"][0]
+    power = np.abs(np.fft.fft(beat * np.hanning(256) / np.hanning(256).sum(), axis=1)) ** 2
+    np.save(tmp_path / "profiles.npy", power)
+    rows = [f"{t:.4f},{x + speed[0] * (t - 0.1):.6f},{y},{z},0,0,90" for t in np.arange(0.0, 2.6, 0.05)]
+    header = "time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"
+    (tmp_path / "flight.csv").write_text("\n".join([header, *rows]))
+    sweep = f"carrier_hz = {chirp.carrier_hz}\nbandwidth_hz = {chirp.bandwidth_hz}\n"
+    sweep += f"sampling_rate_hz = {chirp.sampling_rate_hz}\npulse_rate_hz = {1 / (time_s[1] - time_s[0])}"
+    (tmp_path / "strip.toml").write_text(
+        '[recording]\nsamples = "profiles.npy"\naxes = ["pulse", "range"]\nvalues = "power"\n'
+        f'[sweep]\n{sweep}\n[poses]\nlog = "flight.csv"\nfirst_pulse_s = 0.1\n'
+        'incidence_deg = 45.0\nlook = "right"\n'
+    )
+    found = image_recording(tmp_path / "strip.toml", {"radar.antenna.beamwidth_deg": [2.5, 12.0]}, ground_m=0.0)
+    assert found.focused is None
+    assert found.strip.side == "right"
+    assert found.strip.near_m == pytest.approx(imagery.strip.near_m)
+    row, column = np.unravel_index(np.nanargmax(found.slant.power), found.slant.power.shape)
+    assert found.slant.range_m[column] == pytest.approx(np.hypot(GROUND, 28.0), abs=0.31)
+    assert found.slant.along_m[row] == pytest.approx(EAST - x, abs=0.4)
+    print_image(found)
+    assert "because the recording holds powers" in capsys.readouterr().out

@@ -307,7 +307,9 @@ def _variable(
 def print_image(imagery: Imagery) -> None:
     """Print the resolution of the images: theoretical in the middle of the beam, measured at point targets."""
     console().print(image_table(imagery))
-    if imagery.focused is None:
+    if imagery.focused is None and imagery.recording is not None:
+        say("no focused image because the recording holds powers, or scatterers that change from pulse to pulse")
+    elif imagery.focused is None:
         say("no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'")
 
 

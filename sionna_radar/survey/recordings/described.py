@@ -42,6 +42,7 @@ from sionna_radar.flight.frames import conical_from_antenna, world_from_body
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.flight.recorded import LogPart, read_route
+from sionna_radar.flight.scan import LOOKS
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Georeference
@@ -507,7 +508,7 @@ def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> Record
 
 # ---------------------------------------------------------------------------------------------------------------- poses
 def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[PoseAt, Georeference | None]:
-    """Return the poses of an antenna tilted from nadir toward the nose, and the place of local metres on the map.
+    """Return the poses of an antenna tilted from nadir, and the place of local metres on the map.
 
     time_s: of the pulses, from the first position of the log.
     """
@@ -529,7 +530,7 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
         raise ScenarioError([Problem("poses.first_pulse_s", message)])
 
     def pose_at(at_s: Float[np.ndarray, " n"]) -> Pose:
-        tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.zeros(len(at_s)))
+        tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.full(len(at_s), LOOKS[table.look]))
         return Pose(
             position_m=trajectory.position(at_s - start_s),
             velocity_mps=trajectory.velocity(at_s - start_s),
