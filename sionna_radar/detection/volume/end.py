@@ -148,6 +148,18 @@ class Views:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """What a pulse alone says of ground at each cell.
+
+    log: log-likelihood of ground there against a volume without end; -inf where ruled out.
+    width: mean width of its echo if the ground is there, cells.
+    """
+
+    log: Float[np.ndarray, "pulse cell"]
+    width: Float[np.ndarray, "pulse cell"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeEnd:
     """The likelihood of ground behind a volume, on range cells.
 
@@ -181,13 +193,26 @@ class VolumeEnd:
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
-    def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
-        """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out."""
-        out = np.full(ratio.shape, -np.inf)
+    def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> "Evidence":
+        """Return the log-likelihood of ground at each cell against a volume without end, and the widths there."""
+        log, width = np.full(ratio.shape, -np.inf), np.zeros(ratio.shape)
         for rows, terms in self._terms(ratio, views):
             weighed = terms + self._log_width(views.down[rows], self.ground.slope) + self._log_level_share
-            out[np.ix_(rows, self._columns)] = _log_sum(weighed.reshape(*terms.shape[:2], -1))
-        return out
+            per_width = _log_sum(weighed)
+            total = _log_sum(per_width)
+            here = np.ix_(rows, self._columns)
+            log[here] = total
+            width[here] = np.exp(per_width - total[..., None]) @ WIDTHS_CELLS
+        return Evidence(log=log, width=width)
+
+    def prior_width(
+        self, cell: Int[np.ndarray, " pulse"], down: Float[np.ndarray, " pulse"]
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+        """Return mean and variance of the width of the ground's echo at given cells, from its slopes alone."""
+        column = np.clip(cell, self._columns[0], self._columns[-1]) - self._columns[0]
+        share = np.exp(self._log_width(down, self.ground.slope)[np.arange(len(cell)), column, :, 0])
+        mean = share @ WIDTHS_CELLS
+        return mean, share @ WIDTHS_CELLS**2 - mean**2
 
     def by_slope_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
@@ -369,7 +394,7 @@ def _shapes(
 
     The range of a plane at the incidence t from the axis is r cos(t) / cos(t + a) = r + w u + q u^2, with u = a / s in
     standard deviations of the beam, w = r s tan(t) and q = r s^2 (tan(t)^2 + 1/2) = w^2 / r + r s^2 / 2: the echo's far
-    side is longer than its near one.
+    side is longer than its near one. It is weaker, too, by r^-2.
 
     step: drift in samples; spread: its standard deviation in cells.
     """
@@ -387,7 +412,9 @@ def _shapes(
         air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)
         air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")
         airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid")[::FINE])
-        ground = np.diff(np.interp(edges, range_cells[order], met, left=0.0, right=1.0))
+        echo = power[order] * (1 + range_cells[order] / ground_cell) ** -2 if ground_cell else power[order]
+        echoed = np.cumsum(echo) - echo / 2
+        ground = np.diff(np.interp(edges, range_cells[order], echoed, left=0.0, right=echo.sum()))
         ground = np.convolve(ground, window, "same")[::FINE]
         grounds.append(ground / ground.sum())
     return np.array(airs), np.array(grounds)

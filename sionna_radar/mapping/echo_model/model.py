@@ -90,9 +90,16 @@ class Sightings:
         """Return the corners of the main lobe in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
 
+    def echo_direction(self) -> Float[np.ndarray, "pulse 3"]:
+        """Return the directions of the mean ranges: the axis, or behind rain those beside it; see `VolumeInFront`."""
+        volume = self.profiles.volume
+        if volume is None:
+            return self.pose.boresight
+        return np.einsum("pij,pj->pi", self.pose.R_world_antenna, volume.direction)
+
     def true_m(self, read_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-        """Return mean ranges without the Doppler shift on the axis, and without errors of the radar."""
-        shift_m = self.shift_m(self.pose.boresight[:, None])[:, 0]
+        """Return mean ranges without the Doppler shift in their directions, and without errors of the radar."""
+        shift_m = self.shift_m(self.echo_direction()[:, None])[:, 0]
         return (read_m - shift_m - self.range_bias_m) / (1 + self.range_scale)
 
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
@@ -294,7 +301,7 @@ class MeanRanges(Columns):
 def mean_ranges(sightings: Sightings) -> MeanRanges:
     """Return the mean range of every profile, from the cells within 20 dB of its strongest.
 
-    Behind a volume of rain, where the strongest cell may be rain, it is the detected range.
+    Behind a volume of rain, where the strongest cell may be rain, it is the detected range in its direction.
     """
     from sionna_radar.mapping.echo_model.power_kernels import mean_cells
 

@@ -100,7 +100,10 @@ def heights_over(
     """
     pose = sightings.pose
     axis = pose.boresight
-    predicted = sightings.true_m(EchoModel(sightings, surface).centroid_m())
+    if sightings.profiles.volume is None:
+        predicted = sightings.true_m(EchoModel(sightings, surface).centroid_m())
+    else:
+        predicted = surface.first_hit(pose.position_m, sightings.echo_direction(), sightings.reach_m)
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
     known = np.isfinite(predicted) & np.isfinite(on_axis)
     heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach, options)
