@@ -219,7 +219,8 @@ class ThroughVolume:
         before = np.maximum(np.sum(posterior * offset**2, axis=1), MIN_SIGMA_CELLS**2)
         after = np.clip(before + 2 * spreads * covariance + spreads**2 * of_slopes, MIN_SIGMA_CELLS**2, before)
         # The plane of the shapes.
-        bend = width**2 / tracked.cell + tracked.cell * spread**2 / 2
+        at = np.maximum(tracked.cell, 1.0)
+        bend = width**2 / at + at * spread**2 / 2
         toward = _raised(pose.boresight, spreads * spread)
         moved = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
         return _Aside(

@@ -119,7 +119,7 @@ def track(
     mean = surface_share @ cell / probability
     sigma = np.sqrt(np.sum(surface_share * (cell - mean[:, None]) ** 2, axis=1) / probability)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS)
-    alone = _alone(evidence, same, mean)
+    alone = np.maximum(_alone(evidence, same, mean), MIN_SIGMA_CELLS)
     return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, alone=alone)
 
 
