@@ -7,10 +7,10 @@ the posterior mean does, which also uses the end of the volume.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
@@ -31,14 +31,13 @@ from sionna_radar.detection.volume.clutter import (
 )
 from sionna_radar.detection.volume.end import (
     FINE,
-    Evidence,
     GroundBehind,
     Views,
     VolumeEnd,
     learned_ground,
     unknown_ground,
 )
-from sionna_radar.detection.volume.height_track import MIN_SIGMA_CELLS, SAME_SURFACE_CELLS, AxisHeights, Tracked, track
+from sionna_radar.detection.volume.height_track import MIN_SIGMA_CELLS, AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
@@ -126,11 +125,19 @@ class ThroughVolume:
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
-        evidence = end.evidence(ratio, views)
-        evidence = replace(evidence, log=evidence.log - np.where(expected, 0.0, UNEXPECTED))
+        tilt = 0.0 if on_axis else float(np.arctan(end.ground.slope))
+        evidence = end.evidence(ratio, views, (0.0, -tilt, tilt)) - np.where(expected, 0.0, UNEXPECTED)
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
-        tracked = track(evidence.log, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
+        follow = partial(
+            track,
+            heights=heights,
+            cell_m=end.cell_m,
+            line=pulses.line,
+            slope=end.ground.mean_slope,
+            step_m=step_m,
+        )
+        tracked = follow(evidence[0])
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
         accepted = strong & (tracked.probability >= MIN_PROBABILITY)
@@ -142,7 +149,8 @@ class ThroughVolume:
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
         share = 1 / (1 + (peak_level / EVEN_LEVEL) ** 4)
-        aside = self._aside(evidence, tracked, np.zeros_like(share) if on_axis else share, pulses, sweep)
+        moved = share * (follow(evidence[1]).cell - follow(evidence[2]).cell) if tilt else np.zeros_like(share)
+        aside = self._aside(tracked, moved, tilt, pulses, sweep)
         ranges, reach = self._ranges(spans, aside, share, detected)
         echoes = Echoes(
             pulse=pulses.index[detected],
@@ -190,43 +198,39 @@ class ThroughVolume:
 
     def _aside(
         self,
-        evidence: Evidence,
         tracked: Tracked,
-        share: Float[np.ndarray, " pulse"],
+        moved: Float[np.ndarray, " pulse"],
+        tilt: float,
         pulses: Pulses,
         sweep: Chirp,
     ) -> "_Aside":
         """Return the directions beside the axis in which ranges do not depend on the slope of the ground.
 
         Ground that rises away from the radar has a shorter echo than level ground, and ends the volume nearer. Where a
-        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near.
-        With the covariance V of range and width in the posterior of a pulse and the variance W of the widths that
-        slopes make, it errs by V / W for each unit of width. At u standard deviations of the beam off the axis the
-        range is longer by u widths: at u = -V / W the two cancel, and the variance is smaller by V^2 / W.
+        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by u
+        for each unit of width, as the range does that is found where another width is assumed. At u standard deviations
+        of the beam off the axis the range is longer by u widths, and the two cancel. With the variance W of the widths
+        that slopes make, the variance of a pulse's range is smaller by u^2 W there.
 
-        share: weight of the posterior means; 0 leaves a range on the axis.
+        moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
         end, pose = self.end, pulses.measured
-        cell = np.arange(evidence.log.shape[1])
-        near = np.abs(cell - tracked.cell[:, None]) <= SAME_SURFACE_CELLS
-        log = np.where(near, evidence.log, -np.inf)
-        posterior = np.exp(log - logsumexp(log, axis=1, keepdims=True))
-        offset = cell - np.sum(posterior * cell, axis=1, keepdims=True)
-        covariance = np.sum(posterior * offset * evidence.width, axis=1)
-        width, of_slopes = end.prior_width(np.rint(tracked.cell).astype(np.int64), -pose.boresight[:, 2])
+        cell, down = np.rint(tracked.cell).astype(np.int64), -pose.boresight[:, 2]
+        width, of_slopes = end.width_at(cell, down, 0.0)
+        longer = end.width_at(cell, down, -tilt)[0] - end.width_at(cell, down, tilt)[0]
         spread = np.sqrt(end.beam.share @ end.beam.sine**2)
-        spreads = np.clip(-share * covariance / of_slopes, 0.0, end.beam.sine.max() / spread)
-        before = np.maximum(np.sum(posterior * offset**2, axis=1), MIN_SIGMA_CELLS**2)
-        after = np.clip(before + 2 * spreads * covariance + spreads**2 * of_slopes, MIN_SIGMA_CELLS**2, before)
+        spreads = np.clip(-moved / np.maximum(longer, 1e-6), 0.0, end.beam.sine.max() / spread)
+        alone = tracked.alone**2
+        left = np.clip(alone - spreads**2 * of_slopes, MIN_SIGMA_CELLS**2, alone)
         # The plane of the shapes.
         at = np.maximum(tracked.cell, 1.0)
         bend = width**2 / at + at * spread**2 / 2
         toward = _raised(pose.boresight, spreads * spread)
-        moved = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
+        receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
         return _Aside(
-            tracked=tracked.with_variance(after / before),
+            tracked=tracked.with_variance(left / alone),
             direction=np.einsum("pij,pi->pj", pose.R_world_antenna, toward),
-            farther_m=(spreads * width + spreads**2 * bend) * end.cell_m - sweep.doppler_range_m(moved),
+            farther_m=(spreads * width + spreads**2 * bend) * end.cell_m - sweep.doppler_range_m(receding),
         )
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:

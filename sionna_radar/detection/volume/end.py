@@ -28,7 +28,7 @@ each cell. A survey over a few kinds of ground has few such levels. Slopes make 
 level ground, and bound how far neighbours' heights may differ.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -148,18 +148,6 @@ class Views:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
-    """What a pulse alone says of ground at each cell.
-
-    log: log-likelihood of ground there against a volume without end; -inf where ruled out.
-    width: mean width of its echo if the ground is there, cells.
-    """
-
-    log: Float[np.ndarray, "pulse cell"]
-    width: Float[np.ndarray, "pulse cell"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeEnd:
     """The likelihood of ground behind a volume, on range cells.
 
@@ -193,24 +181,27 @@ class VolumeEnd:
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
-    def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> "Evidence":
-        """Return the log-likelihood of ground at each cell against a volume without end, and the widths there."""
-        log, width = np.full(ratio.shape, -np.inf), np.zeros(ratio.shape)
-        for rows, terms in self._terms(ratio, views):
-            weighed = terms + self._log_width(views.down[rows], self.ground.slope) + self._log_level_share
-            per_width = _log_sum(weighed)
-            total = _log_sum(per_width)
-            here = np.ix_(rows, self._columns)
-            log[here] = total
-            width[here] = np.exp(per_width - total[..., None]) @ WIDTHS_CELLS
-        return Evidence(log=log, width=width)
+    def evidence(
+        self, ratio: Float[np.ndarray, "pulse cell"], views: Views, tilts: Sequence[float] = (0.0,)
+    ) -> Float[np.ndarray, "tilt pulse cell"]:
+        """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out.
 
-    def prior_width(
-        self, cell: Int[np.ndarray, " pulse"], down: Float[np.ndarray, " pulse"]
+        tilts: angles by which the ground rises away from the radar on average, rad.
+        """
+        out = np.full((len(tilts), *ratio.shape), -np.inf)
+        for rows, terms in self._terms(ratio, views):
+            of_widths = _log_sum(terms + self._log_level_share)
+            for number, tilt in enumerate(tilts):
+                widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
+                out[number][np.ix_(rows, self._columns)] = _log_sum(of_widths + widths)
+        return out
+
+    def width_at(
+        self, cell: Int[np.ndarray, " pulse"], down: Float[np.ndarray, " pulse"], tilt: float
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
         """Return mean and variance of the width of the ground's echo at given cells, from its slopes alone."""
         column = np.clip(cell, self._columns[0], self._columns[-1]) - self._columns[0]
-        share = np.exp(self._log_width(down, self.ground.slope)[np.arange(len(cell)), column, :, 0])
+        share = np.exp(self._log_width(down, self.ground.slope, tilt)[np.arange(len(cell)), column, :, 0])
         mean = share @ WIDTHS_CELLS
         return mean, share @ WIDTHS_CELLS**2 - mean**2
 
@@ -338,10 +329,10 @@ class VolumeEnd:
         return behind[:, HALF + 1 :].astype(np.float32)
 
     def _log_width(
-        self, down: Float[np.ndarray, " pulse"], slope: float
+        self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
     ) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - np.arctan(slope * DEVIATES)
+        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - np.arctan(slope * DEVIATES)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)

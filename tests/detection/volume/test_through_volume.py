@@ -107,7 +107,7 @@ def test_rain_without_ground_makes_no_echo():
     white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
-    evidence = end.evidence(end.over_volume(power, views.strength), views).log
+    evidence = end.evidence(end.over_volume(power, views.strength), views)[0]
     heights = AxisHeights(
         position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
