@@ -37,7 +37,7 @@ from sionna_radar.detection.volume.end import (
     learned_ground,
     unknown_ground,
 )
-from sionna_radar.detection.volume.height_track import MIN_SIGMA_CELLS, AxisHeights, Tracked, track
+from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
@@ -210,7 +210,8 @@ class ThroughVolume:
         weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by u
         for each unit of width, as the range does that is found where another width is assumed. At u standard deviations
         of the beam off the axis the range is longer by u widths, and the two cancel. With the variance W of the widths
-        that slopes make, the variance of a pulse's range is smaller by u^2 W there.
+        that slopes make, the variance s^2 of a pulse's range is smaller by u^2 W there, s^4 / (s^2 + u^2 W) to first
+        order.
 
         moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
@@ -220,15 +221,14 @@ class ThroughVolume:
         longer = end.width_at(cell, down, -tilt)[0] - end.width_at(cell, down, tilt)[0]
         spread = np.sqrt(end.beam.share @ end.beam.sine**2)
         spreads = np.clip(-moved / np.maximum(longer, 1e-6), 0.0, end.beam.sine.max() / spread)
-        alone = tracked.alone**2
-        left = np.clip(alone - spreads**2 * of_slopes, MIN_SIGMA_CELLS**2, alone)
+        taken = spreads**2 * of_slopes / tracked.alone**2
         # The plane of the shapes.
         at = np.maximum(tracked.cell, 1.0)
         bend = width**2 / at + at * spread**2 / 2
         toward = _raised(pose.boresight, spreads * spread)
         receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
         return _Aside(
-            tracked=tracked.with_variance(left / alone),
+            tracked=tracked.with_variance(1 / (1 + taken)),
             direction=np.einsum("pij,pi->pj", pose.R_world_antenna, toward),
             farther_m=(spreads * width + spreads**2 * bend) * end.cell_m - sweep.doppler_range_m(receding),
         )
