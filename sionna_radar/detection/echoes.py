@@ -23,9 +23,9 @@ class Echoes(Columns):
     range_m: slant range, Doppler corrected if the processing says so.
     range_sigma_m: standard deviation of that range, as estimated from the echo itself.
     power: calibrated power of the echo's strongest cell; W, or relative to the transmitted power under snr_db.
-    direction: mean direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one as a
-        mean of unit vectors; None for echoes on the beam's axis.
-    across_sigma_rad: standard deviation of that direction in the vertical plane; None with `direction`.
+    direction: direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one where it is
+        a mean of unit vectors; None for echoes on the beam's axis.
+    across_sigma_rad: standard deviation of a measured direction in the vertical plane; None for chosen ones.
     reach: correlation length of range errors in pulses, for ranges estimated jointly with neighbours; None where each
         pulse is ranged by itself.
     echo_snr_db: that power over the mean noise power estimated from training cells, unbiased for every kind of CFAR.
@@ -56,6 +56,7 @@ class VolumeInFront:
 
     power: mean power in the profiles' cells without ground; in_air: share of it in front of the detected ground.
     echo_m, echo_sigma_m: detected range of the ground in each profile, and its standard deviation.
+    direction: of that range, in the antenna's frame (boresight, left, up).
     echo_reach: correlation length of its error in pulses; see `Echoes`.
     drift_m: increase of the volume's ranges by motion, relative to those of stationary ground.
     spread_m: standard deviation of the drift, from particles that fall at different speeds.
@@ -65,6 +66,7 @@ class VolumeInFront:
     in_air: Float32[np.ndarray, " value"]
     echo_m: Float[np.ndarray, " profile"]
     echo_sigma_m: Float[np.ndarray, " profile"]
+    direction: Float[np.ndarray, "profile 3"]
     echo_reach: Float[np.ndarray, " profile"]
     drift_m: Float[np.ndarray, " profile"]
     spread_m: float
@@ -76,6 +78,7 @@ class VolumeInFront:
             in_air=self.in_air[values],
             echo_m=self.echo_m[chosen],
             echo_sigma_m=self.echo_sigma_m[chosen],
+            direction=self.direction[chosen],
             echo_reach=self.echo_reach[chosen],
             drift_m=self.drift_m[chosen],
             spread_m=self.spread_m,
@@ -91,6 +94,7 @@ class VolumeInFront:
             in_air=np.concatenate([t.in_air for t in tables]),
             echo_m=np.concatenate([t.echo_m for t in tables]),
             echo_sigma_m=np.concatenate([t.echo_sigma_m for t in tables]),
+            direction=np.concatenate([t.direction for t in tables]),
             echo_reach=np.concatenate([t.echo_reach for t in tables]),
             drift_m=np.concatenate([t.drift_m for t in tables]),
             spread_m=tables[0].spread_m,

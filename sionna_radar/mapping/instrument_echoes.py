@@ -45,6 +45,7 @@ from sionna_radar.mapping.echo_model.model import (
     Sightings,
     footprints,
     mean_ranges,
+    predicted_means,
 )
 from sionna_radar.mapping.echo_model.speckle import repeats
 
@@ -283,8 +284,8 @@ class WholeEchoes:
     def _mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
         sightings, motion = self.without(errors)
         echoes = mean_ranges(self.sightings)
-        axis = self.sightings.pose.boresight[:, None]
-        excess = echoes.range_m + self.sightings.shift_m(axis)[:, 0] - EchoModel(sightings, surface).centroid_m()
+        toward = self.sightings.echo_direction()[:, None]
+        excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)
         sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
         slope = self._change(sightings, motion, surface, [*names, "range_bias"])
         return _mean_range_step(slope, excess, sigma)

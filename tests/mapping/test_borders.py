@@ -18,7 +18,6 @@ from sionna_radar.mapping.stepped.border_kernels import (
 from sionna_radar.mapping.stepped.borders import ALIKE, StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
 from sionna_radar.mapping.stepped.surface import moved_with, parts_of, to_border_m
-from sionna_radar.mapping.terrain.echo_heights import on_axis
 
 ROOF_M = 8.0
 
@@ -113,7 +112,7 @@ def block(seen):
 
 def test_cells_on_the_wrong_side_of_a_wall_go_over(seen):
     roof, true = on_box(MAP, 1.0), on_box(MAP)
-    axis_m = on_axis(seen.pose, mean_ranges(seen).range_m)
+    axis_m = seen.places(mean_ranges(seen).range_m)
     found = with_borders(seen, axis_m, np.where(roof, TOP, 0.0), roof.astype(np.int64), ~roof, 1.0, MAP)
     in_view = found.expected > 0
     wrong_before, wrong_after = (in_view & (part != true) for part in (roof, found.part == 1))
@@ -198,7 +197,7 @@ def test_a_hill_is_no_plane():
 
 
 def test_a_map_without_borders_stays_as_it_is(seen):
-    axis_m = on_axis(seen.pose, mean_ranges(seen).range_m)
+    axis_m = seen.places(mean_ranges(seen).range_m)
     height, part = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
     found = with_borders(seen, axis_m, height, part, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
     np.testing.assert_array_equal(found.height_m, height)

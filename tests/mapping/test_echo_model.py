@@ -45,6 +45,7 @@ def in_rain(in_clear_air):
         in_air=np.ones(values, dtype=np.float32),
         echo_m=np.full(count, 70.0),
         echo_sigma_m=np.full(count, 0.1),
+        direction=np.tile([1.0, 0.0, 0.0], (count, 1)),
         echo_reach=np.zeros(count),
         drift_m=np.linspace(-0.4, 0.8, count),
         spread_m=0.5,

@@ -23,7 +23,6 @@ from sionna_radar.mapping.stepped.evidence import (
     planes_around,
 )
 from sionna_radar.mapping.stepped.surface import _Surfaces, step_surface
-from sionna_radar.mapping.terrain.echo_heights import on_axis
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)
@@ -206,7 +205,7 @@ def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):
     near = replace(echoes, range_m=np.where(np.arange(len(level)) % 5 == 2, 0.9, 1.0) * echoes.range_m)
     surfaces = _Surfaces(level, near, located(level), MAP, coarse, 1.2, STEPPED)
     part = surfaces.whole_part(np.zeros(MAP.shape, dtype=int))
-    inside = MAP.cell_of(on_axis(level.pose, near.range_m))[2]
+    inside = MAP.cell_of(level.places(near.range_m))[2]
     assert part[inside].tolist() == np.where(near.range_m < echoes.range_m, -1, 0)[inside].tolist()
     assert set(part[inside]) == {-1, 0}
 

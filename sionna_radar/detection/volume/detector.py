@@ -7,6 +7,7 @@ the posterior mean does, which also uses the end of the volume.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,7 +29,14 @@ from sionna_radar.detection.volume.clutter import (
     measured_mean,
     rain_rate_of,
 )
-from sionna_radar.detection.volume.end import FINE, GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import (
+    FINE,
+    GroundBehind,
+    Views,
+    VolumeEnd,
+    learned_ground,
+    unknown_ground,
+)
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
@@ -69,6 +77,7 @@ class ThroughVolume:
         pulses: Pulses,
         sweep: Chirp,
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
+        on_axis: bool = False,
     ) -> Detections:
         """Return the uncorrected echoes of whole scan lines and the profiles around them.
 
@@ -82,6 +91,9 @@ class ThroughVolume:
             The sweep of these spectra, for the range shift by motion.
         window_m:
             Nearest and farthest range searched in each pulse; None for all ranges.
+        on_axis:
+            Whether ranges are those on the beam's axis; else each is in the direction where it depends least on the
+            slope of the ground.
 
         """
         if window_m is None:
@@ -89,7 +101,7 @@ class ThroughVolume:
         # Line by line, so that rounding does not depend on how many lines a block holds.
         breaks = np.flatnonzero(np.diff(pulses.line)) + 1
         lines = [
-            self._find_line(power[r], pulses.rows(r), sweep, window_m[r])
+            self._find_line(power[r], pulses.rows(r), sweep, window_m[r], on_axis)
             for r in np.split(np.arange(len(pulses)), breaks)
         ]
         return Detections(
@@ -103,6 +115,7 @@ class ThroughVolume:
         pulses: Pulses,
         sweep: Chirp,
         window_m: Float[np.ndarray, "pulse 2"],
+        on_axis: bool,
     ) -> Detections:
         end, stride = self.end, self.detector.analyser.zero_padding
         cells = power[:, ::stride][:, : end.cells]
@@ -112,10 +125,19 @@ class ThroughVolume:
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
-        evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
+        tilt = 0.0 if on_axis else float(np.arctan(end.ground.slope))
+        evidence = end.evidence(ratio, views, (0.0, -tilt, tilt)) - np.where(expected, 0.0, UNEXPECTED)
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
-        tracked = track(evidence, heights, end.cell_m, pulses.line, end.ground.mean_slope, step_m)
+        follow = partial(
+            track,
+            heights=heights,
+            cell_m=end.cell_m,
+            line=pulses.line,
+            slope=end.ground.mean_slope,
+            step_m=step_m,
+        )
+        tracked = follow(evidence[0])
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
         accepted = strong & (tracked.probability >= MIN_PROBABILITY)
@@ -126,7 +148,10 @@ class ThroughVolume:
         spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, detected)
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
-        ranges, reach = self._ranges(spans, tracked, peak_level, detected)
+        share = 1 / (1 + (peak_level / EVEN_LEVEL) ** 4)
+        moved = share * (follow(evidence[1]).cell - follow(evidence[2]).cell) if tilt else np.zeros_like(share)
+        aside = self._aside(tracked, moved, tilt, pulses, sweep)
+        ranges, reach = self._ranges(spans, aside, share, detected)
         echoes = Echoes(
             pulse=pulses.index[detected],
             number=np.zeros(len(detected), dtype=np.int64),
@@ -134,6 +159,7 @@ class ThroughVolume:
             range_sigma_m=ranges.sigma_m,
             power=peak,
             echo_snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
+            direction=aside.direction[detected],
             reach=reach,
         )
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
@@ -143,6 +169,7 @@ class ThroughVolume:
             in_air=profiles.of_cells(in_air[:, ::stride], detected),
             echo_m=ranges.range_m,
             echo_sigma_m=ranges.sigma_m,
+            direction=aside.direction[detected],
             echo_reach=reach,
             drift_m=views.drift_m[detected],
             spread_m=end.spread_m,
@@ -152,22 +179,59 @@ class ThroughVolume:
     def _ranges(
         self,
         spans: EchoSpans,
-        tracked: Tracked,
-        peak_level: Float[np.ndarray, " pulse"],
+        aside: "_Aside",
+        share: Float[np.ndarray, " pulse"],
         detected: Int[np.ndarray, " echo"],
     ) -> tuple[Ranges, Float[np.ndarray, " echo"]]:
         """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume.
 
+        share: weight of the posterior means.
         Also return the correlation length of their errors, in pulses; errors of the estimates are independent.
         """
-        estimated = self.detector.estimator(spans)
-        cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[detected] / EVEN_LEVEL) ** 4)
+        estimated, tracked = self.detector.estimator(spans), aside.tracked
+        cell_m, share = self.end.cell_m, share[detected]
         of_track, of_echo = share * tracked.sigma[detected] * cell_m, (1 - share) * estimated.sigma_m
         sigma = np.hypot(of_track, of_echo)
-        ranges = Ranges(
-            range_m=share * tracked.cell[detected] * cell_m + (1 - share) * estimated.range_m, sigma_m=sigma
-        )
+        on_axis_m = share * tracked.cell[detected] * cell_m + (1 - share) * estimated.range_m
+        ranges = Ranges(range_m=on_axis_m + aside.farther_m[detected], sigma_m=sigma)
         return ranges, tracked.reach[detected] * (of_track / np.maximum(sigma, 1e-9)) ** 2
+
+    def _aside(
+        self,
+        tracked: Tracked,
+        moved: Float[np.ndarray, " pulse"],
+        tilt: float,
+        pulses: Pulses,
+        sweep: Chirp,
+    ) -> "_Aside":
+        """Return the directions beside the axis in which ranges do not depend on the slope of the ground.
+
+        Ground that rises away from the radar has a shorter echo than level ground, and ends the volume nearer. Where a
+        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by u
+        for each unit of width, as the range does that is found where another width is assumed. At u standard deviations
+        of the beam off the axis the range is longer by u widths, and the two cancel. With the variance W of the widths
+        that slopes make, the variance s^2 of a pulse's range is smaller by u^2 W there, s^4 / (s^2 + u^2 W) to first
+        order.
+
+        moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
+        """
+        end, pose = self.end, pulses.measured
+        cell, down = np.rint(tracked.cell).astype(np.int64), -pose.boresight[:, 2]
+        width, of_slopes = end.width_at(cell, down, 0.0)
+        longer = end.width_at(cell, down, -tilt)[0] - end.width_at(cell, down, tilt)[0]
+        spread = np.sqrt(end.beam.share @ end.beam.sine**2)
+        spreads = np.clip(-moved / np.maximum(longer, 1e-6), 0.0, end.beam.sine.max() / spread)
+        taken = spreads**2 * of_slopes / tracked.alone**2
+        # The plane of the shapes.
+        at = np.maximum(tracked.cell, 1.0)
+        bend = width**2 / at + at * spread**2 / 2
+        toward = _raised(pose.boresight, spreads * spread)
+        receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
+        return _Aside(
+            tracked=tracked.with_variance(1 / (1 + taken)),
+            direction=np.einsum("pij,pi->pj", pose.R_world_antenna, toward),
+            farther_m=(spreads * width + spreads**2 * bend) * end.cell_m - sweep.doppler_range_m(receding),
+        )
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
@@ -209,6 +273,28 @@ class ThroughVolume:
             looks_per_bin=analyser.looks_per_cell / stride,
             beam=self.detector.beam,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Aside:
+    """The track with the variances of ranges beside the axis, their directions, and by how much they are longer.
+
+    direction: in the antenna's frame.
+    """
+
+    tracked: Tracked
+    direction: Float[np.ndarray, "pulse 3"]
+    farther_m: Float[np.ndarray, " pulse"]
+
+
+def _raised(
+    boresight: Float[np.ndarray, "pulse 3"], angle_rad: Float[np.ndarray, " pulse"]
+) -> Float[np.ndarray, "pulse 3"]:
+    """Return directions raised by an angle in their vertical planes."""
+    up = np.array([0.0, 0.0, 1.0]) - boresight * boresight[:, 2:]
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+    raised: Float[np.ndarray, "pulse 3"] = np.cos(angle_rad)[:, None] * boresight + np.sin(angle_rad)[:, None] * up
+    return raised
 
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:

@@ -28,7 +28,7 @@ each cell. A survey over a few kinds of ground has few such levels. Slopes make 
 level ground, and bound how far neighbours' heights may differ.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -181,13 +181,29 @@ class VolumeEnd:
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
-    def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
-        """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out."""
-        out = np.full(ratio.shape, -np.inf)
+    def evidence(
+        self, ratio: Float[np.ndarray, "pulse cell"], views: Views, tilts: Sequence[float] = (0.0,)
+    ) -> Float[np.ndarray, "tilt pulse cell"]:
+        """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out.
+
+        tilts: angles by which the ground rises away from the radar on average, rad.
+        """
+        out = np.full((len(tilts), *ratio.shape), -np.inf)
         for rows, terms in self._terms(ratio, views):
-            weighed = terms + self._log_width(views.down[rows], self.ground.slope) + self._log_level_share
-            out[np.ix_(rows, self._columns)] = _log_sum(weighed.reshape(*terms.shape[:2], -1))
+            of_widths = _log_sum(terms + self._log_level_share)
+            for number, tilt in enumerate(tilts):
+                widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
+                out[number][np.ix_(rows, self._columns)] = _log_sum(of_widths + widths)
         return out
+
+    def width_at(
+        self, cell: Int[np.ndarray, " pulse"], down: Float[np.ndarray, " pulse"], tilt: float
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+        """Return mean and variance of the width of the ground's echo at given cells, from its slopes alone."""
+        column = np.clip(cell, self._columns[0], self._columns[-1]) - self._columns[0]
+        share = np.exp(self._log_width(down, self.ground.slope, tilt)[np.arange(len(cell)), column, :, 0])
+        mean = share @ WIDTHS_CELLS
+        return mean, share @ WIDTHS_CELLS**2 - mean**2
 
     def by_slope_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
@@ -313,10 +329,10 @@ class VolumeEnd:
         return behind[:, HALF + 1 :].astype(np.float32)
 
     def _log_width(
-        self, down: Float[np.ndarray, " pulse"], slope: float
+        self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
     ) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - np.arctan(slope * DEVIATES)
+        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - np.arctan(slope * DEVIATES)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
@@ -369,7 +385,7 @@ def _shapes(
 
     The range of a plane at the incidence t from the axis is r cos(t) / cos(t + a) = r + w u + q u^2, with u = a / s in
     standard deviations of the beam, w = r s tan(t) and q = r s^2 (tan(t)^2 + 1/2) = w^2 / r + r s^2 / 2: the echo's far
-    side is longer than its near one.
+    side is longer than its near one. It is weaker, too, by r^-2.
 
     step: drift in samples; spread: its standard deviation in cells.
     """
@@ -387,7 +403,9 @@ def _shapes(
         air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)
         air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")
         airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid")[::FINE])
-        ground = np.diff(np.interp(edges, range_cells[order], met, left=0.0, right=1.0))
+        echo = power[order] * (1 + range_cells[order] / ground_cell) ** -2 if ground_cell else power[order]
+        echoed = np.cumsum(echo) - echo / 2
+        ground = np.diff(np.interp(edges, range_cells[order], echoed, left=0.0, right=echo.sum()))
         ground = np.convolve(ground, window, "same")[::FINE]
         grounds.append(ground / ground.sum())
     return np.array(airs), np.array(grounds)

@@ -6,7 +6,7 @@ anywhere (a wall, an edge) with a small probability. Forward and backward messag
 of all neighbours for each pulse's height; their product with the pulse's own likelihood is the posterior.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,6 +18,7 @@ JUMP_PROBABILITY = 0.03
 MIN_DOWN = 0.1
 # Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
+MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,15 +48,36 @@ class Tracked:
     """Range of each pulse in cells, its standard deviation, and the probability of the surface it lies on.
 
     evidence: log-likelihood of ground on that surface against no ground, neighbours included.
-    reach: correlation length of range errors in pulses, as neighbours share their evidence: errors of pulses n apart
-        have about the correlation exp(-n^2 / reach^2).
+    alone: standard deviation of the range from the pulse's own evidence.
     """
 
     cell: Float[np.ndarray, " pulse"]
     sigma: Float[np.ndarray, " pulse"]
     probability: Float[np.ndarray, " pulse"]
     evidence: Float[np.ndarray, " pulse"]
-    reach: Float[np.ndarray, " pulse"]
+    alone: Float[np.ndarray, " pulse"]
+
+    @property
+    def reach(self) -> Float[np.ndarray, " pulse"]:
+        """Correlation length of range errors in pulses, as neighbours share their evidence.
+
+        Errors of pulses n apart have about the correlation exp(-n^2 / reach^2). Heights in a random walk from pulse to
+        pulse, each measured with the variance s^2, have after smoothing the variance P and errors of the correlation
+        l^n with P / s^2 = (1 - l) / (1 + l) (the inverse of their tridiagonal information matrix). The correlations add
+        up to s^2 / P; they are approximated by the Gaussian of the same sum.
+        """
+        total = np.maximum((self.alone / self.sigma) ** 2, 1.0)
+        return np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
+
+    def with_variance(self, share: Float[np.ndarray, " pulse"]) -> "Tracked":
+        """Return the same ranges, of which each pulse alone knows `share` of the variance.
+
+        For the steps of variance q of that random walk x = P / s^2 obeys x^2 / (1 - x^2) = q / (4 s^2).
+        """
+        smoothed = np.clip((self.sigma / self.alone) ** 2, 1e-6, 1 - 1e-6)
+        steps = smoothed**2 / (1 - smoothed**2) / share
+        sigma = self.alone * np.sqrt(share * np.sqrt(steps / (1 + steps)))
+        return replace(self, sigma=np.maximum(sigma, MIN_SIGMA_CELLS), alone=self.alone * np.sqrt(share))
 
 
 def track(
@@ -96,9 +118,9 @@ def track(
     probability = surface_share.sum(axis=1)
     mean = surface_share @ cell / probability
     sigma = np.sqrt(np.sum(surface_share * (cell - mean[:, None]) ** 2, axis=1) / probability)
-    sigma = np.maximum(sigma, 0.05)
-    reach = _reach(sigma, _alone(evidence, same, mean))
-    return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, reach=reach)
+    sigma = np.maximum(sigma, MIN_SIGMA_CELLS)
+    alone = np.maximum(_alone(evidence, same, mean), MIN_SIGMA_CELLS)
+    return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, alone=alone)
 
 
 def _alone(
@@ -110,17 +132,6 @@ def _alone(
     )
     square = (np.arange(evidence.shape[1]) - mean[:, None]) ** 2
     return np.sqrt(np.sum(likelihood * square, axis=1) / likelihood.sum(axis=1))
-
-
-def _reach(sigma: Float[np.ndarray, " pulse"], alone: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-    """Return the correlation length of range errors, in pulses.
-
-    Heights in a random walk from pulse to pulse, each measured with the variance s^2, have after smoothing the variance
-    P and errors of the correlation l^n with P / s^2 = (1 - l) / (1 + l) (the inverse of their tridiagonal information
-    matrix). The correlations add up to s^2 / P; they are approximated by the Gaussian of the same sum.
-    """
-    total = np.maximum((alone / sigma) ** 2, 1.0)
-    return np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
 
 
 def _neighbours(

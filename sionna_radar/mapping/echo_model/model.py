@@ -90,10 +90,21 @@ class Sightings:
         """Return the corners of the main lobe in the world frame."""
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
 
+    def echo_direction(self) -> Float[np.ndarray, "pulse 3"]:
+        """Return the directions of the mean ranges: the axis, or behind rain those beside it; see `VolumeInFront`."""
+        volume = self.profiles.volume
+        if volume is None:
+            return self.pose.boresight
+        return np.einsum("pij,pj->pi", self.pose.R_world_antenna, volume.direction)
+
     def true_m(self, read_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-        """Return mean ranges without the Doppler shift on the axis, and without errors of the radar."""
-        shift_m = self.shift_m(self.pose.boresight[:, None])[:, 0]
+        """Return mean ranges without the Doppler shift in their directions, and without errors of the radar."""
+        shift_m = self.shift_m(self.echo_direction()[:, None])[:, 0]
         return (read_m - shift_m - self.range_bias_m) / (1 + self.range_scale)
+
+    def places(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse 3"]:
+        """Return the places at mean ranges in their directions."""
+        return self.pose.position_m + range_m[:, None] * self.echo_direction()
 
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return the Doppler range shift along directions, m."""
@@ -294,7 +305,7 @@ class MeanRanges(Columns):
 def mean_ranges(sightings: Sightings) -> MeanRanges:
     """Return the mean range of every profile, from the cells within 20 dB of its strongest.
 
-    Behind a volume of rain, where the strongest cell may be rain, it is the detected range.
+    Behind a volume of rain, where the strongest cell may be rain, it is the detected range in its direction.
     """
     from sionna_radar.mapping.echo_model.power_kernels import mean_cells
 
@@ -306,3 +317,13 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS) * profiles.cell_m
     return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)
+
+
+def predicted_means(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, " pulse"]:
+    """Return what `mean_ranges` measures over a surface, with what `Sightings.true_m` removes; NaN without an echo."""
+    if sightings.profiles.volume is None:
+        return EchoModel(sightings, surface).centroid_m()
+    direction = sightings.echo_direction()
+    range_m = surface.first_hit(sightings.pose.position_m, direction, sightings.reach_m)
+    shift_m = sightings.shift_m(direction[:, None])[:, 0]
+    return np.asarray(range_m * (1 + sightings.range_scale) + sightings.range_bias_m + shift_m)

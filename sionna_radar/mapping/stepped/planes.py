@@ -20,7 +20,7 @@ from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.echo_heights import heights_over, on_axis, reaching
+from sionna_radar.mapping.terrain.echo_heights import heights_over, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
@@ -75,7 +75,7 @@ def plane_of_echoes(
     """
     reach = sightings.repeated(echoes.range_m)
     grid = reaching(grid, sightings, echoes)
-    trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
+    trend = np.array([np.median(sightings.places(echoes.range_m)[:, 2]), 0.0, 0.0])
     for _ in range(ROUNDS):
         heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach, options)
         if fits.sum() < MIN_ECHOES:

@@ -51,7 +51,6 @@ from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
-from sionna_radar.mapping.terrain.echo_heights import on_axis
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES
 
 # A part is raised if it is a step above this share of the adjacent cells.
@@ -259,7 +258,7 @@ def step_surface(
     options: of the method.
     """
     echoes = mean_ranges(sightings)
-    axis_m = on_axis(sightings.pose, echoes.range_m)
+    axis_m = sightings.places(echoes.range_m)
     coarse = coarse_map(sightings, points, grid, axis_m, options)
     step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
     part = parts_of(coarse.height_m, step_m, options.min_cells(grid.spacing_m))
@@ -359,7 +358,7 @@ class _Surfaces:
         """
         pose, range_m = self.sightings.pose, self.echoes.range_m
         reach_m = range_m * self.sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
-        echo_m = on_axis(pose, range_m)
+        echo_m = self.sightings.places(range_m)
         row, column, inside = self.grid.cell_of(echo_m)
         inside &= to_border_m(part, self.grid.spacing_m)[row, column] > reach_m
         inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m

@@ -11,10 +11,9 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import uniform_filter1d
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, MeanRanges, Sightings
+from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, predicted_means
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
@@ -67,7 +66,9 @@ def echo_surface(
     reach = sightings.repeated(echoes.range_m)
     if sightings.profiles.volume is not None:
         reach = np.maximum(reach, sightings.profiles.volume.echo_reach)
-    surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach, options).trend())
+    surface = TerrainModel.flat(
+        grid, _heights(sightings, echoes, sightings.places(echoes.range_m), reach, options).trend()
+    )
     for number in range(options.rounds):
         heights, fits = heights_over(surface, sightings, echoes, reach, options)
         last = number == options.rounds - 1
@@ -100,10 +101,11 @@ def heights_over(
     """
     pose = sightings.pose
     axis = pose.boresight
-    predicted = sightings.true_m(EchoModel(sightings, surface).centroid_m())
+    predicted = sightings.true_m(predicted_means(sightings, surface))
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
     known = np.isfinite(predicted) & np.isfinite(on_axis)
-    heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach, options)
+    on_axis_m = echoes.range_m - np.where(known, predicted - on_axis, 0.0)
+    heights = _heights(sightings, echoes, pose.position_m + on_axis_m[:, None] * axis, reach, options)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
@@ -117,11 +119,10 @@ def heights_over(
 def _heights(
     sightings: Sightings,
     echoes: MeanRanges,
-    bias_m: Float[np.ndarray, " pulse"],
+    point: Float[np.ndarray, "pulse 3"],
     reach: Float[np.ndarray, " pulse"],
     options: SmoothParameters,
 ) -> Heights:
-    point = on_axis(sightings.pose, echoes.range_m - bias_m)
     # Speckle makes the uncertainty that is read from one echo as uncertain, and small where the error is not.
     sigma = np.sqrt(uniform_filter1d(echoes.sigma_m**2, options.similar_pulses, mode="nearest"))
     sigma *= np.abs(sightings.pose.boresight[:, 2])
@@ -133,11 +134,6 @@ def _heights(
         order=sightings.profiles.pulse.astype(float),
         reach=reach,
     )
-
-
-def on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse 3"]:
-    """Return the points at some ranges on the axes of the beams."""
-    return pose.position_m + range_m[:, None] * pose.boresight
 
 
 def reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:

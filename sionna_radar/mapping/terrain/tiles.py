@@ -19,7 +19,7 @@ from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
-from sionna_radar.mapping.terrain.echo_heights import EchoSurface, on_axis
+from sionna_radar.mapping.terrain.echo_heights import EchoSurface
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import LocalRelief
@@ -201,7 +201,7 @@ class Tiles:
 
     @cached_property
     def _place_m(self) -> Float[np.ndarray, "pulse 2"]:
-        return on_axis(self.sightings.pose, self._echoes.range_m)[:, :2]
+        return self.sightings.places(self._echoes.range_m)[:, :2]
 
 
 def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:

@@ -157,7 +157,9 @@ class SweepDetector:
         up, down = (
             detector.uncorrected(detector.spectra(beat), pulses.index, self._window_m(pulses, sweep))
             if through is None
-            else through.find(detector.analyser.power(beat), pulses, sweep, self._window_m(pulses, sweep)).echoes
+            else through.find(
+                detector.analyser.power(beat), pulses, sweep, self._window_m(pulses, sweep), on_axis=True
+            ).echoes
             for beat, through, sweep in zip(beats, self.through, self.sweeps, strict=True)
         )
         return pair_sweeps(up, down, self.sweeps[0])
@@ -178,7 +180,7 @@ class SweepDetector:
         if through is None:
             echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))
         else:
-            echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp)).echoes
+            echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp), on_axis=True).echoes
             spectra = replace(spectra, threshold=through.threshold(spectra))
         threshold = np.where(np.isfinite(spectra.threshold), spectra.threshold, np.nan)
         own = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]

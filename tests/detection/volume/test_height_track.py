@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.volume.height_track import AxisHeights, track
+from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
 from sionna_radar.mapping.echo_model.speckle import repeats
 
 PULSES, CELLS, CELL_M = 600, 160, 0.3
@@ -51,3 +51,18 @@ def test_pulses_that_see_the_ground_by_themselves_share_nothing(tracked):
     alone = track(sharp, heights, CELL_M, np.zeros(PULSES, dtype=int), 0.15, CELL_M)
     assert np.all(alone.reach < 0.8)
     assert np.median(found.reach) > 1.0
+
+
+@pytest.mark.parametrize(("steps", "share"), [(0.3, 0.5), (2.0, 0.2)])
+def test_sharper_pulses_are_smoothed_as_a_random_walk_is(steps, share):
+    """Variance and correlations of heights in a random walk, from the inverse of their information matrix."""
+
+    def smoothed(noise):
+        walk = (2 * np.eye(201) - np.eye(201, k=1) - np.eye(201, k=-1)) / steps
+        return np.linalg.inv(walk + np.eye(201) / noise)[100, 100]
+
+    alone = np.ones(1)
+    known = Tracked(cell=alone, sigma=np.sqrt([smoothed(1.0)]), probability=alone, evidence=alone, alone=alone)
+    sharper = known.with_variance(np.array([share]))
+    assert sharper.sigma[0] ** 2 == pytest.approx(smoothed(share), rel=1e-3)
+    assert sharper.alone[0] ** 2 == pytest.approx(share)

@@ -8,7 +8,7 @@ import pytest
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
 from sionna_radar.detection.volume.detector import shows_volume
-from sionna_radar.detection.volume.end import Views
+from sionna_radar.detection.volume.end import HALF, WIDTHS_CELLS, Views, _shapes
 from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.equation import two_way_beam_sr
@@ -107,7 +107,7 @@ def test_rain_without_ground_makes_no_echo():
     white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
-    evidence = end.evidence(end.over_volume(power, views.strength), views)
+    evidence = end.evidence(end.over_volume(power, views.strength), views)[0]
     heights = AxisHeights(
         position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
@@ -157,6 +157,31 @@ def test_maps_under_the_track_have_no_bias_in_rain():
     survey = run(load_scenario("hills", flight | {"weather.rain_rate_mm_per_h": 4.0} | LINEAR))
     assert abs(survey.lit_error.mean_m) < 0.06
     assert survey.lit_error.rms_m < 0.15
+
+
+def test_the_slope_of_the_ground_does_not_move_ranges():
+    """The range on the axis of a weak echo erred by 1.6 m per unit of slope, so that neighbouring lines erred alike."""
+    ready = prepare(load_scenario("ridges", {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 60.0, "seed": 9}))
+    points, caster = run(ready).points, ready.scene.caster
+    pose = ready.flight.pulses(points.pulse).true
+    toward = (points.position_m - points.origin_m) / points.range_m[:, None]
+    hit = caster.intersect(caster.prepare(pose.position_m, toward))
+    normal = np.array([hit.n.x, hit.n.y, hit.n.z])
+    level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
+    rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
+    per_slope = np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0]
+    assert abs(per_slope) < 0.6
+
+
+@pytest.mark.parametrize("number", [5, 8])
+def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
+    """Its mean beyond the axis: q for the far side, which is longer, less twice w^2 / r for its weaker power."""
+    end, range_cells = through(25.0)[2].end, 300
+    beam = end.beam.sine.tobytes(), end.beam.share.tobytes()
+    _, ground = _shapes(0, 0.0, range_cells, *beam, end.response.tobytes())
+    square, width = end.beam.share @ end.beam.sine**2, WIDTHS_CELLS[number]
+    mean = ground[number] @ np.arange(-HALF, HALF + 1)
+    assert mean == pytest.approx(range_cells * square / 2 - width**2 / range_cells, abs=0.1 * width**2 / range_cells)
 
 
 def test_off_takes_rain_for_ground():
