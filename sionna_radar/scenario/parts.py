@@ -24,6 +24,7 @@ RANGE_ESTIMATORS = Registry(
         "leading_edge": BuiltIn("detection.ranging.estimators.LeadingEdgeRange"),
         "threshold": BuiltIn("detection.ranging.estimators.ThresholdRange"),
         "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
+        "tracker": BuiltIn("detection.build.tracker_range", "scenario.processing.TrackerTable"),
     },
 )
 DEM_METHODS = Registry(
