@@ -23,8 +23,8 @@ RANGE_ESTIMATORS = Registry(
         "centroid": BuiltIn("detection.ranging.estimators.CentroidRange"),
         "leading_edge": BuiltIn("detection.ranging.estimators.LeadingEdgeRange"),
         "threshold": BuiltIn("detection.ranging.estimators.ThresholdRange"),
-        "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
         "tracker": BuiltIn("detection.build.tracker_range", "scenario.processing.TrackerTable"),
+        "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
     },
 )
 DEM_METHODS = Registry(
