@@ -16,7 +16,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
-from scipy.signal import lsim
 
 
 class Phase(StrEnum):
@@ -257,6 +256,8 @@ def _cruise_height(plan: FlightPlan, track: Course, ground_m: Callable, start_gr
     samples = distance[:, None] + half_window[:, None] * np.linspace(-1.0, 1.0, 11)
     height = ground_m(track.point(samples.ravel())).reshape(samples.shape).mean(axis=1) + plan.altitude_m
     if plan.response_s is not None:
+        from scipy.signal import lsim
+
         first_order = ([1.0], [plan.response_s * plan.speed_mps, 1.0])
         height = height[0] + lsim(first_order, height - height[0], distance)[1]
     return CubicSpline(distance, height)
