@@ -16,6 +16,7 @@ from sionna_radar.survey import CustomParts
 
 SPEED_MPS, CHIRPS, TIME_CONSTANT_S, RESPONSE_S = 10.0, 25, 0.1, 1.0
 RADARS = ("alt_24000", "alt_77000")
+HIGHEST_M = {"alt_24000": 500.0, "alt_77000": 140.0}
 SOIL = {
     "kind": "soil", "temperature_c": 15.0, "sand_percent": 40.0, "clay_percent": 20.0, "water_fraction": 0.2,
     "specific_gravity": 2.65,
@@ -40,7 +41,7 @@ SURFACES = {
 }
 # Heights of plants, and what they take, dB/m one way; trees as Schwering measured at 28.8 and 57.6 GHz.
 PLANTS = {"grass": (0.5, {"alt_24000": 10.0, "alt_77000": 20.0}), "trees": (12.0, {"alt_24000": 1.3, "alt_77000": 2.0})}
-WIDE_M, POST_M, LEVEL_M, LENGTH_M = 500.0, 2.0, 20.0, 360.0
+WIDE_M, POST_M, LEVEL_M, LENGTH_M = 500.0, 2.0, 20.0, 240.0
 # Readings until the tracker has forgotten the first.
 SETTLED = 20
 EAST_M = np.arange(-WIDE_M, WIDE_M + 1, POST_M)
@@ -96,11 +97,11 @@ def level(east_m):
 
 # %%
 # Over level ground: reading less true height over the ground, its spread, and readings without an echo.
-print("| radar | cover | 10 m | 30 m | 100 m |")
+print("| radar | cover | 10 m | 30 m | 100 m | highest |")
 for radar in RADARS:
     for cover in ("soil", "grass", "trees", "water", "calm water"):
         cells = []
-        for height_m in (10.0, 30.0, 100.0):
+        for height_m in (10.0, 30.0, 100.0, HIGHEST_M[radar]):
             if PLANTS.get(cover, (0.0,))[0] > height_m:
                 cells.append("")
                 continue
