@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from sionna_radar import Raster, load_scenario, prepare
-from sionna_radar.flight.trajectory import FlightPlan, Track, plan_trajectory
 from sionna_radar.survey import CustomParts
 
 SPEED_MPS, CHIRPS, TIME_CONSTANT_S, RESPONSE_S = 10.0, 25, 0.1, 1.0
@@ -47,8 +46,8 @@ SETTLED = 20
 EAST_M = np.arange(-WIDE_M, WIDE_M + 1, POST_M)
 
 
-def flown(radar, cover, height_m, ground_m, length_m, height="level"):
-    """Return a survey at a height above a profile that is the same all across."""
+def planned(radar, cover, height_m, ground_m, length_m, height="level"):
+    """Return a survey at a height above a profile that is the same all across, before it is flown."""
     keys = {
         "platform": {"altitude_m": height_m, "speed_mps": SPEED_MPS, "length_m": length_m, "height": height},
         "platform.height_response_s": RESPONSE_S,
@@ -79,16 +78,17 @@ def flown(radar, cover, height_m, ground_m, length_m, height="level"):
             }
         ]
     terrain = Raster.from_array(np.tile(ground_m(EAST_M), (int(WIDE_M / POST_M) + 1, 1)), POST_M)
-    prepared = prepare(load_scenario("hills", keys), CustomParts(terrain=terrain))
-    return Readings(prepared.flight.pulses(np.arange(len(prepared))), prepared.echoes(np.arange(len(prepared))))
+    return prepare(load_scenario("hills", keys), CustomParts(terrain=terrain))
 
 
 class Readings:
     """Where readings were made, how high the radar was, what it read, and the share of pulses without an echo."""
 
-    def __init__(self, pulses, echoes):
-        self.east_m, _, self.up_m = pulses.true.position_m[echoes.pulse].T
-        self.read_m, self.missing = echoes.range_m, 1 - len(echoes.pulse) / len(pulses)
+    def __init__(self, prepared):
+        index = np.arange(len(prepared))
+        echoes = prepared.echoes(index)
+        self.east_m, _, self.up_m = prepared.flight.pulses(index).true.position_m[echoes.pulse].T
+        self.read_m, self.missing = echoes.range_m, 1 - len(echoes.pulse) / len(index)
 
 
 def level(east_m):
@@ -105,7 +105,7 @@ for radar in RADARS:
             if PLANTS.get(cover, (0.0,))[0] > height_m:
                 cells.append("")
                 continue
-            made = flown(radar, cover, height_m, level, LEVEL_M)
+            made = Readings(planned(radar, cover, height_m, level, LEVEL_M))
             error_m = (made.read_m - made.up_m)[SETTLED:]
             cells.append(f"{error_m.mean():+.2f} ± {error_m.std():.2f}, {made.missing:.0%}")
         print(f"| {radar} | {cover} | " + " | ".join(cells) + " |", flush=True)
@@ -115,7 +115,7 @@ for radar in RADARS:
 # Over slopes of soil, level, up and down. Half of the difference over the rate of the height is the delay.
 def sloping_errors(radar, rise):
     """Return reading less height over the height."""
-    made = flown(radar, "soil", 40.0, lambda east_m: rise * east_m, LEVEL_M)
+    made = Readings(planned(radar, "soil", 40.0, lambda east_m: rise * east_m, LEVEL_M))
     height_m = made.up_m - rise * made.east_m
     return np.mean((made.read_m / height_m - 1)[SETTLED:])
 
@@ -132,8 +132,6 @@ for radar in RADARS:
 # %%
 # Over hills, steered by readings: the ground as it is read, followed by a first-order response, over what stands there.
 SET_M = 30.0
-TRACK = Track(np.array([[-LENGTH_M / 2, 0.0], [LENGTH_M / 2, 0.0]]))
-ALONG_M = np.linspace(0.0, LENGTH_M, 4 * int(LENGTH_M) + 1)
 
 
 def hills(east_m):
@@ -141,18 +139,19 @@ def hills(east_m):
     return 4.0 * np.sin(2 * np.pi * east_m / 120.0)
 
 
-def lowest_m(top_m, ground_m, response_s=RESPONSE_S):
+def lowest_m(top_m, ground_m, height):
     """Return the least height to set with which a flight that follows ground, as it is known, stays over the tops."""
-    plan = FlightPlan(altitude_m=SET_M, speed_mps=SPEED_MPS, follows_terrain=True, response_s=response_s)
-    flight = plan_trajectory(plan, TRACK, lambda place: ground_m(place[:, 0]))
-    east_m, _, up_m = flight.position(ALONG_M / SPEED_MPS).T
+    trajectory = planned(RADARS[0], "soil", SET_M, ground_m, LENGTH_M, height).flown.trajectory
+    east_m, _, up_m = trajectory.position(np.linspace(0.0, trajectory.end_s, 1001)).T
     return SET_M - np.min(up_m - hills(east_m) - top_m)
 
 
 print("| radar | cover | by its readings | by readings without error | by a DEM of the ground |")
 for radar in RADARS:
     for cover in ("soil", "grass", "trees"):
-        top_m, made = PLANTS.get(cover, (0.0,))[0], flown(radar, cover, SET_M, hills, LENGTH_M, "sensed")
+        top_m = PLANTS.get(cover, (0.0,))[0]
+        made = Readings(planned(radar, cover, SET_M, hills, LENGTH_M, "sensed"))
         as_read = partial(np.interp, xp=made.east_m, fp=made.up_m - made.read_m)
-        cells = [lowest_m(top_m, as_read), lowest_m(top_m, hills), lowest_m(top_m, hills, None)]
+        known = ((as_read, "sensed"), (hills, "sensed"), (hills, "terrain_following"))
+        cells = [lowest_m(top_m, ground_m, height) for ground_m, height in known]
         print(f"| {radar} | {cover} | " + " | ".join(f"{value:.1f} m" for value in cells) + " |", flush=True)
