@@ -504,7 +504,9 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         settings=source.settings,
         sweeps=() if readings else source.sweeps,
         time_s=flight.time_s,
-        echoes=observed.echoes if points is None else replace(observed.echoes, range_m=points.range_m),
+        echoes=observed.echoes
+        if points is None
+        else replace(observed.echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m),
         points=points,
         measured=_poses_of(source) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
