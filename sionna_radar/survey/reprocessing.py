@@ -488,10 +488,11 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
     file, flight = source.file, source.flight
     sensor, observed = observe(source, execution, work=recorded_segment_task)
-    estimate = points = None
+    estimate, points, echoes = None, None, observed.echoes
     with stage("mapping"), timed("map"):
         if flight.located:
-            points = place(observed.echoes, sensor, flight)
+            points = place(echoes, sensor, flight)
+            echoes = replace(echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m)
             if len(points) or file.flight:
                 estimate = source.mapper_of(points).map(points, observed.profiles, source.pose)
     with timed("compare"):
@@ -504,9 +505,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         settings=source.settings,
         sweeps=() if readings else source.sweeps,
         time_s=flight.time_s,
-        echoes=observed.echoes
-        if points is None
-        else replace(observed.echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m),
+        echoes=echoes,
         points=points,
         measured=_poses_of(source) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
@@ -517,7 +516,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         spectrum=spectrum,
         chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
-        warnings=_warnings(source, observed.echoes, None if estimate is None else estimate.dem, comparison, spectrum),
+        warnings=_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
     )
 
 
@@ -598,5 +597,4 @@ def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
     left_out = RESPONSE_CELLS * detector.analyser.zero_padding
     echo = np.maximum(spectrum.mean - spectrum.floor, 0.0)[left_out:-left_out]
     half = len(spectrum.mean) // 2 - left_out
-    strong = echo.max(initial=0.0) > STRONG * spectrum.floor
-    return bool(strong and echo[half:].sum() > BAND_HELD * echo.sum())
+    return bool(echo.max(initial=0.0) > STRONG * spectrum.floor and echo[half:].sum() > BAND_HELD * echo.sum())
