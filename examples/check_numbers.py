@@ -35,6 +35,7 @@ EXAMPLES = (
     "plot_circular",
     "plot_altimeter",
     "published_mapper",
+    "altimeters",
 )
 
 

@@ -19,6 +19,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import grey_closing, grey_opening
 
 from sionna_radar import Raster, load_scenario, prepare
+from sionna_radar.detection import Echoes, RangeLoop, Ranges
 from sionna_radar.survey import CustomParts
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
@@ -33,7 +34,7 @@ along_m = np.concatenate([[0.0], along_m])[:READINGS] - along_m[READINGS - 2] / 
 
 # %%
 # The flight, on a straight track, and the ground: what the laser met, or the ground below it and plants up to it.
-CHIRPS, PULSES, SPACING_M, MARGIN_M = 8, 6, 10.0, 400.0
+CHIRPS, SPACING_M, MARGIN_M = 8, 10.0, 400.0
 TIME_CONSTANT_S = 0.09  # of the tracker: data sheet of the ALT-50A
 columns = {
     "time_s": time_s, "east_m": along_m, "north_m": 0 * time_s, "up_m": surface_m + laser_m,
@@ -69,17 +70,18 @@ def extruded(heights_m):
 
 
 def flown(ground_m, keys):
-    """Return what the altimeter reads at the times of the line: its last ranges, under a first-order tracker."""
+    """Return the times of the pulses that have an echo, and their ranges."""
     prepared = prepare(load_scenario("hills", SCENARIO | keys), CustomParts(terrain=extruded(ground_m)))
-    pulse_s = prepared.flight.pulses(np.arange(len(prepared))).time_s
-    newest = np.clip(np.searchsorted(pulse_s, time_s, side="right") - 1, PULSES - 1, len(prepared) - 1)
-    used = newest[:, None] - np.arange(PULSES)
-    range_m = np.full(len(prepared), np.nan)
-    for part in np.array_split(np.unique(used), max(1, used.size // 512)):
-        echoes = prepared.echoes(part)
-        range_m[echoes.pulse] = echoes.range_m
-    weight = np.exp((pulse_s[used] - time_s[:, None]) / TIME_CONSTANT_S) * np.isfinite(range_m[used])
-    return np.sum(weight * np.nan_to_num(range_m[used]), axis=1) / np.sum(weight, axis=1)
+    index = np.arange(len(prepared))
+    echoes = Echoes.concatenate([prepared.echoes(part) for part in np.array_split(index, 1 + len(index) // 512)])
+    return prepared.flight.time_s[echoes.pulse], Ranges(range_m=echoes.range_m, sigma_m=echoes.range_sigma_m)
+
+
+def read(flight, time_constant_s=TIME_CONSTANT_S):
+    """Return what the altimeter reads at the times of the line, as `processing.ranging = "tracker"` smooths ranges."""
+    pulse_s, ranges = flight
+    smoothed_m = RangeLoop(time_constant_s=time_constant_s).follow(pulse_s, ranges).range_m
+    return smoothed_m[np.maximum(np.searchsorted(pulse_s, time_s, side="right") - 1, 0)]
 
 
 # %%
@@ -117,7 +119,8 @@ def described(label, values, compared=None):
 
 
 first, predicted_m = HALVES["first"], {}
-for name, read_m in flights.items():
+for name, flight in flights.items():
+    read_m = read(flight)
     bias_m = np.mean((radar_m - read_m)[first])
     predicted_m[name] = read_m + bias_m - laser_m
     print(f"{name}: bias {bias_m:+.2f} m")
@@ -125,6 +128,17 @@ for half, rows in HALVES.items():
     print(described(f"{half}: measured", measured_m[rows]))
     for name, values in predicted_m.items():
         print(described(name, values[rows], measured_m[rows]))
+
+# %%
+# The time constant of the tracker that leaves least on the first half, and what it leaves on the second.
+for name, flight in flights.items():
+    left_m = {
+        time_constant_s: [np.std((radar_m - read(flight, time_constant_s))[rows]) for rows in HALVES.values()]
+        for time_constant_s in (TIME_CONSTANT_S, *np.geomspace(0.02, 2.0, 21))
+    }
+    best_s = min(left_m, key=lambda time_constant_s: left_m[time_constant_s][0])
+    told = [f"{s:.2f} s leaves {left_m[s][0]:.2f} and {left_m[s][1]:.2f} m" for s in (best_s, TIME_CONSTANT_S)]
+    print(f"{name:20} best tracker: {told[0]}, {told[1]}")
 
 # %%
 # A plain guess beside them: the mean height of what the laser met within 30 m, the two-way half-power beam.

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.checkpoints import NOTHING_COVERED, CheckpointTest, checkpoint_test, gradient, slope_deg
-from sionna_radar.accuracy.compare import nmad
+from sionna_radar.accuracy.compare import DemError, nmad, statistics
 from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.foundation.raster import Raster
@@ -195,6 +195,7 @@ class Breakdown:
     by_slope: classes of the true slope, degrees.
     by_incidence: classes of the angle between the true surface's normal and the direction to the radar, degrees.
     by_wall_distance: classes of the distance from the nearest wall, metres; None without walls.
+    by_cover: by name of the cover; None where it is not known, or all the same.
     variogram: None with too few cells.
     """
 
@@ -202,6 +203,7 @@ class Breakdown:
     by_slope: tuple[ErrorClass, ...]
     by_incidence: tuple[ErrorClass, ...]
     by_wall_distance: tuple[ErrorClass, ...] | None
+    by_cover: dict[str, DemError] | None
     variogram: Variogram | None
 
 
@@ -214,8 +216,9 @@ def break_down(
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
     own_error_m: float | None = None,
+    covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
 ) -> Breakdown:
-    """Return the breakdown of a DEM's error by slope, incidence and wall distance, with checkpoints and variogram.
+    """Return the breakdown of a DEM's error by classes of ground and view, with checkpoints and variogram.
 
     Parameters
     ----------
@@ -229,6 +232,8 @@ def break_down(
         Seed of the scenario, for checkpoints and pairs.
     covered, own_error_m:
         See `checkpoint_test`.
+    covers:
+        Cells of each cover.
     """
     cells = error.filled & lit
     sample = _some(cells, seed)
@@ -237,11 +242,17 @@ def break_down(
     if walls:
         place = error.grid.centres_m[sample.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
+    by_cover = {
+        name: statistics(error.height_m[cells & own], int((lit & own).sum()))
+        for name, own in (covers or {}).items()
+        if (cells & own).any()
+    }
     return Breakdown(
         checkpoints=checkpoint_test(error, truth, lit, seed, covered, own_error_m),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
         by_incidence=by_class(error_m, incidence_deg(truth, points, sample), INCIDENCES_DEG),
         by_wall_distance=distances,
+        by_cover=by_cover or None,
         variogram=variogram(error, cells, seed),
     )
 

@@ -15,7 +15,8 @@ come from the sums of Z'r over square tiles, wider than the correlation length o
 "Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
 """
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -31,6 +32,7 @@ from rasterio.warp import Resampling, reproject
 from sionna_radar.accuracy.breakdown import Breakdown, break_down, variogram
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import DemError, nmad, statistics
+from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import height_system, horizontal_part
@@ -41,6 +43,8 @@ from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
+
+logger = logging.getLogger("sionna_radar")
 
 KEY = "reference"
 REMEDY = "give a GeoTIFF, a LAS or LAZ file, or a CSV file with the columns x, y, z and, if known, sigma"
@@ -167,6 +171,8 @@ def compare_with_reference(
     lit: Bool[np.ndarray, "row column"] | None = None,
     points: Points | None = None,
     uncertainty: Uncertainty | None = None,
+    walls: Walls | None = None,
+    covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
     seed: int = 0,
 ) -> ReferenceCheck:
     """Compare a DEM with the measured heights of a file.
@@ -186,6 +192,8 @@ def compare_with_reference(
         Cells that the main beam reached; None takes all filled ones.
     points, uncertainty:
         The located echoes, and the uncertainty of means, for classes of view and windows.
+    walls, covers:
+        Where they are, in the coordinates of the DEM, for classes of distance and of cover; None if it is not known.
     seed:
         Of the random choice of checkpoints among cells.
 
@@ -209,6 +217,7 @@ def compare_with_reference(
     reached = dem.filled if lit is None else lit
     shift = _shift_of(dem, reference, dem.filled & reached, seed, path)
     surface = reference.on(dem.grid)
+    _warn_of(shift, path.name, apply_shift)
     if apply_shift:
         surface = reference.on(dem.grid, shift.east_m or 0.0, shift.north_m or 0.0)
         trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
@@ -224,9 +233,17 @@ def compare_with_reference(
         applied=apply_shift,
         error=error,
         statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
-        breakdown=break_down(error, surface, known, points, None, seed, own_error_m=reference.sigma_m),
+        breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
         calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
     )
+
+
+def _warn_of(shift: Shift, name: str, applied: bool) -> None:
+    """Warn of a vertical shift beyond which a single error would be an outlier."""
+    if not applied and abs(shift.up_m) > OUTLIERS * max(shift.shifted_rms_m, shift.up_sigma_m):
+        warning = "the DEM lies %+.2f m off %s, and the rest of its errors is %.2f m: look at vertical datum, unit and "
+        warning += "range zero of both, or take the shift out"
+        logger.warning(warning, shift.up_m, name, shift.shifted_rms_m)
 
 
 def _check_at(
@@ -244,6 +261,7 @@ def _check_at(
         raise InputFileError(message)
     place_m, own_m = reference.place_m[inside], reference.sigma_m[inside]
     shift = _trend_of(error_m, place_m, _middle_m(dem.grid))
+    _warn_of(shift, name, apply_shift)
     if apply_shift:
         error_m = error_m - shift.trend_m(place_m, _middle_m(dem.grid))
     stated = None if sigma is None else np.hypot(sigma.at(place_m), own_m)
@@ -521,11 +539,26 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     if wkt is not None and grid.georeference is None:
         message = f"{named}: has a CRS, and the DEM is in local metres; give a file in the same metres without a CRS"
         raise InputFileError(message)
+    if wkt is None or grid.georeference is None:
+        return LOCAL
     try:
-        return CRS.from_wkt(wkt).to_wkt() if wkt else LOCAL
+        crs = CRS.from_wkt(wkt)
     except CRSError as error:
         message = f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}"
         raise InputFileError(message) from error
+    own, other = _vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), _vertical_datum(crs)
+    if own and other and own != other:
+        warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"
+        logger.warning(warning, named, other, own)
+    return crs.to_wkt()
+
+
+def _vertical_datum(crs: CRS) -> str | None:
+    """Return what heights count from; None where a CRS does not say it."""
+    vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
+    if vertical is not None:
+        return vertical.datum.name if vertical.datum else vertical.name
+    return "the ellipsoid" if len(crs.axis_info) == 3 and not crs.is_geocentric else None
 
 
 def georeferenced(raster: Raster, crs_wkt: str) -> Raster:

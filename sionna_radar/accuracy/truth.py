@@ -137,6 +137,17 @@ class GroundTruth:
         scene, key = self.built.scene, (repr(self.grid), repr(self.buildings))
         return self.built.caster.once("walls", key, lambda: walls_on(self.grid, scene, self.buildings))
 
+    @cached_property
+    def covers(self) -> dict[str, Bool[np.ndarray, "row column"]]:
+        """Cells of each cover, seen from above; empty where all are the same."""
+        scene, centres_m = self.built.scene, self.grid.centres_m
+        if len({surface.material for surface in scene.surfaces}) == 1 and scene.vegetation is None:
+            return {}
+        above = np.column_stack([centres_m, np.full(len(centres_m), scene.bounds_m[1, 2] + CLEAR_M)])
+        hits = self.built.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
+        name = scene.covers(hits.surface, centres_m).reshape(self.grid.shape)
+        return {str(own): name == own for own in np.unique(name[name != ""])}
+
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""
         beside_wall = edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls) if self.walls else None

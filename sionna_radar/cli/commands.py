@@ -445,14 +445,36 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
 
 
 @command(*SCENARIO)
-def image(session: Session) -> None:
-    """Simulate a side-looking scenario; write its slant-range image and, with persistent speckle, the focused one."""
-    from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
-    from sionna_radar.studies.images import run_images
+def image(
+    session: Session,
+    ground_height: Annotated[
+        float | None,
+        typer.Option(
+            "--ground-height",
+            metavar="M",
+            help="Of a recording: height of the ground on its map, m; default: that of the simulated flight.",
+        ),
+    ] = None,
+) -> None:
+    """Write the slant-range image of a side-looking scenario and, with persistent speckle, the focused one.
 
-    checked = session.load()
+    In place of the scenario a recording may be given, as for `process`: its pulses are imaged along their measured
+    poses.
+    """
+    from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
+    from sionna_radar.studies.images import Imagery, image_recording, run_images
+    from sionna_radar.survey.recordings.described import is_recording
+
+    def imaged() -> Imagery:
+        if is_recording(Path(session.scenario)):
+            return image_recording(session.scenario, session.overrides, ground_m=ground_height)
+        if ground_height is not None:
+            message = "is of a recording; a scenario has its terrain"
+            raise ScenarioError([Problem("--ground-height", message)], "command line")
+        return run_images(session.load())
+
     session.produce(
-        lambda _: run_images(checked),
+        lambda _: imaged(),
         suffix="_image",
         marker=MARKER,
         write=write_imagery,
@@ -468,7 +490,7 @@ def range_doppler(
 ) -> None:
     """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
     from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
-    from sionna_radar.studies.images import run_frames
+    from sionna_radar.studies.frames import run_frames
 
     checked = session.load()
     session.produce(

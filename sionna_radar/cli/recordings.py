@@ -109,7 +109,12 @@ def with_the_results(kinds: list[str], directory: Path) -> Iterator[dict[str, Pa
 @command(*RECORDING, *TEAM)
 def process_command(
     session: Session,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A netCDF file of beat signals.")],
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING", help="A netCDF file of beat signals, or a TOML description of any recording."
+        ),
+    ],
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,

@@ -11,5 +11,6 @@ from .range_doppler.movers import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .range_doppler.movers import find_movers as find_movers
 from .ranging.estimators import EchoSpans as EchoSpans
 from .ranging.estimators import RangeEstimator as RangeEstimator
+from .ranging.estimators import RangeLoop as RangeLoop
 from .ranging.estimators import Ranges as Ranges
 from .spectrum import SpectrumAnalyser as SpectrumAnalyser

@@ -11,7 +11,7 @@ from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.detector import RESPONSE_CELLS, SHARED_NOISE, Detector, VolumeOptions
 from sionna_radar.detection.expected_ground import ExpectedGround, rough_surface
-from sionna_radar.detection.ranging.estimators import RangeEstimator
+from sionna_radar.detection.ranging.estimators import RangeEstimator, TrackerRange
 from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -21,7 +21,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import near_field_m, two_way_beam_sr
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
-from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable
+from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTable, TrackerTable
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.table import Table
@@ -85,6 +85,12 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
 def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
     """Return the range estimator of a scenario."""
     return RANGE_ESTIMATORS.build(table.ranging, RangeEstimator, table.ranging_parameters)
+
+
+def tracker_range(table: TrackerTable) -> TrackerRange:
+    """Return the estimator of a tracker."""
+    follows = RANGE_ESTIMATORS.build(table.follows, RangeEstimator, None)
+    return TrackerRange(follows=follows, time_constant_s=table.time_constant_s)
 
 
 def build_detector(

@@ -13,7 +13,14 @@ from jaxtyping import Bool, Float, Inexact, Int
 
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes, Profiles, cut_profiles
-from sionna_radar.detection.ranging.estimators import EchoSpans, RangeEstimator, Ranges, span_cells
+from sionna_radar.detection.ranging.estimators import (
+    EchoSpans,
+    RangeEstimator,
+    RangeLoop,
+    Ranges,
+    TrackerRange,
+    span_cells,
+)
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
@@ -188,6 +195,11 @@ class Detector:
             return replace(echoes, range_m=echoes.range_m - self.analyser.chirp.doppler_range_m(rate_mps))
         shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
         return replace(echoes, range_m=echoes.range_m - shift[row])
+
+    def range_loop(self) -> RangeLoop | None:
+        """Return a new loop over the ranges of pulses; None for an estimator that takes each by itself."""
+        tracker = self.estimator
+        return RangeLoop(time_constant_s=tracker.time_constant_s) if isinstance(tracker, TrackerRange) else None
 
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
         """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""

@@ -241,7 +241,8 @@ def flight_plan(platform: Platform) -> FlightPlan:
         FlightPlan,
         altitude_m=altitude_m,
         speed_mps=speed_mps,
-        follows_terrain=platform.height == "terrain_following",
+        follows_terrain=platform.height != "level",
+        response_s=platform.height_response_s if platform.height == "sensed" else None,
         vertical=platform.profile == "full",
     )
 

@@ -114,6 +114,8 @@ class FlightPlan:
 
     altitude_m: height above the ground under the start, or, following the terrain, under the track.
     follow_length_m: length over which the followed ground is smoothed.
+    response_s: time constant tau with which the flight follows the height h that it senses above the ground below,
+        instead of ground known ahead: tau dz/dt = altitude_m - h. None: it follows smoothed ground without a lag.
     vertical: whether it has take-off, climb, descent and landing, with these rates.
     takeoff_height_m: height above the ground where the take-off ends and the climb begins.
     """
@@ -122,6 +124,7 @@ class FlightPlan:
     speed_mps: float
     follows_terrain: bool = False
     follow_length_m: float = 50.0
+    response_s: float | None = None
     vertical: bool = False
     climb_rate_mps: float = 2.0
     descent_rate_mps: float = 2.0
@@ -246,12 +249,18 @@ def _cruise_height(plan: FlightPlan, track: Course, ground_m: Callable, start_gr
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
     # The ground is averaged over follow_length_m, as by a flight controller, then splined. Toward the ends of the
     # track the average narrows and stays centred: a one-sided one would be biased on a slope.
-    step = plan.follow_length_m / 10
+    window = plan.follow_length_m if plan.response_s is None else plan.response_s * plan.speed_mps / 10
+    step = window / 10 if plan.response_s is None else window
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
-    half_window = np.minimum(plan.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
+    half_window = np.minimum(window / 2, np.minimum(distance, track.length_m - distance))
     samples = distance[:, None] + half_window[:, None] * np.linspace(-1.0, 1.0, 11)
-    ground = ground_m(track.point(samples.ravel())).reshape(samples.shape)
-    return CubicSpline(distance, ground.mean(axis=1) + plan.altitude_m)
+    height = ground_m(track.point(samples.ravel())).reshape(samples.shape).mean(axis=1) + plan.altitude_m
+    if plan.response_s is not None:
+        from scipy.signal import lsim
+
+        first_order = ([1.0], [plan.response_s * plan.speed_mps, 1.0])
+        height = height[0] + lsim(first_order, height - height[0], distance)[1]
+    return CubicSpline(distance, height)
 
 
 def _vertical_phases(plan: FlightPlan, ground: float, height: float, *, landing: bool = False) -> list[_VerticalPhase]:

@@ -4,11 +4,11 @@ from .aperture import ground_pixels as ground_pixels
 from .aperture import whole_beam as whole_beam
 from .sar import BackProjection as BackProjection
 from .sar import SarImage as SarImage
-from .slar import SideLooking as SideLooking
-from .slar import SlantImage as SlantImage
-from .slar import to_ground as to_ground
+from .strip import SideLooking as SideLooking
+from .strip import SlantImage as SlantImage
 from .strip import azimuth_resolution_m as azimuth_resolution_m
 from .strip import ground_range_resolution_m as ground_range_resolution_m
 from .strip import half_power_width as half_power_width
 from .strip import real_aperture_resolution_m as real_aperture_resolution_m
 from .strip import slant_range_resolution_m as slant_range_resolution_m
+from .strip import to_ground as to_ground

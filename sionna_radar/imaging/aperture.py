@@ -67,8 +67,10 @@ def whole_beam(antenna: Antenna) -> Aperture:
     return Aperture(width_rad=2 * float(np.arcsin(aperture.beam_reach)), azimuth=antenna.azimuth)
 
 
-def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
+def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture, rate_hz: float | None = None) -> None:
     """Raise an error for a chirp rate below the azimuth Nyquist rate.
+
+    rate_hz: of the chirps; None for chirps without a pause.
 
     Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). The illuminated part
     |u| <= beam_reach must not alias into the focused part |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
@@ -78,9 +80,10 @@ def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
     left = measured.R_world_antenna[:, :, 1]
     speed = float(np.abs(np.einsum("pi,pi->p", measured.velocity_mps, left)).max(initial=0.0))
     needed_hz = 2 * speed * (aperture.reach + aperture.beam_reach) / chirp.wavelength_m
-    if chirp.rate_hz < needed_hz * (1 - 1e-9):
+    rate_hz = rate_hz or chirp.rate_hz
+    if rate_hz < needed_hz * (1 - 1e-9):
         message = (
-            f"{chirp.rate_hz:g} puts the pulses {1e3 * speed / chirp.rate_hz:.3g} mm apart at {speed:.3g} m/s, too far "
+            f"{rate_hz:g} puts the pulses {1e3 * speed / rate_hz:.3g} mm apart at {speed:.3g} m/s, too far "
             f"for the phase along the track; raise it to {np.ceil(needed_hz):.0f}, lower platform.speed_mps, or narrow "
             f"the focused {np.rad2deg(aperture.width_rad):.3g} deg"
         )

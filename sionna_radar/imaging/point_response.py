@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.imaging.aperture import PixelGrid
-from sionna_radar.imaging.slar import SlantImage
-from sionna_radar.imaging.strip import Strip, half_power_width
+from sionna_radar.imaging.strip import SlantImage, Strip, half_power_width
 from sionna_radar.scene.model import Target
 
 # Half extent of the patch for measuring a target, in theoretical widths, and the samples per width.

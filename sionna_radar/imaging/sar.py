@@ -70,8 +70,9 @@ class BackProjection:
         aperture: Aperture,
         window_name: str = "hann",
         high_pass: HighPass | None = None,
+        rate_hz: float | None = None,
     ) -> None:
-        self._chirp, self._grid, self._aperture = chirp, grid, aperture
+        self._chirp, self._grid, self._aperture, self._rate_hz = chirp, grid, aperture, rate_hz
         self._analyser = SpectrumAnalyser(chirp, window_name, ZERO_PADDING, high_pass)
         # Column by column: neighbours in a chunk are neighbours along the track.
         self._pixels = grid.position_m.transpose(1, 0, 2).reshape(-1, 3)
@@ -94,7 +95,7 @@ class BackProjection:
         ScenarioError
             The pulses are too far apart; see `check_sampling`.
         """
-        check_sampling(measured, self._chirp, self._aperture)
+        check_sampling(measured, self._chirp, self._aperture, self._rate_hz)
         for start in range(0, len(beats), PULSES_AT_ONCE):
             rows = slice(start, start + PULSES_AT_ONCE)
             spectra = self.spectra(beats[rows])

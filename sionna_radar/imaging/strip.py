@@ -1,4 +1,9 @@
-"""The imaged strip of a side-looking radar beside a straight track, its pixels, and the resolution.
+"""The imaged strip of a side-looking radar beside a straight track: its slant-range image, its pixels, the resolution.
+
+The image of a real aperture is power against along-track position and slant range. Its resolution is the beam's
+footprint along the track, and c / (2 B) times the window's factor in range. On level ground a point at slant range r,
+seen from the height h, lies at the ground range sqrt(r^2 - h^2); a range cell there is 1 / sin(incidence) times as
+wide, and elevated points shift toward the track (layover).
 
 Resolutions are given in closed form or by one quadrature; `half_power_width` measures that of a response. Widths are
 half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
@@ -18,12 +23,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 from scipy.optimize import brentq
 from scipy.signal import get_window
 
+from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, ground_pixels
 from sionna_radar.radar.antenna import Cut
 from sionna_radar.radar.chirp import Chirp
@@ -98,6 +104,8 @@ def _half_power(response: Callable[[float], float], step: float) -> float:
 
 # Limits of the imaged angles from nadir, whatever the beam.
 STEEPEST_RAD, FLATTEST_RAD = np.deg2rad(1.0), np.deg2rad(85.0)
+# Length of a flown track, between so many of its poses, over the distance of its ends, at most.
+TRACK_KNOTS, LONGEST_TRACK = 33, 1.05
 # Pixels per half-power width of a focused point.
 PIXELS_PER_WIDTH = 2
 MAX_PIXELS = 10_000_000
@@ -171,6 +179,38 @@ def lit_strip(
     )
 
 
+def strip_along(measured: Pose, clearance_m: float, beamwidths_rad: tuple[float, float], max_range_m: float) -> Strip:
+    """Return the strip of a flown track, whose poses tell side and incidence.
+
+    clearance_m: height of the track over the ground. beamwidths_rad: along the track, and across it.
+
+    Raises InputFileError for poses that are no view to the side of a straight track over the ground in range.
+    """
+    ends = measured.rows(np.array([0, -1]))
+    east, north = (ends.position_m[1] - ends.position_m[0])[:2]
+    length_m, look = float(np.hypot(east, north)), measured.boresight.mean(axis=0)
+    knots = measured.position_m[np.linspace(0, len(measured) - 1, TRACK_KNOTS).astype(int), :2]
+    flown_m = float(np.linalg.norm(np.diff(knots, axis=0), axis=1).sum())
+    if length_m == 0 or flown_m > LONGEST_TRACK * length_m:
+        message = f"the poses go {flown_m:.1f} m over a distance of {length_m:.1f} m; cut out one straight track"
+        raise InputFileError(message)
+    along, right = np.array([[east, north], [north, -east]]) @ look[:2] / length_m
+    squint_rad = float(np.arctan2(along, abs(right)))
+    if abs(squint_rad) > beamwidths_rad[0] / 2:
+        message = f"the antenna looks {np.rad2deg(squint_rad):+.1f} deg ahead of the side of the track"
+        raise InputFileError(message + "; only views to the side are imaged: look at measured_rotation")
+    if not 0 < clearance_m < max_range_m:
+        message = f"the ground is {clearance_m:.1f} m below the track; give a height between 0 and {max_range_m:.1f} m"
+        raise InputFileError(message + " below it as --ground-height")
+    incidence_rad = float(np.arctan2(np.hypot(along, right), -look[2]))
+    side: Literal["left", "right"] = "right" if right > 0 else "left"
+    strip = lit_strip(ends, side, clearance_m, incidence_rad, beamwidths_rad[1], max_range_m)
+    if not strip.near_m < strip.far_m:
+        message = f"the beam is {np.rad2deg(incidence_rad):.1f} deg off nadir, and meets no ground {clearance_m:.1f} m "
+        raise InputFileError(message + "below within the ranges; look at measured_rotation and --ground-height")
+    return strip
+
+
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:
     """Return pixels of full-aperture coverage, two per focused half-power width in each direction.
 
@@ -195,3 +235,113 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
         )
         raise ScenarioError([Problem("platform.length_m", message)])
     return strip.pixels(np.arange(margin, strip.length_m - margin, along), np.arange(strip.near_m, strip.far_m, across))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlantImage:
+    """Range-compressed pulses side by side, averaged in power over equal intervals of the track.
+
+    power: W; NaN in intervals without a pulse.
+    along_m: middle of each interval, from the first pulse.
+    range_m: slant range, corrected for Doppler.
+    height_m: mean height of the radar in each interval, world frame.
+    """
+
+    power: Float[np.ndarray, "along range"]
+    along_m: Float[np.ndarray, " along"]
+    range_m: Float[np.ndarray, " range"]
+    height_m: Float[np.ndarray, " along"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundImage:
+    """A slant-range image projected onto level ground.
+
+    power: W, on the scale of the slant-range image; NaN nearer than the ground or beyond the last range.
+    ground_m: distance from nadir.
+    """
+
+    power: Float[np.ndarray, "along ground"]
+    along_m: Float[np.ndarray, " along"]
+    ground_m: Float[np.ndarray, " ground"]
+
+
+class SideLooking:
+    """A slant-range image accumulated block by block of pulses.
+
+    step_m: length of the intervals over which pulses are averaged.
+    """
+
+    def __init__(self, analyser: SpectrumAnalyser, step_m: float) -> None:
+        self._analyser, self._step_m = analyser, step_m
+        self._start_m: Float[np.ndarray, " 3"] | None = None
+        self._rows: dict[int, tuple[Float[np.ndarray, " range"], float, int]] = {}
+
+    def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        """Add a block of pulses with their measured poses."""
+        if len(beats) == 0:
+            return
+        if self._start_m is None:
+            self._start_m = measured.position_m[0]
+        power = self._corrected(self._analyser.power(beats), measured)
+        along = np.linalg.norm((measured.position_m - self._start_m)[:, :2], axis=1)
+        interval = np.floor(along / self._step_m).astype(int)
+        for number in np.unique(interval):
+            members = interval == number
+            total, height, count = self._rows.get(int(number), (np.zeros(power.shape[1]), 0.0, 0))
+            self._rows[int(number)] = (
+                total + power[members].sum(axis=0),
+                height + float(measured.position_m[members, 2].sum()),
+                count + int(members.sum()),
+            )
+
+    def image(self) -> SlantImage:
+        """Return the image of the pulses added so far.
+
+        Raises
+        ------
+        ValueError
+            No pulse was added.
+        """
+        if not self._rows:
+            message = "no pulses to image; add some"
+            raise ValueError(message)
+        count = max(self._rows) + 1
+        power = np.full((count, len(self._analyser.range_m)), np.nan)
+        height = np.full(count, np.nan)
+        for number, (total, heights, pulses) in self._rows.items():
+            power[number], height[number] = total / pulses, heights / pulses
+        return SlantImage(
+            power=power,
+            along_m=(np.arange(count) + 0.5) * self._step_m,
+            range_m=self._analyser.range_m,
+            height_m=height,
+        )
+
+    def _corrected(self, power: Float[np.ndarray, "pulse bin"], measured: Pose) -> Float[np.ndarray, "pulse bin"]:
+        """Return spectra corrected for the Doppler shift of the boresight, from the measured velocity."""
+        range_m = self._analyser.range_m
+        shift = self._analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
+        if np.all(np.abs(shift) < 1e-3 * self._analyser.bin_m):
+            return power
+        moved = [np.interp(range_m + s, range_m, row) for s, row in zip(shift, power, strict=True)]
+        return np.array(moved)
+
+
+def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:
+    """Project a slant-range image onto level ground.
+
+    Parameters
+    ----------
+    image:
+        The image.
+    ground_height_m:
+        Height of the ground, world frame.
+    ground_m:
+        Ground ranges of the columns.
+    """
+    power = np.full((len(image.along_m), len(ground_m)), np.nan)
+    for row in np.flatnonzero(np.isfinite(image.height_m)):
+        slant = np.hypot(ground_m, image.height_m[row] - ground_height_m)
+        power[row] = np.interp(slant, image.range_m, image.power[row], right=np.nan)
+    return GroundImage(power=power, along_m=image.along_m, ground_m=ground_m)

@@ -23,6 +23,7 @@ RANGE_ESTIMATORS = Registry(
         "centroid": BuiltIn("detection.ranging.estimators.CentroidRange"),
         "leading_edge": BuiltIn("detection.ranging.estimators.LeadingEdgeRange"),
         "threshold": BuiltIn("detection.ranging.estimators.ThresholdRange"),
+        "tracker": BuiltIn("detection.build.tracker_range", "scenario.processing.TrackerTable"),
         "model_fit": BuiltIn("detection.ranging.estimators.ModelFitRange"),
     },
 )

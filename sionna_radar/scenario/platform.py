@@ -158,10 +158,14 @@ class Platform(Table):
     """of the track."""
     waypoints_m: tuple[Point2, ...] = ()
     """corners of the track, instead of start, heading and length."""
-    height: Literal["level", "terrain_following"] = "level"
-    """level, or at altitude_m above the ground under the track."""
+    height: Literal["level", "terrain_following", "sensed"] = "level"
+    """level, or at altitude_m above the ground under the track: "terrain_following" by a DEM, smoothed and known ahead;
+    "sensed" by the height above the ground below, as an altimeter without error reads it, which is followed late."""
     follow_length_m: Positive = 50.0
-    """over which the ground is smoothed that the flight follows."""
+    """over which the ground is smoothed that the flight follows by a DEM."""
+    height_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 1.0
+    """time constant of the first-order response of the flight to a sensed height: over a slope it is off by what it
+    climbs in that time."""
     profile: Literal["cruise", "full"] = "cruise"
     """the cruise alone, or with take-off and landing."""
     climb_rate_mps: Positive = 2.0

@@ -202,6 +202,44 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "a rising sweep that lasts its whole period",
             ),
         ),
+        "alt_24000": Preset(
+            summary="a 24 GHz altimeter of drones and light aircraft, after the Ainstein LR-D1",
+            radar={
+                "carrier_hz": 24.125e9,
+                "bandwidth_hz": 250e6,
+                "chirp_rate_hz": 1000.0,
+                "samples_per_chirp": 2048,
+                "transmit_power_dbm": 10.0,
+                "noise_figure_db": 12.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": (43.0, 30.0), "side_lobe_db": -20.0},
+                "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
+            },
+            sources=("24 GHz, 250 MHz, 43 by 30 deg, 1.4 to 500 m, 40 readings a second: user manual of the LR-D1",),
+            assumed=(
+                "43 by 30 deg, the manual's range of detection, as the half-power beam",
+                "1000 sweeps a second, of which 25 make a reading",
+                "10 dBm, 12 dB of noise figure, the side lobes, and a Taylor taper in both planes",
+            ),
+        ),
+        "alt_77000": Preset(
+            summary="a 77 GHz altimeter of one transmitter and one receiver of `ti_awr1843`, looking down",
+            radar={
+                "carrier_hz": 77e9,
+                "bandwidth_hz": 1e9,
+                "chirp_rate_hz": 1000.0,
+                "samples_per_chirp": 1024,
+                "sampling": "iq",
+                "transmit_power_dbm": 12.0,
+                "noise_figure_db": 15.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": (56.0, 28.0), "side_lobe_db": -20.0},
+                "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
+            },
+            sources=("those of `ti_awr1843`",),
+            assumed=(
+                "1 GHz in 1024 samples, for 153 m of range, and 1000 sweeps a second",
+                "the receiver's antenna equal to the transmitter's, and a Taylor taper",
+            ),
+        ),
     }
 )
 

@@ -110,6 +110,20 @@ class CalibrationTable(Table):
     """lag of the reported poses behind the radar's clock."""
 
 
+class TrackerTable(Table):
+    """A first-order loop over the ranges of pulses, as radio altimeters have: `ranging = "tracker"`.
+
+    It smooths the ranges after their correction for Doppler, before they become points. Its standard deviations are
+    those that errors independent from pulse to pulse leave; that they repeat from point to point, and lag behind ground
+    that rises, a map does not know.
+    """
+
+    time_constant_s: Positive = 0.1
+    """of the loop."""
+    follows: Literal["threshold", "leading_edge", "centroid", "peak"] = "threshold"
+    """what is read of each pulse; see `ranging`."""
+
+
 class ProcessingTable(Table):
     """From beat signals to ranges."""
 
@@ -128,10 +142,11 @@ class ProcessingTable(Table):
     ranging: Annotated[str, NameIn(RANGE_ESTIMATORS)] = "centroid"
     """"peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises, moved to its
     middle, "threshold" where it rises to half of its amplitude, "model_fit" the range, slope and power of the plane
-    whose echo fits best. Behind a volume that is not far below the ground it is the range that the whole scan line
-    makes most probable instead. Custom range estimators are named here as well."""
+    whose echo fits best; "tracker" smooths the ranges of pulses by a first-order loop, as altimeters do. Behind a
+    volume that is not far below the ground it is the range that the whole scan line makes most probable instead. Custom
+    range estimators are named here as well."""
     ranging_parameters: Annotated[Table | None, ParametersOf("ranging", RANGE_ESTIMATORS)] = None
-    """of a custom range estimator that has some."""
+    """of "tracker", or of a custom range estimator that has some."""
     min_range_m: NonNegative = 3.0
     """nothing nearer is detected."""
     volume_clutter: Literal["auto", "off"] = "auto"

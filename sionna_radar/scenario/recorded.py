@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -92,7 +93,7 @@ class ReadingsTable(Table):
     """Ranges that a radar or a laser read by itself, as an altimeter does."""
 
     file: InputPath
-    """a CSV file or .npz with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
+    """a CSV file, .npz or netCDF (.nc) with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
     columns: dict[Literal["time_s", "range_m", "sigma_m"], str] = {}
     """names in the file, by ours."""
     range_cell_m: Annotated[Positive, Field(le=1e4)] = 1.0
@@ -105,9 +106,9 @@ class RecordingTable(Table):
     """The samples of a recording, and what is to be done to them before they are processed."""
 
     samples: InputPath
-    """a .npy or .npz array, or the raw capture (.bin) of TI's DCA1000 card."""
+    """a .npy, .npz or netCDF (.nc) array, or the raw capture (.bin) of TI's DCA1000 card."""
     variable: str = "samples"
-    """name of the array in a .npz file."""
+    """name of the array in a .npz or netCDF file."""
     axes: tuple[Literal["pulse", "receiver", "sample", "range", "iq"], ...] = ("pulse", "sample")
     """what the axes of an array are, the slowest first: "sample" of beat signals, or "range" of range profiles; "iq"
     holds I and Q, unless values are complex."""
@@ -125,11 +126,13 @@ class RecordingTable(Table):
     """first sample and the one after the last, where those at the ends of a sweep are dead."""
     background: InputPath | None = None
     """a recording of the sky or an absorber in the same form; its mean sweep is subtracted from each, and leakage with
-    it."""
+    it; of powers, what its mean exceeds its median over the ranges by."""
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
     """range that the radar reads at range zero: cables, filters, internal delay."""
 
     def _conflicts(self) -> Conflicts:
+        for key in sorted({"axes", "values", "variable"} & self.model_fields_set) if self.captured else ():
+            yield key, "is of arrays; the configuration of a capture says what it holds"
         kinds = {"sample", "range"} & set(self.axes)
         if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
             yield "axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them"
@@ -137,8 +140,11 @@ class RecordingTable(Table):
             yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
             yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
-        if self.values != "complex" and self.background is not None:
-            yield "background", "is subtracted from signals and complex profiles; powers have no phase"
+
+    @property
+    def captured(self) -> bool:
+        """Whether the samples are a raw capture."""
+        return Path(self.samples).suffix.lower() == ".bin"
 
     @property
     def kind(self) -> Literal["sample", "range"]:
@@ -170,7 +176,9 @@ class PosesTable(Table):
     first_pulse_s: NonNegative = 0.0
     """time of the first pulse in the log, from its first position."""
     incidence_deg: Annotated[Real, Field(ge=-180.0, le=180.0)] = 0.0
-    """of the antenna's boresight, from nadir toward the nose."""
+    """of the antenna's boresight, from nadir toward `look`."""
+    look: Literal["forward", "left", "right"] = "forward"
+    """where the antenna looks: toward the nose, or to a side."""
 
 
 class DescribedRecording(RecordedSettings):
@@ -188,6 +196,8 @@ class DescribedRecording(RecordedSettings):
     def _conflicts(self) -> Conflicts:
         if (self.recording is None) == (self.readings is None):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
+        if self.sweep is not None and (self.recording is None or self.recording.captured):
+            yield "sweep", "is of arrays; readings have none, and the configuration of a capture says it"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings of its processing by dotted keys, those that are given."""

@@ -360,6 +360,19 @@ class Scenario(Table):
                 f"radar.antenna.beamwidth_deg is {width_deg:g} in elevation; set 'centroid' or narrow it",
             )
 
+        if processing.ranging == "tracker" and self.sensor == "radar":
+            if processing.echoes == "all" or processing.angle != "off":
+                yield (
+                    "processing.ranging",
+                    "'tracker' follows one echo of each pulse; set processing.echoes = 'strongest', angle = 'off'",
+                )
+            if radar.scan.mode not in ("fixed", "side_looking"):
+                yield (
+                    "processing.ranging",
+                    f"'tracker' smooths over pulses, and {radar.scan.mode!r} turns between them; "
+                    "set radar.scan.mode = 'fixed'",
+                )
+
     def _used_materials(self) -> list[tuple[str, str]]:
         references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
         references += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]

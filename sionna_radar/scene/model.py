@@ -104,6 +104,16 @@ class Scene:
         lower, upper = zip(*(surface.bounds_m for surface in self.surfaces), strict=True)
         return np.array([np.min(lower, axis=0), np.max(upper, axis=0)])
 
+    def covers(self, surface: Int[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"]) -> np.ndarray:
+        """Return the covers by name of places on surfaces, counted from 0: vegetation, or the surface's material.
+
+        Empty for the surface -1, which is none.
+        """
+        name = np.where(surface >= 0, np.array([own.material for own in self.surfaces])[surface], "")
+        if self.vegetation is None:
+            return name
+        return np.where((surface >= 0) & np.isfinite(self.vegetation.at(place_m)), "vegetation", name)
+
 
 def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
     """Return vertices and triangles of a raster: two triangles per four filled neighbours.

@@ -83,8 +83,12 @@ class PlantCover:
 
     def over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the height of the plants in the cells of a map; NaN without plants."""
-        row, column, in_grid = self.grid.cell_of(grid.centres_m)
-        return np.where(in_grid, self.plant_m[row, column], np.nan).reshape(grid.shape)
+        return self.at(grid.centres_m).reshape(grid.shape)
+
+    def at(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the height of the plants at some places; NaN without plants."""
+        row, column, in_grid = self.grid.cell_of(place_m)
+        return np.where(in_grid, self.plant_m[row, column], np.nan)
 
 
 def vegetation_of(

@@ -10,11 +10,12 @@ from .design import Span as Span
 from .design import parse_design as parse_design
 from .design import read_settings as read_settings
 from .design_search import run_design as run_design
+from .frames import Frames as Frames
+from .frames import run_frames as run_frames
 from .gradients import Sensitivities as Sensitivities
 from .gradients import sensitivities as sensitivities
-from .images import Frames as Frames
 from .images import Imagery as Imagery
-from .images import run_frames as run_frames
+from .images import image_recording as image_recording
 from .images import run_images as run_images
 from .link import LinkBudget as LinkBudget
 from .link import run_link_budget as run_link_budget

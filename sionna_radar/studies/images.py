@@ -1,23 +1,23 @@
-"""Coherent products of a survey: images of a side-looking flight, and range-Doppler maps of frames of chirps.
+"""Images of a side-looking flight, simulated or recorded: the slant-range one and, of coherent pulses, the focused one.
 
-The images are the slant-range image, and the focused one where the survey is coherent. Imaging uses the measured pose
-and the nominal altitude only; point targets of the scene serve to measure the resolution, like corner reflectors. The
-frames are chirps from the middle of a flight, with the detections in the last one.
+Imaging uses the measured pose and the nominal altitude only; point targets of the scene serve to measure the
+resolution, like corner reflectors.
 """
 
+import logging
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Inexact, Int
+from jaxtyping import Inexact
 
-from sionna_radar.detection.range_doppler.cfar import SHARED_NOISE, ClutterMap, RingCfar
-from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
-from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
 from sionna_radar.flight.scan import SideLookingScan
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, check_sampling, whole_beam
@@ -31,8 +31,9 @@ from sionna_radar.imaging.point_response import (
     point_beside,
 )
 from sionna_radar.imaging.sar import BackProjection, SarImage
-from sionna_radar.imaging.slar import SideLooking, SlantImage
 from sionna_radar.imaging.strip import (
+    SideLooking,
+    SlantImage,
     Strip,
     azimuth_resolution_m,
     focused_pixels,
@@ -40,13 +41,31 @@ from sionna_radar.imaging.strip import (
     lit_strip,
     real_aperture_resolution_m,
     slant_range_resolution_m,
+    strip_along,
 )
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.scenario.recorded import RecordedSettings
+from sionna_radar.scene.model import Target
+from sionna_radar.signal.analog_filters import HighPass
+from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
+from sionna_radar.survey.reprocessing import (
+    RecordedSensor,
+    RecordingSource,
+    mean_spectrum,
+    open_recording,
+)
 from sionna_radar.survey.sensors.radar import Radar
 
+logger = logging.getLogger("sionna_radar")
+
+# Energy where the mirrored strip would lie over that in the strip, outside of which the beam is under half its power.
+TURNED = 2.0
 # Bins of the slant-range image per range cell, and averaging intervals per resolved width at the near edge.
 BINS_PER_CELL = 4
 STRETCHES_PER_WIDTH = 8
@@ -74,7 +93,7 @@ class Reflector:
 
 @dataclass(frozen=True, kw_only=True)
 class Imagery:
-    """The images of a survey, with their scenario.
+    """The images of a survey, with its scenario, or those of a recording, with the settings of its processing.
 
     slar, sar: theoretical half-power widths in the middle of the beam; `sar` and `focused` are None without coherence
         from pulse to pulse.
@@ -88,7 +107,7 @@ class Imagery:
     True
     """
 
-    scenario: Scenario
+    scenario: Scenario | RecordedSettings
     strip: Strip
     slant: SlantImage
     focused: SarImage | None
@@ -97,10 +116,18 @@ class Imagery:
     reflectors: tuple[Reflector, ...]
     pulses: int
     georeference: Georeference | None
+    recording: Path | None = None
+
+    @property
+    def title(self) -> str:
+        """What it is of."""
+        if self.recording is not None:
+            return self.recording.name
+        return (isinstance(self.scenario, Scenario) and self.scenario.description) or "no description"
 
     def __repr__(self) -> str:
         size = f"{self.slar.along_m:.3g} m x {self.slar.across_m:.3g} m in slant range"
-        lines = [f"Imagery: {self.scenario.description or 'no description'}", f"  {self.pulses:,} pulses; SLAR {size}"]
+        lines = [f"Imagery: {self.title}", f"  {self.pulses:,} pulses; SLAR {size}"]
         if self.sar:
             lines.append(f"  SAR {self.sar.along_m:.3g} m x {self.sar.across_m:.3g} m on the ground")
         return "\n".join(lines)
@@ -132,13 +159,150 @@ def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Ima
     execution = execution or Execution()
     with execution.reported():
         prepared = prepare(scenario)
-        formation = _ImageFormation(prepared)
-        radar = Radar(prepared.sensor_inputs())
-        with stage("imaging", len(prepared)):
-            for pulses in prepared.flight.blocks(execution.block_size):
-                formation.add(radar.beat(pulses), pulses.measured)
-                advance(len(pulses))
-        return formation.imagery()
+        view = _View(
+            settings=prepared.scenario,
+            flight=prepared.flight,
+            chirp=prepared.receiver.chirp,
+            antenna=prepared.antenna,
+            high_pass=prepared.receiver.high_pass,
+            strip=_strip(prepared),
+            spacing_m=prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz,
+            coherent=prepared.local.tracing.speckle == "persistent",
+            targets=prepared.scene.scene.targets,
+            georeference=prepared.scene.scene.georeference,
+        )
+        return _imaged(view, Radar(prepared.sensor_inputs()).beat, execution)
+
+
+def image_recording(
+    recording: str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    ground_m: float | None = None,
+    execution: Execution | None = None,
+) -> Imagery:
+    """Return the images of a recording of a side-looking flight, formed along its measured poses.
+
+    Parameters
+    ----------
+    recording, overrides:
+        As for `process`.
+    ground_m:
+        Height of the ground, in the heights of the recording's map; None for that of a simulated flight.
+    execution:
+        As for `process`; its block size counts.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        No signals of one receiver, no poses or no height of the ground; an antenna that does not look to the side of
+        a straight track; and as `run_images`.
+
+    Examples
+    --------
+    >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
+    >>> run(scenario, recordings={"signals": "strip.nc"}).pulses
+    400
+    >>> image_recording("strip.nc").focused is None
+    True
+    """
+    execution = execution or Execution()
+    with execution.reported(), open_recording(Path(recording), dict(overrides or {})) as source:
+        view, sensor = _recorded_view(source, ground_m), source.build_sensor()
+        assert isinstance(sensor, RecordedSensor)
+        for warning in source.file.warnings + _turned(source, view.strip):
+            logger.warning("%s", warning)
+
+        def beat(pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
+            return sensor.sweeps.cleaned(source.beats(pulses), pulses)[0]
+
+        return _imaged(view, beat, execution)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """What images are formed of.
+
+    spacing_m: between pulses along the track; rate_hz: of them, None for chirps without a pause.
+    coherent: whether they can be focused. targets: that are known.
+    """
+
+    settings: Scenario | RecordedSettings
+    flight: PulseSequence
+    chirp: Chirp
+    antenna: Antenna
+    high_pass: HighPass | None
+    strip: Strip
+    spacing_m: float
+    coherent: bool
+    targets: tuple[Target, ...]
+    georeference: Georeference | None
+    rate_hz: float | None = None
+    recording: Path | None = None
+
+
+def _imaged(
+    view: _View, beat: Callable[[Pulses], Inexact[np.ndarray, "pulse sample"]], execution: Execution
+) -> Imagery:
+    formation = _ImageFormation(view)
+    with stage("imaging", len(view.flight)):
+        for pulses in view.flight.blocks(execution.block_size):
+            formation.add(beat(pulses), pulses.measured)
+            advance(len(pulses))
+    return formation.imagery()
+
+
+def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
+    """Return the view of a recording whose antenna looks to the side of a straight track over level ground."""
+    file, flight = source.file, source.flight
+    if isinstance(file, DescribedRanges) or source.angle is not None or len(source.sweeps) > 1 or not flight.located:
+        message = f"{source.path}: an image takes signals of one sweep and one receiver, with measured poses"
+        raise InputFileError(message)
+    measured, chirp = flight.pulses(np.arange(len(flight))).measured, source.sweeps[0]
+    height_m, nominal = float(measured.position_m[:, 2].mean()), file.flight
+    if ground_m is not None:
+        clearance_m = height_m - ground_m + (file.georeference.origin_m[2] if file.georeference else 0.0)
+    elif nominal is not None:
+        clearance_m = nominal.altitude_m
+    else:
+        raise ScenarioError([Problem("--ground-height", "is needed: this recording does not say it; give metres")])
+    strip = strip_along(measured, clearance_m, source.antenna.beamwidths_rad, chirp.max_range_m)
+    spacing_m, speed_mps = (
+        strip.length_m / (len(flight) - 1),
+        float(np.linalg.norm(measured.velocity_mps, axis=1).mean()),
+    )
+    settings = source.settings
+    return _View(
+        settings=settings,
+        flight=flight,
+        chirp=chirp,
+        antenna=source.antenna,
+        high_pass=build_high_pass(settings.radar.receiver),
+        strip=strip,
+        spacing_m=spacing_m,
+        coherent=not (isinstance(file, DescribedSignals) and file.powers)
+        and not (isinstance(settings, Scenario) and settings.tracing.speckle != "persistent"),
+        targets=(),
+        georeference=file.georeference,
+        rate_hz=speed_mps / spacing_m,
+        recording=source.path,
+    )
+
+
+def _turned(source: RecordingSource, strip: Strip) -> tuple[str, ...]:
+    """Return a warning if the energy lies where the strip would stand in I/Q samples of the other sign."""
+    spectrum, reach_m = mean_spectrum(source), source.sweeps[0].max_range_m
+    near_m, far_m = (strip.slant_range_m(ground_m) for ground_m in (strip.near_m, strip.far_m))
+    power, r = np.maximum(spectrum.mean - spectrum.floor, 0.0), spectrum.range_m
+    lit, mirrored = (r >= near_m) & (r <= far_m), (reach_m - r >= near_m) & (reach_m - r <= far_m)
+    right, wrong = power[lit & ~mirrored].sum(), power[mirrored & ~lit].sum()
+    if source.file.scenario is not None or source.sweeps[0].sampling == "real" or wrong <= TURNED * right:
+        return ()
+    return (
+        f"the strip is expected at {near_m:.1f} to {far_m:.1f} m, and its energy lies at {reach_m - far_m:.1f} to "
+        f"{reach_m - near_m:.1f} m, as where Q has the other sign; set radar.conjugate = "
+        f"{str(not source.conjugate).lower()}",
+    )
 
 
 def _check(scenario: Scenario) -> None:
@@ -166,24 +330,23 @@ def _check(scenario: Scenario) -> None:
 
 
 class _ImageFormation:
-    """The images of a prepared survey, formed block by block of pulses."""
+    """The images of a view, formed block by block of pulses."""
 
-    def __init__(self, prepared: Prepared) -> None:
-        self._prepared, self._window = prepared, prepared.local.processing.window
-        self._strip = _strip(prepared)
-        self._points = tuple(point_beside(target, self._strip) for target in prepared.scene.scene.targets)
-        analyser = SpectrumAnalyser(prepared.receiver.chirp, self._window, BINS_PER_CELL, prepared.receiver.high_pass)
-        self._slar = SideLooking(analyser, _stretch_m(prepared, self._strip))
+    def __init__(self, view: _View) -> None:
+        self._view, self._window, self._strip = view, view.settings.processing.window, view.strip
+        self._points = tuple(point_beside(target, self._strip) for target in view.targets)
+        analyser = SpectrumAnalyser(view.chirp, self._window, BINS_PER_CELL, view.high_pass)
+        self._slar = SideLooking(analyser, _stretch_m(view))
         self._aperture: Aperture | None = None
         self._sar: BackProjection | None = None
         self._patches: dict[int, BackProjection] = {}
-        if prepared.local.tracing.speckle == "persistent":
-            self._aperture = whole_beam(prepared.antenna)
+        if view.coherent:
+            self._aperture = whole_beam(view.antenna)
             self._sar = self._focusing(self._aperture)
 
     def _focusing(self, aperture: Aperture) -> BackProjection:
-        prepared, chirp = self._prepared, self._prepared.receiver.chirp
-        check_sampling(prepared.flight.sample(SAMPLED_PULSES).measured, chirp, aperture)
+        view, chirp = self._view, self._view.chirp
+        check_sampling(view.flight.sample(SAMPLED_PULSES).measured, chirp, aperture, view.rate_hz)
         pixels = focused_pixels(self._strip, chirp, aperture, self._window)
         for number, point in enumerate(self._points):
             covered = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
@@ -193,8 +356,8 @@ class _ImageFormation:
         return self._focused_on(pixels, aperture)
 
     def _focused_on(self, pixels: PixelGrid, aperture: Aperture) -> BackProjection:
-        receiver = self._prepared.receiver
-        return BackProjection(receiver.chirp, pixels, aperture, self._window, receiver.high_pass)
+        view = self._view
+        return BackProjection(view.chirp, pixels, aperture, self._window, view.high_pass, view.rate_hz)
 
     def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
         """Add a block of pulses to all images."""
@@ -205,7 +368,7 @@ class _ImageFormation:
 
     def imagery(self) -> Imagery:
         """Return the images of all pulses so far, and their resolution."""
-        prepared, strip = self._prepared, self._strip
+        view, strip = self._view, self._strip
         middle = Point(
             along_m=strip.length_m / 2,
             ground_m=strip.clearance_m * float(np.tan(strip.incidence_rad)),
@@ -216,15 +379,16 @@ class _ImageFormation:
         )
         slant = self._slar.image()
         return Imagery(
-            scenario=prepared.scenario,
+            scenario=view.settings,
             strip=strip,
             slant=slant,
             focused=self._sar.image() if self._sar else None,
             slar=self._slant_theory(middle),
             sar=self._focused_theory(middle, self._aperture) if self._aperture else None,
             reflectors=tuple(self._reflector(number, slant) for number in range(len(self._points))),
-            pulses=len(prepared),
-            georeference=prepared.scene.scene.georeference,
+            pulses=len(view.flight),
+            georeference=view.georeference,
+            recording=view.recording,
         )
 
     def _reflector(self, number: int, slant: SlantImage) -> Reflector:
@@ -236,7 +400,7 @@ class _ImageFormation:
             measured = measured_in_patch(image.power, image.grid) if self._measurable(point, sar_theory) else None
             focused = Response(theory=sar_theory, measured=measured)
         return Reflector(
-            position_m=self._prepared.scene.scene.targets[number].position_m,
+            position_m=self._view.targets[number].position_m,
             place=point,
             slar=Response(theory=theory, measured=slant_widths),
             sar=focused,
@@ -247,14 +411,14 @@ class _ImageFormation:
 
     def _slant_theory(self, point: Point) -> Widths:
         return Widths(
-            along_m=real_aperture_resolution_m(self._prepared.antenna.azimuth, point.slant_range_m),
-            across_m=slant_range_resolution_m(self._prepared.receiver.chirp, self._window),
+            along_m=real_aperture_resolution_m(self._view.antenna.azimuth, point.slant_range_m),
+            across_m=slant_range_resolution_m(self._view.chirp, self._window),
         )
 
     def _focused_theory(self, point: Point, aperture: Aperture) -> Widths:
         return Widths(
-            along_m=azimuth_resolution_m(aperture, self._prepared.receiver.chirp.wavelength_m),
-            across_m=ground_range_resolution_m(self._prepared.receiver.chirp, self._window, point.incidence_rad),
+            along_m=azimuth_resolution_m(aperture, self._view.chirp.wavelength_m),
+            across_m=ground_range_resolution_m(self._view.chirp, self._window, point.incidence_rad),
         )
 
 
@@ -272,271 +436,7 @@ def _strip(prepared: Prepared) -> Strip:
     )
 
 
-def _stretch_m(prepared: Prepared, strip: Strip) -> float:
+def _stretch_m(view: _View) -> float:
     """Return the averaging interval of the slant-range image along the track."""
-    width = real_aperture_resolution_m(prepared.antenna.azimuth, strip.slant_range_m(strip.near_m))
-    spacing = prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz
-    return max(width / STRETCHES_PER_WIDTH, MIN_PULSES * spacing)
-
-
-# Guard and training cells on each side of the cell under test, in range rate and in range.
-GUARD, TRAINING = 3, 6
-# Weight of the latest map in the levels of a clutter map.
-WEIGHT = 0.25
-# Largest turn of the antenna during a frame, as a share of the beam width.
-MAX_TURN = 0.5
-# Largest distance of a mover from its target, in cells in either direction.
-NEAR_CELLS = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class SeenTarget:
-    """A target of the scenario in the last frame: true and detected position; NaN if undetected.
-
-    number: in the scenario, from 0.
-    """
-
-    number: int
-    range_m: float
-    range_rate_mps: float
-    found_range_m: float
-    found_rate_mps: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frames:
-    """Range-Doppler maps of consecutive frames, and detections in the last one.
-
-    analyser: windows and cells; frames: their number. With `radar.stagger` the maps are folded, and the movers are not.
-    last, mean: map of the last frame, and mean of all maps.
-    detected: cells of the last frame above the CFAR of their ring; changed: above that of their own earlier levels.
-    movers: peaks among the detected cells.
-    targets: those of the scenario, in its order.
-    smear_cells: change of the range rate of stationary ground in the middle of the beam during a frame, in cells, as
-        the radar passes; above one, peaks are low and wide.
-    """
-
-    scenario: Scenario
-    analyser: RangeDoppler | StaggeredRangeDoppler
-    frames: int
-    last: RangeDopplerMap
-    mean: Float[np.ndarray, "rate bin"]
-    detected: Bool[np.ndarray, "rate bin"]
-    changed: Bool[np.ndarray, "rate bin"]
-    movers: Movers
-    targets: tuple[SeenTarget, ...]
-    smear_cells: float
-
-    def __repr__(self) -> str:
-        detected = sum(bool(np.isfinite(target.found_range_m)) for target in self.targets)
-        cells = f"{self.last.chirp.range_resolution_m:.3g} m and {self.analyser.rate_cell_mps:.3g} m/s"
-        return (
-            f"Frames: {self.frames} of {self.analyser.chirps} chirps, cells of {cells}\n"
-            f"  {len(self.movers)} peaks, {detected} of {len(self.targets)} targets among them"
-        )
-
-
-def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, execution: Execution | None = None) -> Frames:
-    """Return range-Doppler maps from the middle of a flight.
-
-    Parameters
-    ----------
-    scenario:
-        The survey, with `tracing.speckle = "persistent"`: the ground must be coherent from chirp to chirp. Windows,
-        padding, the false-alarm rate, and the treatment of leakage and bursts are those of its `processing`; with
-        `cfar.kind = "OS"` the ring takes an order statistic, otherwise its mean.
-    chirps, frames:
-        Chirps per frame, and number of frames.
-    execution:
-        As for `sionna_radar.run`.
-
-    Raises
-    ------
-    ScenarioError, InputFileError
-        Too few pulses, a beam that turns during a frame, or a scenario that cannot be flown; see `prepare`.
-
-    Examples
-    --------
-    >>> seen = run_frames(load_scenario("slar"), chirps=32, frames=2)
-    >>> len(seen.targets), seen.last.power.shape
-    (3, (64, 512))
-    """
-    _check_frames(scenario)
-    with (execution or Execution()).reported():
-        return _run(scenario, chirps, frames)
-
-
-def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
-    prepared = prepare(scenario)
-    analyser = _analyser(prepared, chirps)
-    folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
-    start = _first(prepared, chirps, frames)
-    cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
-    radar = Radar(prepared.sensor_inputs())
-    total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
-    with stage("frames", frames):
-        for number in range(frames):
-            pulses = prepared.flight.pulses(start + number * chirps + np.arange(chirps))
-            beat = radar.beat(pulses)
-            last = analyser.map(beat)
-            changed = clutter.detected(last.power)
-            total += last.power
-            advance()
-    detected = cfar.detected(last.power)
-    movers = find_movers(last, detected)
-    if isinstance(analyser, StaggeredRangeDoppler):
-        movers = analyser.unfolded(beat, movers)
-    middle = pulses.rows(slice(chirps // 2, chirps // 2 + 1))
-    return Frames(
-        scenario=scenario,
-        analyser=analyser,
-        frames=frames,
-        last=last,
-        mean=total / frames,
-        detected=detected,
-        changed=changed,
-        movers=movers,
-        targets=_targets(prepared, middle, movers, analyser.highest_rate_mps, folded),
-        smear_cells=_smear_cells(prepared, middle.true, folded),
-    )
-
-
-def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeDoppler:
-    """Return the windows and transforms of frames; with two intervals every second chirp belongs to one map."""
-    radar, processing = prepared.local.radar, prepared.local.processing
-    staggered = radar.stagger > 0
-    if staggered and chirps % 2:
-        raise ScenarioError([Problem("chirps", f"{chirps} are not pairs of two intervals; give an even number")])
-    fewest = (2 * (GUARD + TRAINING) + 1) * (2 if staggered else 1)
-    if chirps < fewest:
-        message = f"{chirps} do not hold the ring of cells that tells the noise around a mover; give at least {fewest}"
-        raise ScenarioError([Problem("chirps", message)])
-    frames = RangeDoppler(
-        chirp=prepared.receiver.chirp,
-        chirps=chirps // 2 if staggered else chirps,
-        range_window=processing.window,
-        rate_window=processing.window,
-        zero_padding=processing.zero_padding,
-        interval_s=(2 + radar.stagger) / radar.chirp_rate_hz if staggered else None,
-        high_pass=prepared.receiver.high_pass,
-    )
-    return StaggeredRangeDoppler(half=frames, first_s=1 / radar.chirp_rate_hz) if staggered else frames
-
-
-def _check_frames(scenario: Scenario) -> None:
-    refuse_average(scenario.processing, "a frame")
-    problems = []
-    if scenario.sensor != "radar":
-        problems.append(Problem("sensor", f"{scenario.sensor!r} has no chirps; set sensor = 'radar'"))
-    if scenario.radar.sweep == "triangular":
-        message = "'triangular' has two sweeps for each range rate; set radar.sweep = 'up' or 'down'"
-        problems.append(Problem("radar.sweep", message))
-    if scenario.tracing.speckle != "persistent":
-        message = f"{scenario.tracing.speckle!r} breaks the phase from chirp to chirp; set 'persistent'"
-        problems.append(Problem("tracing.speckle", message))
-    if problems:
-        raise ScenarioError(problems)
-
-
-def _first(prepared: Prepared, chirps: int, frames: int) -> int:
-    """Return the first pulse of frames in the middle of the flight."""
-    if frames < 1 or chirps * frames > len(prepared):
-        message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
-        raise ScenarioError([Problem("frames", message)])
-    start = (len(prepared) - chirps * frames) // 2
-    if prepared.local.radar.stagger > 0:
-        start -= start % 2
-    for frame in start + np.arange(chirps * frames).reshape(frames, chirps):
-        _check_turn(prepared, frame)
-        _check_intervals(prepared, frame)
-    return start
-
-
-def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
-    """Raise ScenarioError for a frame within which the beam turns too far, even if it returns."""
-    boresight = prepared.flight.pulses(frame).true.boresight
-    turned = float(np.arccos(np.clip(boresight @ boresight[0], -1.0, 1.0)).max())
-    if turned > MAX_TURN * min(prepared.antenna.beamwidths_rad):
-        message = (
-            f"{len(frame)} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, "
-            "raise radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
-        )
-        raise ScenarioError([Problem("chirps", message)])
-
-
-def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
-    """Raise ScenarioError for a frame within which the scan pauses."""
-    radar = prepared.local.radar
-    waits = np.diff(prepared.flight.time_s[frame]) * radar.chirp_rate_hz
-    if np.allclose(waits, np.where(frame[:-1] % 2, 1 + radar.stagger, 1.0), atol=1e-6):
-        return
-    if radar.stagger > 0:
-        message = f"{radar.stagger:g}: the scan pauses within the frames; set radar.scan.mode = 'fixed'"
-        raise ScenarioError([Problem("radar.stagger", message)])
-    message = f"{len(frame)} go on while the scan pauses; take fewer, or set radar.scan.mode = 'fixed'"
-    raise ScenarioError([Problem("chirps", message)])
-
-
-def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:
-    """Return the change of range rate in a frame, in cells: squared speed across the ray over the range."""
-    range_m = float(prepared.scene.caster.cast(middle.position_m, middle.boresight).distance_m[0])
-    across = np.linalg.norm(np.cross(middle.velocity_mps[0], middle.boresight[0]))
-    return float(across**2 / range_m * analyser.duration_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
-
-
-def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
-    table, correlation = scenario.processing.cfar, analyser.noise_correlation(GUARD + TRAINING + 1)
-    if any(np.any(np.abs(lags[GUARD + 1 :]) > SHARED_NOISE) for lags in correlation):
-        message = f"{scenario.processing.window!r} shares noise among more than {GUARD} cells of a map; set 'hann'"
-        raise ScenarioError([Problem("processing.window", message)])
-    return RingCfar(
-        kind="OS" if table.kind == "OS" else "CA",
-        guard=(GUARD, GUARD),
-        training=(TRAINING, TRAINING),
-        false_alarm_probability=table.false_alarm_probability,
-        rank=table.rank,
-        correlation=correlation,
-        stride=analyser.zero_padding,
-        looks=looks,
-    )
-
-
-def _clutter(scenario: Scenario) -> ClutterMap:
-    return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
-
-
-def _targets(
-    prepared: Prepared, middle: Pulses, movers: Movers, highest_mps: float, analyser: RangeDoppler
-) -> tuple[SeenTarget, ...]:
-    """Return the scenario's targets, each with the nearest peak within `NEAR_CELLS`.
-
-    A body may return an echo from any of its points.
-    """
-    targets = []
-    for number, target in enumerate(prepared.scene.scene.targets):
-        place, velocity = np.array(target.position_m), np.zeros(3)
-        if target.way is not None:
-            place, velocity = (column[0] for column in target.way.at(middle.time_s))
-        offset_m = place - middle.true.position_m[0]
-        range_m = float(np.linalg.norm(offset_m))
-        rate_mps = float((velocity - middle.true.velocity_mps[0]) @ offset_m) / range_m
-        reach_m = 0.0 if target.body is None else float(np.linalg.norm(target.body.vertices_m, axis=1).max())
-        # Range rates wrap at the ends of the unambiguous interval.
-        span = 2 * highest_mps
-        rate_mps = (rate_mps + span / 2) % span - span / 2
-        distance_cells = np.maximum(
-            np.maximum(np.abs(movers.range_m - range_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
-            np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
-        )
-        nearest = int(np.argmin(distance_cells)) if len(distance_cells) else -1
-        is_detected = nearest >= 0 and bool(distance_cells[nearest] <= NEAR_CELLS)
-        targets.append(
-            SeenTarget(
-                number=number,
-                range_m=range_m,
-                range_rate_mps=rate_mps,
-                found_range_m=float(movers.range_m[nearest]) if is_detected else float("nan"),
-                found_rate_mps=float(movers.range_rate_mps[nearest]) if is_detected else float("nan"),
-            )
-        )
-    return tuple(targets)
+    width = real_aperture_resolution_m(view.antenna.azimuth, view.strip.slant_range_m(view.strip.near_m))
+    return max(width / STRETCHES_PER_WIDTH, MIN_PULSES * view.spacing_m)

@@ -45,12 +45,14 @@ from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recordings.described import DescribedRanges
 from sionna_radar.survey.reprocessing import (
     SPECTRUM_PULSES,
+    RangeReadings,
     RecordedSensor,
     RecordingSource,
     check_same_radar,
     open_recording,
 )
 from sionna_radar.survey.sensors.radar import Radar
+from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import Beats
 
 # Halvings of the ground into tiles: at most, and at least for a test; the pulses that a tile holds at least.
@@ -68,7 +70,7 @@ PROCESSED_KEYS = ("processing", "dem")
 
 @dataclass(frozen=True, kw_only=True)
 class Twin:
-    """A recording beside its simulation.
+    """A recording beside its simulation; of readings that of their ranges alone.
 
     source: the recording. scenario: what was simulated. rows: the comparison.
     blocks: number of tiles of the ground whose labels the test exchanges, and pulses in each.
@@ -141,6 +143,8 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
     """Return the scenario to simulate: the recorded one or the base, with the recording's sweep."""
     if isinstance(source.settings, Scenario) and base is None:
         scenario = source.settings.replace(changes)
+    elif base is not None and isinstance(source.file, DescribedRanges):
+        scenario = load_scenario(base, changes)
     elif base is not None:
         chirp = source.sweeps[0]
         sent = {
@@ -158,7 +162,8 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} has no beat signals to compare; set sensor = 'radar'"
         raise ScenarioError([Problem("sensor", message)], str(source.path))
-    check_same_radar(build_sweeps(scenario.radar), source.sweeps, str(source.path))
+    if not isinstance(source.file, DescribedRanges):
+        check_same_radar(build_sweeps(scenario.radar), source.sweeps, str(source.path))
     scenario = scenario.replace({"processing.calibration": None})
     if "seed" not in changes:
         return scenario.replace({"seed": scenario.seed + 1})
@@ -171,9 +176,6 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
 @on_one_thread
 def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | None) -> Twin:
     file, flight = source.file, source.flight
-    if isinstance(file, DescribedRanges):
-        message = f"{source.path}: holds readings; a twin compares signals, and `process --reference` compares readings"
-        raise InputFileError(message)
     if not flight.located:
         message = f"{source.path}: has no poses, which a twin flies; add measured positions, velocities and rotations"
         raise InputFileError(message)
@@ -241,10 +243,12 @@ def _look(source: RecordingSource, prepared: Prepared) -> Look:
         hits.distance_m[hit] * beam_rad * np.tan(np.minimum(incidence_rad[hit], np.deg2rad(STEEPEST_DEG)))
     )
     distance_m = np.where(hit, hits.distance_m, np.nan)
+    place_m = pose.position_m + np.nan_to_num(distance_m)[:, None] * pose.boresight
     return Look(
         range_m=distance_m,
         bin=(distance_m + shift_m) / analyser.bin_m,
         incidence_deg=np.where(hit, np.rad2deg(incidence_rad), np.nan),
+        cover=prepared.scene.scene.covers(hits.surface, place_m[:, :2]),
         echo_m=ECHO_CELLS * analyser.chirp.range_resolution_m + ECHO_SPREADS * float(spread_m),
     )
 
@@ -272,25 +276,45 @@ def _observed(
             leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.full(len(power), np.nan))
             about.append(_cells_about(power, look.bin[pulses.index], offsets))
             advance(len(pulses))
-    found = Echoes.concatenate(echoes)
-    points = place(found, sensor, source.flight)
-    strongest = _strongest(found)
-    power_db, error_m = (np.full(len(source.flight), np.nan) for _ in range(2))
+    told = _told(source, sensor, Echoes.concatenate(echoes), look)
+    side = replace(told.side, floor=np.concatenate(floor), leakage=np.concatenate(leakage), about=np.concatenate(about))
+    return _Observed(
+        side=side if isinstance(source.settings, Scenario) else side.counted_from_floor(),
+        points=told.points,
+        profiles=Profiles.concatenate(profiles) if profiles and source.keeps_profiles else None,
+    )
+
+
+def _told(source: RecordingSource, sensor: Sensor, found: Echoes, look: Look) -> _Observed:
+    """Return what the echoes of one side say of ranges, without its spectra."""
+    points, strongest, count = place(found, sensor, source.flight), _strongest(found), len(source.flight)
+    power_db, error_m, nothing = np.full((3, count), np.nan)
     power_db[found.pulse[strongest]] = 10 * np.log10(found.power[strongest])
     pulse = points.pulse[strongest]
     error_m[pulse] = points.range_m[strongest] - look.range_m[pulse]
-    side = Side(
-        floor=np.concatenate(floor),
-        leakage=np.concatenate(leakage),
-        about=np.concatenate(about),
-        power_db=power_db,
-        error_m=error_m,
+    about = np.zeros((count, 0))
+    side = Side(floor=nothing, leakage=nothing, about=about, power_db=power_db, error_m=error_m)
+    return _Observed(side=side, points=points, profiles=None)
+
+
+def _readings(source: RecordingSource, prepared: Prepared, look: Look) -> tuple[_Observed, _Observed]:
+    """Return the ranges that were read, and those that the simulated radar reads: of its strongest echoes."""
+    simulator, file = prepared.build_sensor(), source.file
+    assert isinstance(file, DescribedRanges)
+    echoes: list[Echoes] = []
+    with stage("tracing", len(source.flight)):
+        for pulses in prepared.flight.line_blocks(BLOCK_SIZE):
+            echoes.append(simulator.observe(pulses).echoes)
+            advance(len(pulses))
+    found, range_m = Echoes.concatenate(echoes), np.full(len(source.flight), np.nan)
+    points, strongest = place(found, simulator, source.flight), _strongest(found)
+    range_m[points.pulse[strongest]] = points.range_m[strongest]
+    every = source.flight.pulses(np.arange(len(source.flight)))
+    read, simulated = (
+        _told(source, sensor, sensor.observe(every).echoes, look)
+        for sensor in (RangeReadings(file, source.errors), RangeReadings(replace(file, range_m=range_m)))
     )
-    return _Observed(
-        side=side if isinstance(source.settings, Scenario) else side.counted_from_floor(),
-        points=points,
-        profiles=Profiles.concatenate(profiles) if profiles and source.keeps_profiles else None,
-    )
+    return read, simulated
 
 
 def _quiet(source: RecordingSource, sides: Sequence[Callable[[Pulses], Beats]]) -> Int[np.ndarray, " bin"]:
@@ -329,17 +353,10 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
     if count < (least := MIN_TILE_PULSES << MIN_HALVINGS):
         message = f"{source.path}: has {count} pulses; {least} at least can be compared"
         raise InputFileError(message)
-    simulator = prepared.build_sensor()
-    assert isinstance(simulator, Radar)
-
-    def simulated_beats(pulses: Pulses) -> Beats:
-        return simulator.sweeps.beats(prepared.flight.pulses(pulses.index))
-
-    look, quiet = _look(source, prepared), _quiet(source, (source.beats, simulated_beats))
+    look = _look(source, prepared)
     block = _tiles(look, recorded.measured, max(prepared.antenna.beamwidths_rad))
-    blocks = int(block.max()) + 1
-    measured = _observed(source, source.beats, look, quiet, "reading")
-    simulated = _observed(source, simulated_beats, look, quiet, "tracing")
+    blocks, readings = int(block.max()) + 1, isinstance(source.file, DescribedRanges)
+    measured, simulated = (_readings if readings else _signals)(source, prepared, look)
     analyser = source.detector.analyser
     pair = Pair(
         measured=measured.side,
@@ -352,7 +369,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         beam_rad=max(prepared.antenna.beamwidths_rad),
         levels_known=isinstance(source.settings, Scenario),
     )
-    statistics = [*power_rows(pair), *shape_rows(pair), *range_rows(pair)]
+    statistics = ([] if readings else [*power_rows(pair), *shape_rows(pair)]) + range_rows(pair)
     statistics += _of_maps(source, prepared, pair, (measured, simulated), recorded)
     reach = measured.side.about.shape[1] // 2
     return Twin(
@@ -361,12 +378,25 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         rows=rows_of(statistics, blocks, prepared.scenario.seed),
         pulses=count,
         blocks=(blocks, count // blocks),
-        profile_m=np.arange(-reach, reach + 1) * analyser.bin_m,
+        profile_m=np.arange(-reach, measured.side.about.shape[1] - reach) * analyser.bin_m,
         profiles=(np.nanmean(measured.side.about, axis=0), np.nanmean(simulated.side.about, axis=0)),
-        levels_known=pair.levels_known,
+        levels_known=readings or pair.levels_known,
         overrides={},
-        warnings=prepared.warnings,
+        warnings=source.file.warnings + prepared.warnings,
     )
+
+
+def _signals(source: RecordingSource, prepared: Prepared, look: Look) -> tuple[_Observed, _Observed]:
+    """Return what the recorded signals say, and the simulated ones, both processed as the recording is."""
+    simulator = prepared.build_sensor()
+    assert isinstance(simulator, Radar)
+
+    def simulated_beats(pulses: Pulses) -> Beats:
+        return simulator.sweeps.beats(prepared.flight.pulses(pulses.index))
+
+    quiet = _quiet(source, (source.beats, simulated_beats))
+    measured = _observed(source, source.beats, look, quiet, "reading")
+    return measured, _observed(source, simulated_beats, look, quiet, "tracing")
 
 
 def _tiles(look: Look, pose: Pose, beam_rad: float) -> Int[np.ndarray, " pulse"]:

@@ -67,12 +67,13 @@ class Look:
     """Where the echo of each pulse is expected: the same for both sides.
 
     range_m: along the boresight; infinite where it meets nothing. bin: of the spectrum, with the Doppler shift.
-    incidence_deg: on the surface there. echo_m: half-width of the echo's cells.
+    incidence_deg: on the surface there; cover: its name. echo_m: half-width of the echo's cells.
     """
 
     range_m: Float[np.ndarray, " pulse"]
     bin: Float[np.ndarray, " pulse"]
     incidence_deg: Float[np.ndarray, " pulse"]
+    cover: np.ndarray
     echo_m: float
 
 
@@ -277,15 +278,21 @@ class Pair:
 
 
 def power_rows(pair: Pair) -> list[Statistic]:
-    """Return the statistics of floor, leakage, and the level of echoes by incidence."""
+    """Return the statistics of floor, leakage, and the level of echoes by incidence and by cover."""
     rows = []
     if pair.levels_known:
         needs = _decibels("noise figure, or gain,")
         rows.append(pair.row("noise floor", "dB", _level, lambda side: _ones(side.floor), needs))
     if any(np.nanmean(side.leakage) > LEAKAGE_SEEN * side.floor.mean() for side in pair.sides):
         rows.append(pair.row("leakage", "dB", _level, lambda side: _ones(side.leakage), _decibels("leakage")))
-    for low, high in pairwise(INCIDENCE_DEG):
-        inside = (pair.look.incidence_deg >= low) & (pair.look.incidence_deg < high)
+    incidence_deg, cover = pair.look.incidence_deg, pair.look.cover
+    classes = {
+        f"at {low:.0f} to {high:.0f} deg": (incidence_deg >= low) & (incidence_deg < high)
+        for low, high in pairwise(INCIDENCE_DEG)
+    }
+    covers = [name for name in np.unique(cover) if name]
+    classes |= {f"over {name}": cover == name for name in (covers if len(covers) > 1 else [])}
+    for where, inside in classes.items():
         if min(np.count_nonzero(inside & ~side.silent) for side in pair.sides) < MIN_PULSES:
             continue
 
@@ -293,7 +300,7 @@ def power_rows(pair: Pair) -> list[Statistic]:
             return _ones(np.where(inside, side.power_db, np.nan))
 
         needs = _decibels("backscatter (gamma), or twice the gain,")
-        rows.append(pair.row(f"echo power at {low:.0f} to {high:.0f} deg", "dB", _mean, levels, needs))
+        rows.append(pair.row(f"echo power {where}", "dB", _mean, levels, needs))
     return rows
 
 

@@ -276,13 +276,15 @@ def _flight_limits(scenario: Scenario, chirp: Chirp, route: Route) -> Iterator[P
             "radar.chirp_rate_hz"
         )
         yield Problem("platform.speed_mps", message)
-    steps = 10 * track_m / platform.follow_length_m
-    if platform.height == "terrain_following" and steps > MAX_FOLLOWING_STEPS:
+    key, per_m = ("height_response_s", speed_mps) if platform.height == "sensed" else ("follow_length_m", 1.0)
+    value = getattr(platform, key)
+    steps = 10 * track_m / (value * per_m)
+    if platform.height != "level" and steps > MAX_FOLLOWING_STEPS:
         message = (
-            f"{platform.follow_length_m:g} m divides a track of {track_m:g} m into {steps:.3g} steps, more than "
-            f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / MAX_FOLLOWING_STEPS:.3g}"
+            f"{value:g} divides a track of {track_m:g} m into {steps:.3g} steps, more than "
+            f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / per_m / MAX_FOLLOWING_STEPS:.3g}"
         )
-        yield Problem("platform.follow_length_m", message)
+        yield Problem(f"platform.{key}", message)
     shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * rate_hz)
     if shift_m > chirp.max_range_m:
         message = (

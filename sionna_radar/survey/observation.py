@@ -44,7 +44,7 @@ from sionna_radar.mapping.points import Points, locate
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLookahead
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLookahead, corrected, loop_of
 
 # Most blocks of a segment, and fewest segments of a short survey.
 SEGMENT_BLOCKS, MIN_SEGMENTS = 8, 16
@@ -327,8 +327,8 @@ class SegmentObserver:
             for recorder in self._recorders:
                 recorder.write(pulses, seen)
         if self._tally is not None and not seen.through_volume:
-            corrected = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
-            self._tally.add_echoes(corrected, seen.paths)
+            still = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
+            self._tally.add_echoes(still, seen.paths)
         saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
         return Segment(
             echoes=seen.echoes,
@@ -341,11 +341,10 @@ class SegmentObserver:
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
     """Correct and locate echoes by the poses that a schedule's navigation reports."""
-    located = []
+    located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
-        own = echoes.of_pulses(pulses.index)
-        corrected = sensor.correct(own, pulses.index, pulses.measured)
-        located.append(locate(corrected, pulses.index, pulses.measured))
+        own = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
+        located.append(locate(own, pulses.index, pulses.measured))
     return Points.concatenate(located)
 
 

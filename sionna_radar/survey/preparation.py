@@ -65,7 +65,15 @@ from sionna_radar.survey.checks import (
 )
 from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
+from sionna_radar.survey.sensors.sensor import (
+    Observation,
+    Sensor,
+    SensorInputs,
+    SensorWithChirps,
+    build_sensor,
+    corrected,
+    loop_of,
+)
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.build import EngineInputs
 from sionna_radar.tracing.paths import Paths, SampledBeams
@@ -242,9 +250,12 @@ class Prepared:
         return sensor.record_chirps(self._chosen(index))
 
     def echoes(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Echoes:
-        """Return the echoes of some pulses, their ranges corrected for Doppler by the measured velocity."""
-        pulses = self._chosen(index)
-        return self._own_sensor.correct(self._own_sensor.observe(pulses).echoes, pulses.index, pulses.measured)
+        """Return the echoes of some pulses, their ranges corrected for Doppler by the measured velocity.
+
+        The loop of a tracker begins with the first of them.
+        """
+        pulses, sensor = self._chosen(index), self._own_sensor
+        return corrected(sensor, sensor.observe(pulses).echoes, pulses, loop_of(sensor))
 
     @cached_property
     def _own_sensor(self) -> Sensor:

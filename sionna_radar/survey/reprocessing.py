@@ -88,8 +88,8 @@ def process(
     Parameters
     ----------
     recording:
-        A netCDF file: of `run(..., recordings={"signals": ...})`, or in the layout that
-        `sionna_radar.survey.recordings.signal_file` describes.
+        A netCDF file of `run(..., recordings={"signals": ...})` or in the layout of `survey.recordings.signal_file`; or
+        a TOML file that describes samples, range profiles or readings, see `survey.recordings.described`.
     overrides:
         Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
         `radar.receiver` and `radar.conjugate`.
@@ -488,23 +488,24 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
     file, flight = source.file, source.flight
     sensor, observed = observe(source, execution, work=recorded_segment_task)
-    estimate = points = None
+    estimate, points, echoes = None, None, observed.echoes
     with stage("mapping"), timed("map"):
         if flight.located:
-            points = place(observed.echoes, sensor, flight)
+            points = place(echoes, sensor, flight)
+            echoes = replace(echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m)
             if len(points) or file.flight:
                 estimate = source.mapper_of(points).map(points, observed.profiles, source.pose)
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     readings = isinstance(file, DescribedRanges)
-    spectrum = None if readings else _spectrum(source)
+    spectrum = None if readings else mean_spectrum(source)
     return Processed(
         source=source.path,
         overrides=source.overrides,
         settings=source.settings,
         sweeps=() if readings else source.sweeps,
         time_s=flight.time_s,
-        echoes=observed.echoes if points is None else replace(observed.echoes, range_m=points.range_m),
+        echoes=echoes,
         points=points,
         measured=_poses_of(source) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
@@ -515,7 +516,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         spectrum=spectrum,
         chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
-        warnings=_warnings(source, observed.echoes, comparison, spectrum),
+        warnings=_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
     )
 
 
@@ -553,19 +554,24 @@ def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[C
         return sensor.sweeps.record_chirps(again.flight.pulses(index))
 
 
-def _spectrum(source: RecordingSource) -> RangeSpectrum:
+def mean_spectrum(source: RecordingSource) -> RangeSpectrum:
+    """Return the spectrum of pulses spread over a recording."""
     analyser = source.detector.analyser
     power = analyser.power(source.beats(source.flight.sample(SPECTRUM_PULSES))[0])
     return RangeSpectrum(range_m=analyser.range_m, mean=power.mean(axis=0), median=np.median(power, axis=0))
 
 
 def _warnings(
-    source: RecordingSource, echoes: Echoes, comparison: Comparison | None, spectrum: RangeSpectrum | None
+    source: RecordingSource,
+    echoes: Echoes,
+    dem: Raster | None,
+    comparison: Comparison | None,
+    spectrum: RangeSpectrum | None,
 ) -> tuple[str, ...]:
     """Return and log warnings about a result."""
-    warnings: tuple[str, ...] = ()
+    warnings = source.file.warnings
     if not source.file.pulses.located:
-        warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
+        warnings += ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"
     if source.file.scenario is None and spectrum is not None and complex_signals and _turned(spectrum, source.detector):
         warnings += (
@@ -576,6 +582,8 @@ def _warnings(
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)
     elif comparison is not None and comparison.lit_error.count == 0:
         warnings += ("no cell of the DEM is filled where the main beam reached; look at the poses",)
+    elif dem is not None and not dem.filled.any():
+        warnings += ("no cell of the DEM is filled; for points along a line set dem.method = 'smooth'",)
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings
@@ -589,5 +597,4 @@ def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
     left_out = RESPONSE_CELLS * detector.analyser.zero_padding
     echo = np.maximum(spectrum.mean - spectrum.floor, 0.0)[left_out:-left_out]
     half = len(spectrum.mean) // 2 - left_out
-    strong = echo.max(initial=0.0) > STRONG * spectrum.floor
-    return bool(strong and echo[half:].sum() > BAND_HELD * echo.sum())
+    return bool(echo.max(initial=0.0) > STRONG * spectrum.floor and echo[half:].sum() > BAND_HELD * echo.sum())

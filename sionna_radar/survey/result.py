@@ -61,6 +61,8 @@ class _ComparedWithReference:
             lit=self.lit if isinstance(self, Survey) else None,
             points=self.points,
             uncertainty=self.uncertainty,
+            walls=self.prepared.truth.walls if isinstance(self, Survey) else None,
+            covers=self.prepared.truth.covers if isinstance(self, Survey) else None,
             seed=self.scenario.seed if self.scenario else 0,
         )
         return replace(self, reference=check)
@@ -152,6 +154,7 @@ class Survey(_ComparedWithReference, Comparison):
                 "walls and what is beside them": 0.0 if off_wall is None or lit == 0 else 1 - off_wall.count / lit,
                 "plants": 0.0 if reading is None or filled == 0 else reading.count / filled,
             },
+            covers=self.prepared.truth.covers,
         )
 
     @cached_property
@@ -267,7 +270,7 @@ class Processed(_ComparedWithReference):
 
     @cached_property
     def breakdown(self) -> Breakdown | None:
-        """As `Survey.breakdown`, without distances from walls, which no file holds; None where no truth is known."""
+        """As `Survey.breakdown`, without walls and covers, which no file holds; None where no truth is known."""
         compared = self.comparison
         if compared is None or self.points is None:
             return None

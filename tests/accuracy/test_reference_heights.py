@@ -17,6 +17,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_referen
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.report.page.sections import reference_section
 
 GRID = Grid(west_m=-40.0, south_m=-35.0, spacing_m=1.0, columns=81, rows=71)
 
@@ -141,8 +142,42 @@ def test_the_true_surface_as_reference_gives_the_errors_of_a_survey(survey, tmp_
     assert "an error of 10.0 cm" in wider.breakdown.checkpoints.statement
 
 
+def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_path):
+    """A reference 0.4 m too low on a field, and 0.2 m too high within 5 m of a wall of which the scenario knows."""
+    stand = {"polygon_m": [[-45, 15], [-30, 15], [-30, 30], [-45, 30]], "height_m": 3.0}
+    changes = {
+        "platform.length_m": 40.0,
+        "terrain.spacing_m": 1.0,
+        "terrain.fields": [{"centre_m": [-40.0, -25.0], "size_m": [20.0, 20.0], "material": "gravel"}],
+        "materials.gravel": {"model": "constant_gamma", "gamma_db": -10.0},
+        "buildings": [{"position_m": [-22.0, -5.0], "size_m": [8.0, 8.0, 6.0]}],
+        "vegetation": [{**stand, "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}],
+    }
+    survey = run(load_scenario("hills", changes))
+    x, y = survey.truth.grid.centres_m.T.reshape(2, *survey.truth.grid.shape)
+    field = (np.abs(x + 40) <= 10) & (np.abs(y + 25) <= 10)
+    beyond = np.maximum(np.abs(x + 22), np.abs(y + 5)) - 4
+    beside = (np.abs(beyond) <= 5) & (np.minimum(np.abs(x + 22), np.abs(y + 5)) <= 4)
+    surveyed = survey.dem.height_m + np.where(beside, 0.2, np.where(field, -0.4, 0.0))
+    path = written(replace(survey.dem, height_m=surveyed), tmp_path / "surveyed.tif")
+    result = survey.with_reference(path)
+    found = result.reference.breakdown
+    covers = {name: error.mean_m for name, error in found.by_cover.items()}
+    assert set(covers) == {"ground", "gravel", "vegetation", "building"}
+    # Cells of the border, which follows the mesh, and those of the wall's corners.
+    assert covers["gravel"] == pytest.approx(0.4, abs=0.05)
+    assert covers["vegetation"] == pytest.approx(0.0, abs=1e-5)
+    assert abs(covers["ground"]) < 0.02
+    walls = {entry.low: entry.mean_m for entry in found.by_wall_distance}
+    assert all(walls[low] < -0.1 for low in (0.0, 1.0, 2.0))
+    assert walls[20.0] > -0.01
+    names = {name: error.count for name, error in survey.breakdown.by_cover.items()}
+    assert sum(names.values()) == survey.lit_error.count
+    assert reference_section(result.reference)["classes"]["Cover"][0][0] == "building"
+
+
 @pytest.mark.parametrize("every", [1, 9])
-def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(tmp_path, every):
+def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(tmp_path, caplog, every):
     surface, rng = relief(5), np.random.default_rng(5)
     cloud = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
     place = surface.grid.centres_m.reshape(*surface.grid.shape, 2)[::every, ::every].reshape(-1, 2)
@@ -152,6 +187,9 @@ def test_a_cloud_is_a_surface_where_it_is_dense_and_checkpoints_where_it_is_not(
     cloud.write(tmp_path / "cloud.laz")
     check = compare_with_reference(tmp_path / "cloud.laz", seen(surface, (0.0, 0.0), 0.25, (0.0, 0.0), rng))
     assert check.kind == ("cloud" if every == 1 else "sparse cloud")
+    assert "lies +0.25 m off" not in caplog.text
+    compare_with_reference(tmp_path / "cloud.laz", seen(surface, (0.0, 0.0), 20.0, (0.0, 0.0), rng))
+    assert "the DEM lies +20." in caplog.text
     assert (check.shift.east_m is None) == (every == 9)
     assert abs(check.shift.up_m - 0.25) < 3 * check.shift.up_sigma_m + 0.01
     np.testing.assert_allclose(check.statistics.mean_m, 0.25, atol=0.03)
@@ -210,6 +248,27 @@ def test_a_reference_elsewhere_or_in_other_coordinates_is_refused(tmp_path):
     placed = replace(dem, grid=replace(dem.grid, georeference=place))
     with pytest.raises(InputFileError, match="has no CRS, and the DEM has one"):
         compare_with_reference(written(relief(1), tmp_path / "local.tif"), placed)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "words"),
+    [
+        ("EPSG:32616+5703", ""),
+        ("EPSG:32616", ""),
+        ("EPSG:32616+5773", "heights count from EGM96 geoid, and those of the DEM from North American Vertical Datum"),
+        ("EPSG:32616", "heights count from the ellipsoid, and those of the DEM"),
+    ],
+)
+def test_another_vertical_datum_is_told(tmp_path, caplog, theirs, words):
+    place = Georeference(crs_wkt=CRS.from_user_input("EPSG:32616+5703").to_wkt(), origin_m=(5e5, 4e6, 0.0))
+    dem = seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1))
+    placed = replace(dem, grid=replace(dem.grid, georeference=place))
+    reference = relief(1)
+    crs = CRS.from_user_input(theirs).to_3d() if "ellipsoid" in words else CRS.from_user_input(theirs)
+    there = replace(place, crs_wkt=crs.to_wkt())
+    path = written(replace(reference, grid=replace(reference.grid, georeference=there)), tmp_path / "reference.tif")
+    compare_with_reference(path, placed)
+    assert words in caplog.text if words else "heights count from" not in caplog.text
 
 
 @pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")

@@ -37,6 +37,8 @@ FLIGHTS = {
     "short climb": {"profile": "full", "altitude_m": 7.0, "climb_rate_mps": 8.0, "descent_rate_mps": 1.0},
     "following": {"height": "terrain_following", "length_m": 300.0},
     "following, full": {"height": "terrain_following", "profile": "full", "heading_deg": 33.0},
+    "sensed": {"height": "sensed", "length_m": 300.0},
+    "sensed, full": {"height": "sensed", "profile": "full", "height_response_s": 3.0},
     "waypoints": {"waypoints_m": ((0.0, 0.0), (60.0, 0.0), (60.0, 80.0), (-40.0, 80.0)), "profile": "full"},
 }
 
@@ -114,6 +116,22 @@ def test_terrain_following_smooths_what_is_shorter_than_its_length():
     flight = plan(ground, height="terrain_following", length_m=600.0, follow_length_m=200.0)
     z = flight.position(np.linspace(15, 45, 300))[:, 2]
     assert np.abs(z - 50).max() < 2.0  # of waves 10 m high
+
+
+def test_a_sensed_height_is_late_by_what_the_flight_climbs_in_its_time_constant():
+    flight = plan(lambda p: 0.2 * p[:, 0], height="sensed", height_response_s=1.5, length_m=400.0)
+    time_s = np.linspace(0.0, 40.0, 200)
+    x, _, z = flight.position(time_s).T
+    np.testing.assert_allclose(z - 0.2 * x - 50, -1.5 * 2.0 * (1 - np.exp(-time_s / 1.5)), atol=1e-3)
+
+
+def test_waves_are_followed_as_by_a_first_order_filter():
+    wave_per_m, lag_m = 2 * np.pi / 80, 20.0
+    ground = lambda p: 10 * np.sin(wave_per_m * p[:, 0])  # noqa: E731
+    flight = plan(ground, height="sensed", height_response_s=lag_m / 10.0, length_m=800.0)
+    x, _, z = flight.position(np.linspace(30, 80, 500)).T
+    expected = 10 * np.imag(np.exp(1j * wave_per_m * x) / (1 + 1j * wave_per_m * lag_m))
+    np.testing.assert_allclose(z - 50, expected, atol=0.03)
 
 
 def test_track_without_a_start_is_centred():

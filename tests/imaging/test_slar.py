@@ -8,13 +8,14 @@ import pytest
 from side_looking import make_flight
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.imaging.aperture import Aperture
-from sionna_radar.imaging.slar import SideLooking, to_ground
 from sionna_radar.imaging.strip import (
+    SideLooking,
     azimuth_resolution_m,
     ground_range_resolution_m,
     half_power_width,
     real_aperture_resolution_m,
     slant_range_resolution_m,
+    to_ground,
     window_factor,
 )
 from sionna_radar.radar.antenna import Cut

@@ -2,14 +2,20 @@
 
 import dataclasses
 import json
+import re
 
+import h5py
 import numpy as np
 import pytest
 from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
+from sionna_radar import process, run
+from sionna_radar.cli.app import app
 from sionna_radar.execution.execution import Execution
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch, point_beside
@@ -17,7 +23,7 @@ from sionna_radar.report.studies.imagery import MARKER, print_image, write_image
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
-from sionna_radar.studies.images import run_images
+from sionna_radar.studies.images import image_recording, run_images
 
 EAST, GROUND = 1.0, 29.0
 SMALL = {
@@ -235,3 +241,138 @@ def test_widths_are_those_at_half_power():
 )
 def test_a_width_that_cannot_be_told_is_none(power):
     assert measured_in_patch(*power) is None
+
+
+def zigzag(path):
+    """A log of the flight of SMALL that swings by 5 cm to the sides and by 3 cm up and down."""
+    lines = ["time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"]
+    for t in np.arange(0.0, 2.4, 0.02):
+        swing = 2 * np.pi * 5.0 * t / 4.0
+        lines.append(f"{t:.2f},{5 * t - 5:.5f},{0.05 * np.sin(swing):.6f},{28 + 0.03 * np.cos(swing):.6f},0,0,90")
+    path.write_text("\n".join(lines))
+    return {"log": str(path), "log_height": "datum"}
+
+
+def test_a_recording_of_the_simulated_flight_gives_its_images(imagery, tmp_path):
+    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
+    recorded = image_recording(tmp_path / "strip.nc")
+    np.testing.assert_array_equal(recorded.focused.amplitude, imagery.focused.amplitude)
+    np.testing.assert_array_equal(recorded.slant.power, imagery.slant.power)
+    assert recorded.sar == imagery.sar
+    with h5py.File(tmp_path / "strip.nc", "r+") as file:
+        for name in ("scenario", "survey", "true_height", "lit"):
+            del file[name]
+    with pytest.raises(ScenarioError, match="--ground-height: is needed"):
+        image_recording(tmp_path / "strip.nc")
+    antenna = {"radar.antenna.beamwidth_deg": [2.5, 12.0], "radar.antenna.side_lobe_db": -25.0}
+    foreign = image_recording(tmp_path / "strip.nc", antenna, ground_m=0.0)
+    np.testing.assert_array_equal(foreign.focused.amplitude, imagery.focused.amplitude)
+    with pytest.raises(InputFileError, match=r"the ground is -2.0 m below the track"):
+        image_recording(tmp_path / "strip.nc", antenna, ground_m=30.0)
+    with h5py.File(tmp_path / "strip.nc", "r+") as file:
+        turned = file["measured_rotation"][...]
+        file["measured_rotation"][...] = Rotation.from_euler("z", -20, degrees=True).as_matrix() @ turned
+    with pytest.raises(InputFileError, match=r"looks -20.0 deg ahead of the side of the track"):
+        image_recording(tmp_path / "strip.nc", antenna, ground_m=0.0)
+
+
+def test_a_recording_is_focused_along_its_measured_poses(imagery, tmp_path):
+    """A target is as bright and as narrow from a track that swings by 25 wavelengths, and gone along a straight one."""
+    path = tmp_path / "strip.nc"
+    run(parse_scenario(SMALL | {"platform": zigzag(tmp_path / "flight.csv")}), recordings={"signals": path})
+    focused = image_recording(path, ground_m=0.0).focused
+    row, column = np.unravel_index(focused.power.argmax(), focused.power.shape)
+    east, north, _ = focused.grid.position_m[row, column]
+    assert abs(east - EAST) < imagery.sar.along_m / 2
+    assert abs(north + GROUND) < imagery.sar.across_m / 2
+    assert focused.power.max() == pytest.approx(imagery.focused.power.max(), rel=0.2)
+    with h5py.File(path, "r+") as file:
+        place = file["measured_position"][...]
+        file["measured_position"][...] = np.linspace(place[0], place[-1], len(place))
+    straight = image_recording(path, ground_m=0.0).focused
+    assert straight.power.max() < 0.1 * focused.power.max()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("beat_q", lambda q: -q, "as where Q has the other sign; set radar.conjugate = true"),
+        ("measured_velocity", lambda v: -v, r"velocities -11.0 [+-]0.0 [+-]0.0 m; look at signs, axes and units"),
+        ("measured_rotation", lambda R: np.swapaxes(R, 1, 2), "look at measured_rotation"),
+        ("beat_q", lambda q: q, ""),
+    ],
+)
+def test_poses_and_signs_that_contradict_what_is_seen_are_told(imagery, tmp_path, caplog, name, change, words):
+    path, antenna = tmp_path / "strip.nc", {"radar.antenna.beamwidth_deg": [2.5, 12.0]}
+    run(imagery.scenario, recordings={"signals": path})
+    with h5py.File(path, "r+") as file:
+        for own in ("scenario", "survey", "true_height", "lit"):
+            del file[own]
+        file[name][...] = change(file[name][...])
+    caplog.clear()
+    if name == "measured_rotation":
+        with pytest.raises(InputFileError, match=words):
+            image_recording(path, antenna, ground_m=0.0)
+        assert "looks to the horizon or above it in 100%" in process(path, antenna).warnings[0]
+        return
+    image_recording(path, antenna, ground_m=0.0)
+    assert re.search(words, caplog.text) if words else not caplog.text
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tracing.speckle": "per_pulse"}, None),
+        ({"radar.sweep": "triangular", "tracing.speckle": "per_pulse"}, "signals of one sweep and one receiver"),
+        ({"radar.scan.mode": "fixed", "tracing.speckle": "per_pulse"}, "deg ahead of the side of the track"),
+    ],
+)
+def test_what_is_recorded_otherwise_is_not_focused(tmp_path, changes, words):
+    scenario = scenario_of().replace(changes)
+    run(scenario, recordings={"signals": tmp_path / "strip.nc"})
+    if words is None:
+        assert image_recording(tmp_path / "strip.nc").focused is None
+        return
+    with pytest.raises(InputFileError, match=words):
+        image_recording(tmp_path / "strip.nc")
+
+
+def test_the_command_images_a_recording(imagery, tmp_path):
+    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
+    done = CliRunner().invoke(app, ["image", str(tmp_path / "strip.nc"), "-q", "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "out" / MARKER).read_text())
+    assert told["recording"] == "strip.nc"
+    assert told["sar"]["theory"]["along_m"] == imagery.sar.along_m
+    with pytest.raises(ScenarioError, match="--ground-height: is of a recording"):
+        CliRunner().invoke(app, ["image", "slar", "--ground-height", "3"], catch_exceptions=False)
+
+
+def test_a_recording_of_powers_has_a_slant_range_image_alone(imagery, tmp_path, capsys):
+    """Range profiles of the same flight, described by a TOML file, whose log flies straight and looks to the right."""
+    chirp = imagery.focused.chirp
+    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
+    with h5py.File(tmp_path / "strip.nc") as file:
+        beat = file["beat_i"][...] + 1j * file["beat_q"][...]
+        time_s, (x, y, z), speed = file["time"][...], file["measured_position"][0], file["measured_velocity"][0]
+    power = np.abs(np.fft.fft(beat * np.hanning(256) / np.hanning(256).sum(), axis=1)) ** 2
+    np.save(tmp_path / "profiles.npy", power)
+    rows = [f"{t:.4f},{x + speed[0] * (t - 0.1):.6f},{y},{z},0,0,90" for t in np.arange(0.0, 2.6, 0.05)]
+    header = "time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"
+    (tmp_path / "flight.csv").write_text("\n".join([header, *rows]))
+    sweep = f"carrier_hz = {chirp.carrier_hz}\nbandwidth_hz = {chirp.bandwidth_hz}\n"
+    sweep += f"sampling_rate_hz = {chirp.sampling_rate_hz}\npulse_rate_hz = {1 / (time_s[1] - time_s[0])}"
+    (tmp_path / "strip.toml").write_text(
+        '[recording]\nsamples = "profiles.npy"\naxes = ["pulse", "range"]\nvalues = "power"\n'
+        f'[sweep]\n{sweep}\n[poses]\nlog = "flight.csv"\nfirst_pulse_s = 0.1\n'
+        'incidence_deg = 45.0\nlook = "right"\n'
+    )
+    found = image_recording(tmp_path / "strip.toml", {"radar.antenna.beamwidth_deg": [2.5, 12.0]}, ground_m=0.0)
+    assert found.focused is None
+    assert found.strip.side == "right"
+    assert found.strip.near_m == pytest.approx(imagery.strip.near_m)
+    row, column = np.unravel_index(np.nanargmax(found.slant.power), found.slant.power.shape)
+    assert found.slant.range_m[column] == pytest.approx(np.hypot(GROUND, 28.0), abs=0.31)
+    assert found.slant.along_m[row] == pytest.approx(EAST - x, abs=0.4)
+    print_image(found)
+    assert "because the recording holds powers" in capsys.readouterr().out

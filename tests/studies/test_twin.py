@@ -120,6 +120,20 @@ def test_what_is_changed_is_told_by_its_row(flown, changes, name, measured_is, n
     assert needs in row.needs
 
 
+def test_the_power_over_a_cover_is_told_apart_from_that_of_the_others(tmp_path):
+    field = {
+        "terrain.fields": [{"centre_m": [-37.0, 22.0], "size_m": [40.0, 44.0], "material": "gravel"}],
+        "materials.gravel": {"model": "constant_gamma", "gamma_db": -10.0},
+    }
+    run(load_scenario("hills", FLOWN | field), recordings={"signals": tmp_path / "flown.nc"})
+    twin = run_twin(tmp_path / "flown.nc", overrides={"materials.gravel.gamma_db": -4.0})
+    gravel, ground = (twin.row(f"echo power over {name}") for name in ("gravel", "ground"))
+    assert gravel.differs
+    assert gravel.difference == pytest.approx(-6.0, abs=1.0)
+    assert abs(ground.difference) < 1.0
+    assert not ground.differs
+
+
 def test_a_bias_of_range_is_told_with_its_size(flown, tmp_path):
     path = shutil.copy(flown, tmp_path / "biased.nc")
     with h5py.File(path, "r+") as file:
@@ -217,15 +231,76 @@ def test_a_twin_leaves_its_numbers_and_its_page(alike, tmp_path):
     assert "sionna-radar twin flown.nc" in page
 
 
+PERSISTENT = {"tracing.speckle": "persistent"}
+
+
 @pytest.mark.study
-def test_other_seeds_differ_in_no_row_in_95_of_100(tmp_path):
+@pytest.mark.parametrize("changes", [{}, PERSISTENT, PERSISTENT | {"platform.length_m": 60.0}])
+def test_other_seeds_differ_in_no_row_in_95_of_100(tmp_path, changes):
     """Each recording and each twin has a seed of its own."""
     alarms = []
     for seed in range(0, 200, 2):
         path = tmp_path / f"{seed}.nc"
-        run(load_scenario("hills", FLOWN | {"seed": seed}), recordings={"signals": path})
+        run(load_scenario("hills", FLOWN | changes | {"seed": seed}), recordings={"signals": path})
         twin = run_twin(path)
         path.unlink()
         alarms += [twin.differing] if twin.differing else []
     print(f"{len(alarms)} of 100 differ: {alarms}")
     assert len(alarms) <= 5
+
+
+@pytest.mark.study
+def test_readings_with_other_seeds_differ_in_no_row_in_95_of_100(tmp_path):
+    alarms = []
+    for seed in range(0, 200, 2):
+        twin = run_twin(read_by_radar(tmp_path, seed), base="hills", overrides=ALTIMETER | {"seed": seed + 1})
+        alarms += [twin.differing] if twin.differing else []
+    print(f"{len(alarms)} of 100 differ: {alarms}")
+    assert len(alarms) <= 5
+
+
+ALTIMETER = {
+    "platform.length_m": 60.0,
+    "terrain.spacing_m": 1.0,
+    "radar.scan": {"mode": "fixed", "incidence_deg": 0.0},
+    "radar.antenna": {"kind": "taylor", "beamwidth_deg": 6.0, "side_lobe_db": -20.0},
+    "radar.chirp_rate_hz": 50.0,
+    "dem": {"method": "smooth", "spacing_m": 1.0},
+}
+
+
+def read_by_radar(folder: Path, seed: int, bias_m: float = 0.0) -> Path:
+    """Strongest ranges of a simulated altimeter as a table of readings, with a log of its flight."""
+    survey = run(load_scenario("hills", ALTIMETER | {"seed": seed}))
+    points, count = survey.points, survey.pulses
+    range_m = np.full(count, np.nan)
+    order = np.argsort(points.power, kind="stable")
+    range_m[points.pulse[order]] = points.range_m[order] + bias_m
+    pulses = survey.schedule.pulses(np.arange(count))
+    rows = [f"{t:.4f},{'' if np.isnan(r) else f'{r:.4f}'}" for t, r in zip(pulses.time_s, range_m, strict=True)]
+    (folder / "read.csv").write_text("\n".join(["time_s,range_m", *rows]))
+    position_m, step_s = pulses.true.position_m, pulses.time_s[1] - pulses.time_s[0]
+    ends = [(n, position_m[n] + side * step_s * pulses.true.velocity_mps[n]) for n, side in ((0, -1), (-1, 1))]
+    fixes = [(pulses.time_s[n] + side * step_s, *place) for (n, place), side in zip(ends, (-1, 1), strict=True)]
+    log = ["time_s,east_m,north_m,up_m,roll_deg,pitch_deg,heading_deg"]
+    log += [f"{t:.5f},{x:.4f},{y:.4f},{z:.4f},0,0,90" for t, x, y, z in np.linspace(*fixes, 50)]
+    (folder / "flight.csv").write_text("\n".join(log))
+    text = f'[readings]\nfile = "read.csv"\nrange_cell_m = 0.3\n[poses]\nlog = "flight.csv"\nfirst_pulse_s = {step_s}\n'
+    (folder / "read.toml").write_text(text + '[dem]\nmethod = "smooth"\nspacing_m = 1.0\n')
+    return folder / "read.toml"
+
+
+def test_readings_of_an_altimeter_are_compared_by_their_ranges(tmp_path):
+    twin = run_twin(read_by_radar(tmp_path, 1), base="hills", overrides=ALTIMETER | {"seed": 2})
+    assert twin.differing == ()
+    assert {"range bias", "range spread", "DEM bias"} <= {row.name for row in twin.rows}
+    assert "noise floor" not in {row.name for row in twin.rows}
+    document = json.loads(json.dumps(twin_document(twin)))
+    assert document["echo"]["offset_m"] == []
+    assert "profile" not in {line.partition('id="')[2].partition('"')[0] for line in twin_page(twin).splitlines()}
+    assert "report.html" in {file.name for file in write_twin(twin, tmp_path / "out")}
+    row = run_twin(read_by_radar(tmp_path, 1, 0.3), base="hills", overrides=ALTIMETER | {"seed": 2}).row("range bias")
+    assert row.differs
+    assert row.difference == pytest.approx(0.3, abs=4 * row.sigma)
+    with pytest.raises(ScenarioError, match="--base: is needed"):
+        run_twin(tmp_path / "read.toml")

@@ -9,6 +9,7 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
+from sionna_radar.scenario.loading import shipped_scenarios
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.permittivity import soil_permittivity
 from sionna_radar.surfaces.rough_surface import IntegralEquationModel, SmallPerturbationModel
@@ -50,6 +51,13 @@ def test_every_model_survives_a_round_trip_and_is_built():
     assert built["equation"].mirror is not None
     assert built["optics"].mirror is None
     assert built["mirror"].mirror.amplitude == pytest.approx(-1, abs=0.01)
+
+
+@pytest.mark.parametrize("name", sorted(shipped_scenarios()))
+def test_no_shipped_material_returns_more_than_it_receives(name):
+    scenario = load_scenario(name)
+    for material in build_materials(scenario.all_materials, scenario.radar).values():
+        assert material.scattered_share(np.deg2rad(np.arange(0.0, 81.0))).max() <= 1.0
 
 
 def test_carrier_and_polarization_come_from_the_radar():

@@ -67,6 +67,36 @@ def test_iem_repeats_the_values_of_smrt(polarization, expected_db):
     np.testing.assert_allclose(db(model.sigma0(np.radians([30.0, 50.0, 60.0]))), expected_db, atol=0.01)
 
 
+# Printed by SMRT 1.7 (`IEM_Fung92`, 40 terms) at 10, 30, 50 and 70 deg: eps 5 - 0.5j, s = 0.3 mm, L = 1.5 mm.
+# radarscatter (github djshiltz/radarscatter), whose field coefficients are written in another form, those of Fung and
+# Chen (2010) with three terms each, prints the same within 0.001 dB.
+IEM_OF_OTHERS_DB = {
+    (77e9, "gaussian", "V"): [-4.2960, -7.7944, -14.8507, -25.8764],
+    (77e9, "gaussian", "H"): [-4.6330, -10.0855, -18.2659, -27.3365],
+    (77e9, "exponential", "V"): [-4.2539, -10.8550, -14.9613, -20.5933],
+    (77e9, "exponential", "H"): [-4.6101, -13.0851, -19.6449, -27.2765],
+    (94e9, "gaussian", "V"): [-2.4129, -7.4645, -17.0727, -32.7156],
+    (94e9, "gaussian", "H"): [-2.7619, -9.3165, -17.8985, -27.6289],
+    (94e9, "exponential", "V"): [-3.1994, -10.0329, -14.1319, -19.6811],
+    (94e9, "exponential", "H"): [-3.5705, -12.0197, -18.1003, -24.9913],
+}
+
+
+@pytest.mark.parametrize(("case", "expected_db"), IEM_OF_OTHERS_DB.items())
+def test_iem_at_millimetre_waves_is_that_of_two_other_programs(case, expected_db):
+    frequency_hz, correlation, polarization = case
+    ground = RoughSurface(
+        permittivity=5.0 - 0.5j,
+        rms_height_m=0.3e-3,
+        correlation_length_m=1.5e-3,
+        frequency_hz=frequency_hz,
+        correlation=correlation,
+    )
+    model = IntegralEquationModel(surface=ground, polarization=polarization, fresnel_angle="incidence")
+    sigma0_db = db(model.sigma0(np.radians([10.0, 30.0, 50.0, 70.0])))
+    np.testing.assert_allclose(sigma0_db, expected_db, atol=2e-3)
+
+
 @pytest.mark.parametrize("correlation", ["gaussian", "exponential"])
 @pytest.mark.parametrize("polarization", ["V", "H"])
 def test_iem_becomes_small_perturbation_for_a_nearly_smooth_surface(correlation, polarization):

@@ -1,11 +1,14 @@
 """Recordings of other programs, described by a TOML file: every layout gives the range that was put in."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray
 from scipy.constants import speed_of_light
+from scipy.stats import norm
 
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -159,14 +162,54 @@ def test_complex_profiles_are_the_signals_that_they_were_made_from(tmp_path, sen
 def test_averaged_powers_keep_their_cells_and_levels(tmp_path, sent, values, zero_m):
     beat = sent[:, :, 0, 0].reshape(-1, 4, SAMPLES) * np.hanning(SAMPLES) * 2
     power = (np.abs(np.fft.fft(beat, axis=-1) / SAMPLES) ** 2).mean(axis=1)
-    np.save(tmp_path / "profiles.npy", power if values == "power" else 10 * np.log10(power))
-    recording = f'samples = "profiles.npy"\nvalues = "{values}"\nrange_zero_m = {zero_m}\n{PROFILE_AXES}'
+    if values == "power":
+        np.save(tmp_path / "profiles.npy", power)
+    else:
+        packed = {"scale_factor": 0.01, "dtype": "int16", "_FillValue": -32768}
+        stored = xarray.Dataset({"level": (("pulse", "range"), 10 * np.log10(power))})
+        stored.to_netcdf(tmp_path / "profiles.nc", engine="h5netcdf", encoding={"level": packed})
+    name = "profiles.npy" if values == "power" else 'profiles.nc"\nvariable = "level'
+    recording = f'samples = "{name}"\nvalues = "{values}"\nrange_zero_m = {zero_m}\n{PROFILE_AXES}'
     found = process(described(tmp_path, recording, SWEEP))
     if zero_m == 0:
-        np.testing.assert_allclose(found.spectrum.mean, power.mean(axis=0), rtol=1e-9)
+        # Half a step of 0.01 dB is a share of 0.0012.
+        rounding = 1e-9 if values == "power" else 0.0012
+        np.testing.assert_allclose(found.spectrum.mean, power.mean(axis=0), rtol=rounding)
     assert abs(np.median(found.echoes.range_m) - (range_of(0, 0) - zero_m)) < 0.02
     with pytest.raises(ScenarioError, match=r"processing.window: has no effect on powers"):
         process(described(tmp_path, recording, SWEEP), {"processing.window": "hann"})
+
+
+def test_a_background_of_powers_leaves_the_echo_and_the_floor(tmp_path):
+    """|leakage + noise|^2 has the mean L + F and the variance 2 L F + F^2; without the background the mean is F."""
+    floor, leakage, echo, looks, pulses = 1.0, 100.0, 400.0, 64, 200
+    rng = np.random.default_rng(5)
+    amplitude = np.zeros(SAMPLES)
+    amplitude[[10, 60]] = np.sqrt([leakage, echo])
+
+    def powers(amplitude: np.ndarray) -> np.ndarray:
+        noise = rng.normal(size=(pulses, looks, SAMPLES, 2)) * np.sqrt(floor / 2)
+        return ((amplitude + noise[..., 0]) ** 2 + noise[..., 1] ** 2).mean(axis=1)
+
+    np.save(tmp_path / "profiles.npy", powers(amplitude))
+    np.save(tmp_path / "sky.npy", sky := powers(np.where(np.arange(SAMPLES) == 10, amplitude, 0.0)))
+    recording = f'samples = "profiles.npy"\nbackground = "sky.npy"\nvalues = "power"\n{PROFILE_AXES}'
+    found = process(described(tmp_path, recording, SWEEP))
+    deviation = np.sqrt(2 * leakage * floor + floor**2) / np.sqrt(looks)
+    # Two means, of the recording and of the sky; powers below zero count as zero, which adds deviation / sqrt(2 pi).
+    assert abs(found.spectrum.mean[10] - floor) < deviation * (5 * np.sqrt(2 / pulses) + 1 / np.sqrt(2 * np.pi))
+    assert found.spectrum.mean[60] == pytest.approx(echo + floor, rel=0.02)
+    np.testing.assert_allclose(np.delete(found.spectrum.mean, [10, 60]), floor, atol=5 * np.sqrt(2 / pulses / looks))
+    cell_m = speed_of_light / (2 * SLOPE * SAMPLES / RATE_HZ)
+    (share,) = re.findall(rf"most often at {10 * cell_m:.2f} m \(in (\d+)% of the pulses\)", found.warnings[0])
+    assert abs(int(share) / 100 - norm.cdf(-floor / deviation)) < 5 * np.sqrt(0.25 / pulses)
+    np.save(tmp_path / "sky.npy", powers(np.zeros(SAMPLES)))
+    kept = process(described(tmp_path, recording, SWEEP))
+    assert kept.spectrum.mean[10] == pytest.approx(leakage + floor, rel=0.02)
+    assert kept.warnings == ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
+    np.save(tmp_path / "sky.npy", sky[:, 1:])
+    with pytest.raises(InputFileError, match="has 255 cells a pulse, and the recording 256"):
+        process(described(tmp_path, recording, SWEEP))
 
 
 @pytest.mark.parametrize("real", [True, False])
@@ -224,7 +267,7 @@ def readings(folder: Path, name: str, readings: str = "", rest: str = "") -> Pat
     return path
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("suffix", ["csv", "npz", "nc"])
 def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     """Level ground 104.3 m under a flight along 20 m, read 1.5 m too far, with a gap."""
     time_s = 70.0 + np.arange(0.0, 4.0, 0.05)
@@ -232,8 +275,13 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     if suffix == "csv":
         rows = [f"{t:.2f},{'' if np.isnan(r) else r}" for t, r in zip(time_s, range_m, strict=True)]
         (tmp_path / "alt.csv").write_text("\n".join(["utc,radar_m", *rows]))
-    else:
+    elif suffix == "npz":
         np.savez(tmp_path / "alt.npz", utc=time_s, radar_m=range_m)
+    else:
+        when = ("reading", time_s, {"units": "seconds since 2020-01-01"})
+        stored = xarray.Dataset({"utc": when, "radar_m": ("reading", range_m, {"units": "m"})})
+        packed = {"scale_factor": 0.1, "dtype": "int32", "_FillValue": -1}
+        stored.to_netcdf(tmp_path / "alt.nc", engine="h5netcdf", encoding={"radar_m": packed})
     flight = [f"{t:.2f},{5 * t:.3f},0,104.3,0,0,90" for t in np.arange(0.0, 6.01, 0.1)]
     (tmp_path / "flight.csv").write_text("\n".join([COLUMNS, *flight]))
     named = 'columns = { time_s = "utc", range_m = "radar_m" }\nrange_zero_m = 1.5'
@@ -251,6 +299,7 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     assert "79 of 80" in recording_page(found)
     with pytest.raises(ScenarioError, match=r"dem.method: needs range profiles"):
         process(path, {"dem.method": "refined"})
+    assert "for points along a line set dem.method = 'smooth'" in process(path, {"dem.method": "linear"}).warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -270,6 +319,29 @@ def test_readings_that_do_not_fit_are_one_clear_error(tmp_path, text, keys, word
     with pytest.raises((InputFileError, ScenarioError)) as refused:
         process(readings(tmp_path, "alt.csv", keys))
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("variable", "words"),
+    [
+        (("reading", [1.0, 2.0], {"units": "ft"}), "range_m has the unit 'ft'; give it in m"),
+        (("reading", ["a", "b"]), "columns that are no numbers"),
+        ((("reading", "beam"), [[1.0], [2.0]]), "columns of different lengths"),
+    ],
+)
+def test_netcdf_readings_that_do_not_fit_are_one_clear_error(tmp_path, variable, words):
+    stored = xarray.Dataset({"time_s": ("reading", [0.0, 1.0]), "range_m": variable})
+    stored.to_netcdf(tmp_path / "alt.nc", engine="h5netcdf")
+    with pytest.raises(InputFileError, match=words):
+        process(readings(tmp_path, "alt.nc"))
+
+
+def test_swapped_axes_of_a_netcdf_file_are_one_clear_error(tmp_path):
+    stored = xarray.Dataset({"samples": (("range", "pulse"), np.ones((SAMPLES, SAMPLES)))})
+    stored.to_netcdf(tmp_path / "profiles.nc", engine="h5netcdf")
+    recording = f'samples = "profiles.nc"\nvalues = "power"\n{PROFILE_AXES}'
+    with pytest.raises(InputFileError, match=r"has the dimensions \['range', 'pulse'\]; set recording.axes to these"):
+        process(described(tmp_path, recording, SWEEP))
 
 
 def test_a_description_has_samples_or_readings(tmp_path):
@@ -317,9 +389,17 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
         ('samples = "adc_data.bin"\nconfig = "empty.cfg"', "", "has no channelCfg"),
         ('samples = "text.npy"', SWEEP, "cannot be read as a NumPy file"),
+        ('samples = "beat.npy"\nbackground = "real.npy"', SWEEP, "holds float64, and the recording complex128"),
+        ('samples = "beat.npy"\nbackground = "none.npy"', SWEEP, "does not exist"),
+        ('samples = "beat.npy"\nrange_zero_m = 500.0', SWEEP, "is beyond the 12.5 m that the samples reach"),
+        ('samples = "beat.npy"', SWEEP.replace("100.0", "2e4"), "lasts 0.0512 ms with 256 samples, and pulses follow"),
+        (f'samples = "loud.npy"\n{PROFILE_AXES}\nvalues = "power_db"', SWEEP, "holds levels of no power in dB"),
         ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "states no receiver, sample, rate"),
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "cannot be read as a chirp configuration"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "has no 7.0"),
+        ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "states a number that is not finite"),
+        ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: is of arrays"),
+        (f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{PROFILE_AXES}', "", "recording.axes: is of arrays"),
     ],
 )
 def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, words):
@@ -329,9 +409,11 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "idle.cfg").write_text(CONFIG.replace(f"frameCfg 0 1 {LOOPS}", "frameCfg 0 1 0"))
     (tmp_path / "short.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2"))
     (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
+    (tmp_path / "nan.cfg").write_text(CONFIG.replace("60 1", "nan 1"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))
     np.save(tmp_path / "real.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES).real)
+    np.save(tmp_path / "loud.npy", np.full((24, SAMPLES), 1e5))
     (tmp_path / "profile.cfg").write_text(CONFIG)
     with pytest.raises((InputFileError, ScenarioError)) as refused:
         process(described(tmp_path, recording, rest))

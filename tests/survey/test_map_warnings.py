@@ -45,7 +45,7 @@ def test_a_map_that_is_one_is_told_nothing():
 
 
 # An altimeter looks down and makes a profile, no map.
-ALTIMETERS = ("alt_4300",)
+ALTIMETERS = ("alt_4300", "alt_24000", "alt_77000")
 
 
 # Modules with arrays map without a scan: see `test_mimo`.

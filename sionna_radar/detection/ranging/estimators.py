@@ -1,11 +1,12 @@
 """Range estimators: range and uncertainty of an echo from its detected span of bins.
 
-Strongest bin, centroid, leading edge, threshold, and the fit of a plane's mean echo.
+Strongest bin, centroid, leading edge, threshold, the fit of a plane's mean echo, and a first-order loop over pulses.
 
 Speckle: bin power is exponentially distributed about the mean echo profile; a window correlates neighbouring bins, so
 that a bin counts as `looks_per_bin` independent looks. Every estimator returns the standard deviation of the range.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -227,3 +228,43 @@ class ModelFitRange:
         )
         scale = spans.bin_m / np.sqrt(spans.looks_per_bin)
         return Ranges(range_m=fit.centre * spans.bin_m, sigma_m=fit.sigma * scale)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerRange:
+    """Ranges of single pulses by another estimator, to be smoothed by a first-order loop; see `RangeLoop`."""
+
+    follows: RangeEstimator
+    time_constant_s: float
+
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of the echoes before the loop."""
+        return self.follows(spans)
+
+
+@dataclass(kw_only=True)
+class RangeLoop:
+    """A first-order loop over the ranges of pulses, as radio altimeters smooth their readings.
+
+    The discrete form of tau dy/dt = x - y, with x held from pulse to pulse: y_k = y_(k-1) + a (x_k - y_(k-1)),
+    a = 1 - exp(-(t_k - t_(k-1)) / tau), from the first range on. White errors of the standard deviation s leave
+    s sqrt(a / (2 - a)), n pulses apart with the correlation (1 - a)^n; a ramp is followed (1 - a) / a pulses late.
+    A pulse without an echo leaves the loop as it is, and gives the next one its weight.
+    """
+
+    time_constant_s: float
+    time_s: float = -math.inf
+    range_m: float = 0.0
+    variance_m2: float = 0.0
+
+    def follow(self, time_s: Float[np.ndarray, " pulse"], ranges: Ranges) -> Ranges:
+        """Return the smoothed ranges of further pulses, and the standard deviations that independent errors leave."""
+        smoothed = np.empty((2, len(time_s)))
+        rows = zip(time_s.tolist(), ranges.range_m.tolist(), ranges.sigma_m.tolist(), strict=True)
+        for row, (now_s, range_m, sigma_m) in enumerate(rows):
+            gain = -math.expm1((self.time_s - now_s) / self.time_constant_s)
+            self.time_s = now_s
+            self.range_m += gain * (range_m - self.range_m)
+            self.variance_m2 = (1 - gain) ** 2 * self.variance_m2 + (gain * sigma_m) ** 2
+            smoothed[:, row] = self.range_m, math.sqrt(self.variance_m2)
+        return Ranges(range_m=smoothed[0], sigma_m=smoothed[1])

@@ -144,11 +144,7 @@ def errors_section(
             ),
         ],
         "paper": remark,
-        "classes": {
-            "Slope of the truth (deg)": _class_rows(breakdown.by_slope),
-            "Incidence angle (deg)": _class_rows(breakdown.by_incidence),
-            "Distance from walls (m)": _class_rows(breakdown.by_wall_distance or ()),
-        },
+        "classes": _classes(breakdown, "truth"),
         "checkpoints": breakdown.checkpoints.statement,
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": _stated_rows(check),
@@ -160,14 +156,13 @@ def reference_section(check: ReferenceCheck | None) -> dict[str, Any] | None:
     if check is None:
         return None
     whole = check.calibration.cells if isinstance(check.calibration, UncertaintyCheck) else check.calibration
-    classes = {} if check.breakdown is None else {"Slope of the reference (deg)": _class_rows(check.breakdown.by_slope)}
     row = _error_row("reference.statistics", "Checkpoints" if check.error is None else "Cells", check.statistics)
     return {
         "name": check.name,
         "shift": reference_rows(check),
         "errors": list(STATISTICS),
         "rows": [row],
-        "classes": classes,
+        "classes": {} if check.breakdown is None else _classes(check.breakdown, "reference"),
         "checkpoints": "" if check.breakdown is None else check.breakdown.checkpoints.statement,
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": [] if whole is None else [["all", *_calibration_row(whole)]],
@@ -183,16 +178,27 @@ def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
     return cells
 
 
-def _class_rows(classes: Sequence[ErrorClass]) -> list[list[str]]:
-    return [
-        [
-            f"{entry.low:g} to {entry.high:g}" if np.isfinite(entry.high) else f"over {entry.low:g}",
-            number(entry.rms_m, ".3f"),
-            number(entry.mean_m, "+.3f"),
-            f"{entry.count:,}",
+def _classes(breakdown: Breakdown, surface: str) -> dict[str, list[list[str]]]:
+    """Return the error by classes of a truth or a reference."""
+    ranges = {
+        f"Slope of the {surface} (deg)": breakdown.by_slope,
+        "Incidence angle (deg)": breakdown.by_incidence,
+        "Distance from walls (m)": breakdown.by_wall_distance or (),
+    }
+    named: dict[str, dict[str, ErrorClass | DemError]]
+    named = {title: {_span(entry): entry for entry in entries} for title, entries in ranges.items()}
+    named["Cover"] = {**(breakdown.by_cover or {})}
+    return {
+        title: [
+            [name, number(entry.rms_m, ".3f"), number(entry.mean_m, "+.3f"), f"{entry.count:,}"]
+            for name, entry in entries.items()
         ]
-        for entry in classes
-    ]
+        for title, entries in named.items()
+    }
+
+
+def _span(entry: ErrorClass) -> str:
+    return f"{entry.low:g} to {entry.high:g}" if np.isfinite(entry.high) else f"over {entry.low:g}"
 
 
 def _stated_rows(check: UncertaintyCheck | None) -> list[list[str]]:

@@ -21,12 +21,12 @@ from scipy.io import netcdf_file
 from sionna_radar.execution.workers import versions
 from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.sar import SarImage
-from sionna_radar.imaging.slar import to_ground
+from sionna_radar.imaging.strip import to_ground
 from sionna_radar.report.drawing import ReportFigure, save_figures
 from sionna_radar.report.files.contents import strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.terminal import console, say, table_of
-from sionna_radar.scenario import to_toml
+from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response
 
 COLOURS = "viridis"
@@ -146,7 +146,8 @@ def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
 
 def _fill(imagery: Imagery, directory: Path) -> None:
     write_text(directory / MARKER, strict_json(image_summary(imagery)))
-    write_text(directory / "scenario.toml", to_toml(imagery.scenario))
+    if isinstance(imagery.scenario, Scenario):
+        write_text(directory / "scenario.toml", to_toml(imagery.scenario))
     write_slar(directory / "slar.nc", imagery)
     if imagery.focused is not None:
         write_sar(directory / "sar.nc", imagery, imagery.focused)
@@ -163,7 +164,8 @@ def image_summary(imagery: Imagery) -> dict[str, Any]:
     strip, focused = imagery.strip, imagery.focused
     document: dict[str, Any] = {
         "scenario": imagery.scenario.model_dump(mode="json"),
-        "seed": imagery.scenario.seed,
+        "recording": imagery.recording.name if imagery.recording else None,
+        "seed": imagery.scenario.seed if isinstance(imagery.scenario, Scenario) else None,
         "pulses": imagery.pulses,
         "strip": {
             "side": strip.side,
@@ -242,9 +244,13 @@ def write_sar(path: Path, imagery: Imagery, image: SarImage) -> None:
 
 def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
     file.Conventions, file.title, file.source = "CF-1.8", title, "sionna-radar"
-    file.history = f"simulated with seed {imagery.scenario.seed}"
     # scipy encodes text as ASCII, and writes bytes unchanged.
-    file.scenario = to_toml(imagery.scenario).encode()
+    if imagery.recording is not None:
+        file.history = f"formed of {imagery.recording.name}".encode()
+    if isinstance(imagery.scenario, Scenario):
+        if imagery.recording is None:
+            file.history = f"simulated with seed {imagery.scenario.seed}"
+        file.scenario = to_toml(imagery.scenario).encode()
     file.side = imagery.strip.side
     file.ground_height_m = imagery.strip.height_m + _origin_m(imagery)[2]
     if imagery.georeference:
@@ -301,7 +307,9 @@ def _variable(
 def print_image(imagery: Imagery) -> None:
     """Print the resolution of the images: theoretical in the middle of the beam, measured at point targets."""
     console().print(image_table(imagery))
-    if imagery.focused is None:
+    if imagery.focused is None and imagery.recording is not None:
+        say("no focused image because the recording holds powers, or scatterers that change from pulse to pulse")
+    elif imagery.focused is None:
         say("no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'")
 
 

@@ -13,7 +13,7 @@ from sionna_radar.report.drawing import ORANGE, RED, ReportFigure
 from sionna_radar.report.files.contents import csv_text, without_nan
 from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console, number, say, table_of
-from sionna_radar.studies.images import Frames
+from sionna_radar.studies.frames import Frames
 
 # Shown dynamic range below the strongest cell, dB.
 SHOWN_DB = 60.0

@@ -28,7 +28,8 @@ HEAD = ("Row", "Unit", "Measured", "Simulated", "Difference", "Deviation", "p", 
 def write_twin(twin: Twin, directory: Path, *, report: Report = Report.PAGE) -> list[Path]:
     """Write `twin.json`, the scenario, the figure and the page, and return the files; OutputError as `write_folder`."""
     texts, page = {"scenario.toml": to_toml(twin.scenario)}, twin_page if report is Report.PAGE else None
-    return write_study(directory, MARKER, twin, twin_document(twin), {"echo": draw_echo}, texts, page)
+    figures = {"echo": draw_echo} if len(twin.profile_m) else {}
+    return write_study(directory, MARKER, twin, twin_document(twin), figures, texts, page)
 
 
 def twin_document(twin: Twin) -> dict[str, Any]:
@@ -93,7 +94,9 @@ def twin_page(twin: Twin) -> str:
     """
     measured, simulated = (decibels(power).tolist() for power in twin.profiles)
     numbers = {
-        "echo": {"offset_m": twin.profile_m.tolist(), "measured_db": measured, "simulated_db": simulated},
+        "echo": None
+        if not measured
+        else {"offset_m": twin.profile_m.tolist(), "measured_db": measured, "simulated_db": simulated},
         "scores": {
             "name": [row.name for row in twin.rows],
             "value": [row.difference / row.sigma if row.sigma else 0.0 for row in twin.rows],
@@ -105,6 +108,7 @@ def twin_page(twin: Twin) -> str:
         Pack().text(numbers),
         ("twin.js",),
         title=f"{twin.source.name} and its twin",
+        echo=bool(measured),
         warnings=twin.warnings,
         tiles=[
             (str(len(twin.differing)), "rows differ", f"of {len(twin.rows)}"),

@@ -39,7 +39,7 @@ MEANING = {
     "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
-    "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
+    "covers by name, and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
     "reference": "the DEM against the measured heights of --reference: the shift of the DEM against them with standard "
     "deviations (sigma), whether it was applied, statistics, breakdown, and errors over the standard deviations of "
     "both; null without",

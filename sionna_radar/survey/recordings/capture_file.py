@@ -145,6 +145,9 @@ def capture_config(path: Path) -> CaptureConfig:
     except (ValueError, TypeError, IndexError) as error:
         message = f"{shown(path)}: cannot be read as a chirp configuration ({error})"
         raise InputFileError(message) from None
+    if not np.isfinite([value for value in vars(config).values() if isinstance(value, float)]).all():
+        message = f"{shown(path)}: states a number that is not finite"
+        raise InputFileError(message)
     positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
     if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
         reason = "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples"

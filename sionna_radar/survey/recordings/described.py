@@ -1,7 +1,7 @@
-"""Recordings of other programs, described by a TOML file beside them: NumPy arrays, and raw captures of TI's DCA1000.
+"""Recordings of other programs, described by a TOML file beside them: arrays, and raw captures of TI's DCA1000.
 
     [recording]
-    samples = "adc_data.bin"            # .npy, .npz, or .bin of the capture card
+    samples = "adc_data.bin"            # .npy, .npz, .nc, or .bin of the capture card
     config = "profile.cfg"              # of a .bin: the chirp configuration (.cfg), or mmWave Studio's .mmwave.json
     receiver = 1
 
@@ -42,6 +42,7 @@ from sionna_radar.flight.frames import conical_from_antenna, world_from_body
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.flight.recorded import LogPart, read_route
+from sionna_radar.flight.scan import LOOKS
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Georeference
@@ -50,6 +51,7 @@ from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
 from sionna_radar.survey.recordings.capture_file import CONFIG_REMEDY, capture_config, capture_frames, receiver_samples
+from sionna_radar.survey.recordings.netcdf import open_netcdf
 from sionna_radar.survey.recordings.signal_file import MAX_PULSES, MAX_SAMPLES, MIN_SAMPLES, RecordedPulses, sweeps_of
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
@@ -68,6 +70,7 @@ class Described:
     time_s: of each pulse, from the first position of the log, or else from the first pulse.
     pose_at: returns the poses at some times; None if they are not known.
     settings: values of `processing`, `dem` and `radar` in the description, by dotted keys. files: that it names.
+    warnings: what its user should know of it.
     """
 
     time_s: Float[np.ndarray, " pulse"]
@@ -75,6 +78,7 @@ class Described:
     georeference: Georeference | None
     settings: Mapping[str, Any]
     files: tuple[Path, ...]
+    warnings: tuple[str, ...] = ()
     scenario: None = None
     flight: None = None
     truth: None = None
@@ -174,6 +178,16 @@ def _pulses_at(time_s: Float[np.ndarray, " pulse"], pose_at: PoseAt | None) -> R
     return RecordedPulses(poses=poses, time_s=time_s, scan_rad=np.zeros(len(time_s)), scan_number=None, beam=None)
 
 
+def is_recording(path: Path) -> bool:
+    """Return True for a file of recorded signals, and for a TOML file that describes a recording."""
+    if path.suffix.lower() != ".toml":
+        return path.suffix.lower() in (".nc", ".bin")
+    try:
+        return not {"recording", "readings"}.isdisjoint(parse_toml(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return False
+
+
 @contextmanager
 def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
     """Open a recording that a TOML file describes.
@@ -191,8 +205,10 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         raise ScenarioError([Problem("recording.values", "powers have no phase; an array needs 'complex'")], str(path))
     channel = _read(path, own, table.sweep, array)
     samples, radar, background = channel.samples, channel.radar, None
-    if own.background is not None:
+    if own.background is not None and own.values == "complex":
         sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep, array)
+        if np.iscomplexobj(sky.samples) != np.iscomplexobj(samples):
+            _fail(own.background, f"holds {sky.samples.dtype}, and the recording {samples.dtype}; give both alike")
         background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
             _fail(own.background, f"has {background.shape} samples a pulse, and the recording {samples.shape[1:]}")
@@ -205,6 +221,10 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         samples, background = samples[..., first:end], None if background is None else background[..., first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
+    (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
+    if abs(own.range_zero_m) >= chirp.max_range_m:
+        message = f"{own.range_zero_m:g} m is beyond the {chirp.max_range_m:.1f} m that the samples reach; give metres"
+        raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -218,6 +238,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         georeference=georeference,
         settings=table.settings() | (WHOLE_CELLS if own.values != "complex" else {}),
         files=_files(table, own.samples, own.config, own.background),
+        warnings=channel.warnings,
     )
 
 
@@ -257,25 +278,57 @@ def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarr
     """Return the columns of a file of ranges by our names."""
     regular_file(path, "readings.file =", REMEDY, MAX_BYTES)
     wanted = {name: renamed.get(name, name) for name in ("time_s", "range_m", "sigma_m")}
-    try:
-        if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                found = {name: np.asarray(file[key], np.float64) for name, key in wanted.items() if key in file}
-                names = list(file)
-        else:
+    if path.suffix.lower() in (".npz", ".nc"):
+        found, names = _stored(path, wanted, {"time_s": "s", "range_m": "m", "sigma_m": "m"})
+    else:
+        with _readable(path, "a table"):
             table: np.ndarray = np.genfromtxt(
                 path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8", ndmin=1
             )
-            names = list(table.dtype.names or ())
-            found = {name: np.asarray(table[key]) for name, key in wanted.items() if key in names}
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        _fail(path, f"cannot be read as a table ({str(error).splitlines()[0]})")
+        names = list(table.dtype.names or ())
+        found = {name: table[key] for name, key in wanted.items() if key in names}
     missing = [wanted[name] for name in wanted if name not in found and (name != "sigma_m" or name in renamed)]
     if missing:
         _fail(path, f"has {', '.join(names)}, and not {missing[0]}; name it in [readings.columns]")
     if len({column.shape for column in found.values()}) != 1 or found["time_s"].ndim != 1:
         _fail(path, "has columns of different lengths; give one value a reading")
-    return found
+    if any(column.dtype.kind not in "iuf" for column in found.values()):
+        _fail(path, "has columns that are no numbers; give seconds and metres")
+    return {name: np.asarray(column, np.float64) for name, column in found.items()}
+
+
+@contextmanager
+def _readable(path: Path, what: str) -> Iterator[None]:
+    """Turn NumPy's errors for a file into one that names it."""
+    try:
+        yield
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        _fail(path, f"cannot be read as {what} ({str(error).splitlines()[0]})")
+
+
+def _stored(
+    path: Path, wanted: Mapping[str, str], units: Mapping[str, str] | None = None, axes: tuple[str, ...] = ()
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return arrays of a NumPy or netCDF file by our names, those that it has, and the names of all.
+
+    units, axes: that a netCDF file may not contradict: by our names, and of all arrays.
+    """
+    if path.suffix.lower() == ".nc":
+        with open_netcdf(path, "recording", REMEDY) as file:
+            found = {name: file.variable(key) for name, key in wanted.items() if key in file}
+            for name, unit in (units or {}).items():
+                file.check_unit(wanted[name], unit)
+            for variable in found.values():
+                names = tuple(axis[0].name.strip("/") if len(axis) else "" for axis in variable.dims)
+                if set(names) == set(axes) and names != axes:
+                    file.fail(f"has the dimensions {list(names)}; set recording.axes to these")
+            return {name: file.unpacked(variable, variable[...]) for name, variable in found.items()}, list(file)
+    with _readable(path, "a NumPy file"):
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return dict.fromkeys(wanted, loaded), []
+        with loaded as arrays:
+            return {name: arrays[key] for name, key in wanted.items() if key in arrays}, list(arrays)
 
 
 def _description(path: Path) -> DescribedRecording:
@@ -307,12 +360,13 @@ class _Channel:
     samples: Num[np.ndarray, "pulse *channel sample"]
     radar: RecordedRadar
     time_s: Float[np.ndarray, " pulse"]
+    warnings: tuple[str, ...] = ()
 
 
 def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
     """Return the chosen channel of a file of samples, or the frames of an array."""
     regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
-    if own.samples.suffix.lower() == ".bin":
+    if own.captured:
         if own.config is None:
             raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
         return _capture(own, own.config, array)
@@ -320,16 +374,24 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
         raise ScenarioError([Problem("sweep", message)], str(path))
     samples = _array(own, every=array is not None)
-    if own.kind == "range":
-        samples = _signals_of(samples, own, sweep)
-    period_s = 1 / sweep.pulse_rate_hz
+    warnings: tuple[str, ...] = ()
+    if own.values != "complex":
+        samples, warnings = _of_powers(samples, own, sweep)
+    elif own.kind == "range":
+        samples = np.fft.ifft(samples, norm="forward")
+    period_s, sweep_s = 1 / sweep.pulse_rate_hz, samples.shape[-1] / sweep.sampling_rate_hz
+    if sweep_s > period_s * (1 + 1e-9):
+        message = f"lasts {1e3 * sweep_s:.3g} ms with {samples.shape[-1]:,} samples, and pulses follow after "
+        message += f"{1e3 * period_s:.3g} ms; look at sampling_rate_hz, pulse_rate_hz and recording.axes"
+        raise ScenarioError([Problem("sweep", message)], str(path))
     radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
     chirps = 1 if array is None else array.chirps_per_frame
     if len(samples) % chirps:
         _fail(own.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
     if array is not None:
         samples = samples.reshape(-1, chirps, *samples.shape[1:])
-    return _Channel(samples=samples, radar=radar, time_s=period_s * chirps * np.arange(len(samples)))
+    time_s = period_s * chirps * np.arange(len(samples))
+    return _Channel(samples=samples, radar=radar, time_s=time_s, warnings=warnings)
 
 
 def _check_receiver(own: RecordingTable, receivers: int) -> None:
@@ -338,16 +400,11 @@ def _check_receiver(own: RecordingTable, receivers: int) -> None:
 
 
 def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver sample"]:
-    """Return the samples of a receiver in a NumPy file, or of every one."""
-    try:
-        values = np.load(own.samples, allow_pickle=False)
-        if isinstance(values, np.lib.npyio.NpzFile):
-            with values as file:
-                if own.variable not in file:
-                    _fail(own.samples, f"has {', '.join(file)}; name one as recording.variable")
-                values = file[own.variable]
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        _fail(own.samples, f"cannot be read as a NumPy file ({str(error).splitlines()[0]})")
+    """Return the samples of a receiver in a file of arrays, or of every one."""
+    found, names = _stored(own.samples, {"samples": own.variable}, axes=own.axes)
+    if "samples" not in found:
+        _fail(own.samples, f"has {', '.join(names)}; name one as recording.variable")
+    values = found["samples"]
     if values.dtype.kind not in "iufc" or values.ndim != len(own.axes):
         _fail(own.samples, f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(own.axes)}")
     if not np.isfinite(values).all():
@@ -367,28 +424,51 @@ def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver
     return values if every else values[:, own.receiver - 1]
 
 
-def _signals_of(
-    profiles: Num[np.ndarray, "pulse *receiver cell"], own: RecordingTable, sweep: SweepTable
-) -> Complex[np.ndarray, "pulse *receiver sample"]:
-    """Return the I/Q samples whose spectra are the given range profiles.
+def _of_powers(
+    profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable, sweep: SweepTable
+) -> tuple[Complex[np.ndarray, "pulse sample"], tuple[str, ...]]:
+    """Return I/Q samples whose spectra have given powers and no phase, and what is to be said of them.
 
-    Those of powers have spectra with these powers and no phase, which an analysis without a window and zero-padding
-    returns as they are; their ranges are counted from the radar's zero here, between cells linearly.
+    An analysis without a window and zero-padding returns the powers as they are. Their ranges are counted from the
+    radar's zero here, between cells linearly.
     """
-    if own.values == "complex":
-        return np.fft.ifft(profiles, norm="forward")
+    power, cell = _powers(profiles, own), np.arange(profiles.shape[1], dtype=np.float64)
+    cell_m = sweep.propagation_mps / (2 * sweep.bandwidth_hz)
+    warnings: tuple[str, ...] = ()
+    if own.background is not None:
+        sky = own.model_copy(update={"samples": own.background})
+        mean = _powers(_array(sky, every=False), sky).mean(axis=0)
+        if mean.shape != cell.shape:
+            _fail(own.background, f"has {len(mean)} cells a pulse, and the recording {len(cell)}")
+        # Of a sky most cells hold noise alone; what exceeds it is leakage.
+        power = power - (mean - np.median(mean))
+        below = (power < 0).mean(axis=0)
+        if below.any():
+            at = int(np.argmax(below))
+            warnings = (
+                f"{below.mean():.2g} of the powers are negative without the background, most often at "
+                f"{cell_m * at - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as zero; where "
+                "its leakage was stronger, record it again",
+            )
+        power = np.maximum(power, 0.0)
+    if own.range_zero_m:
+        power = np.stack([np.interp(cell + own.range_zero_m / cell_m, cell, row) for row in power])
+    return np.fft.ifft(np.sqrt(power), axis=1, norm="forward"), warnings
+
+
+def _powers(profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable) -> Float[np.ndarray, "pulse cell"]:
+    """Return the powers of profiles, or of these in dB."""
     if profiles.dtype.kind == "c":
         _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
     power = np.asarray(profiles, dtype=np.float64)
     if own.values == "power_db":
-        power = 10 ** (power / 10)
-    if not (np.isfinite(power).all() and (power >= 0).all()):
+        with np.errstate(over="ignore"):
+            power = 10 ** (power / 10)
+        if not np.isfinite(power).all():
+            _fail(own.samples, "holds levels of no power in dB; powers are recording.values = 'power'")
+    if not (power >= 0).all():
         _fail(own.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
-    if own.range_zero_m:
-        cell = np.arange(power.shape[1], dtype=np.float64)
-        seen = cell + own.range_zero_m * 2 * sweep.bandwidth_hz / sweep.propagation_mps
-        power = np.stack([np.interp(seen, cell, row) for row in power])
-    return np.fft.ifft(np.sqrt(power), axis=1, norm="forward")
+    return power
 
 
 def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -> _Channel:
@@ -428,7 +508,7 @@ def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> Record
 
 # ---------------------------------------------------------------------------------------------------------------- poses
 def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[PoseAt, Georeference | None]:
-    """Return the poses of an antenna tilted from nadir toward the nose, and the place of local metres on the map.
+    """Return the poses of an antenna tilted from nadir, and the place of local metres on the map.
 
     time_s: of the pulses, from the first position of the log.
     """
@@ -450,7 +530,7 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
         raise ScenarioError([Problem("poses.first_pulse_s", message)])
 
     def pose_at(at_s: Float[np.ndarray, " n"]) -> Pose:
-        tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.zeros(len(at_s)))
+        tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.full(len(at_s), LOOKS[table.look]))
         return Pose(
             position_m=trajectory.position(at_s - start_s),
             velocity_mps=trajectory.velocity(at_s - start_s),

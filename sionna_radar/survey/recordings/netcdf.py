@@ -132,6 +132,7 @@ PROBE_S = 60
 MAX_CHUNK_BYTES = 256_000_000
 # Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
 FEW_ROWS, SLAB_ROWS = 512, 65_536
+SAME_UNITS = {"m": ("metre", "meter", "metres", "meters"), "m s-1": ("m/s",), "s": ("second", "seconds", "sec")}
 
 
 @contextmanager
@@ -187,6 +188,9 @@ class NetcdfInput:
     def __contains__(self, name: str) -> bool:
         return name in self._file
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._file)
+
     @property
     def attributes(self) -> Mapping[str, Any]:
         """Attributes of the file."""
@@ -213,6 +217,24 @@ class NetcdfInput:
     def attributes_of(self, name: str) -> Mapping[str, Any]:
         """Return the attributes of a variable; none if there is no such variable."""
         return {key: _plain(value) for key, value in self.variable(name).attrs.items()} if name in self else {}
+
+    def check_unit(self, name: str, unit: str) -> None:
+        """Fail if a variable states another unit; times may count from a date."""
+        found = str(self.attributes_of(name).get("units", unit)).split(" since ")[0]
+        if found not in (unit, *SAME_UNITS.get(unit, ())):
+            self.fail(f"{name} has the unit {found!r}; give it in {unit}")
+
+    def unpacked(self, found: h5py.Dataset, values: np.ndarray) -> np.ndarray:
+        """Return real numbers of a variable as its `scale_factor` and `add_offset` say; NaN for its `_FillValue`."""
+        if values.dtype.kind not in "fiu":
+            return values
+        packing, wide = {key: _plain(value) for key, value in found.attrs.items()}, values.astype(np.float64)
+        for key, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
+            if key in packing:
+                if not isinstance(packing[key], int | float) or not math.isfinite(packing[key]):
+                    self.fail(f"the attribute {key} is no finite number; record it again")
+                wide = apply(wide, float(packing[key]))
+        return np.where(values == packing["_FillValue"], np.nan, wide) if "_FillValue" in packing else wide
 
     def numbers(self, name: str, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
         """Return all values of a variable, each of which must be a finite number."""

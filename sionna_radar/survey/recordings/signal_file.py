@@ -25,7 +25,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import h5py
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 from pydantic import ValidationError
@@ -51,7 +50,8 @@ FARTHEST_M, FASTEST_MPS = 1e6, 1e4
 LAYOUT = 1
 MAX_CAPTURE_BYTES = 64_000_000_000
 UNITS = {"measured_position": "m", "measured_velocity": "m s-1", "time": "s"}
-SAME_UNITS = {"m": ("metre", "meter", "metres", "meters"), "m s-1": ("m/s",), "s": ("second", "seconds", "sec")}
+# Share of pulses that look down, and of the way that positions and velocities agree on, at least; pulses looked at.
+MOSTLY, MOTION_PULSES = 0.8, 2000
 # How far a rotation matrix may be from orthonormal.
 ROUNDING = 1e-6
 
@@ -169,6 +169,26 @@ class SignalFile:
         )
 
     @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What its user should know of the poses of a real radar: whether they contradict themselves or look up."""
+        if self.scenario is not None or not self.pulses.located:
+            return ()
+        some = np.unique(np.linspace(0, len(self) - 1, MOTION_PULSES).astype(np.int64))
+        pose, warnings = self.pose(some), []
+        up = float(np.mean(pose.boresight[:, 2] >= 0))
+        if up > MOSTLY:
+            reason = "the first column of measured_rotation is the boresight: east, north, up"
+            warnings.append(f"the beam looks to the horizon or above it in {up:.0%} of the pulses; {reason}")
+        told_m = np.trapezoid(pose.velocity_mps, self.pulses.time_s[some], axis=0)
+        moved_m = pose.position_m[-1] - pose.position_m[0]
+        contradicted_m = np.linalg.norm(told_m - moved_m)
+        if "time" in self._file and contradicted_m > (1 - MOSTLY) * max(map(np.linalg.norm, (told_m, moved_m))):
+            ways = (" ".join(f"{metres:+.1f}" for metres in way) for way in (moved_m, told_m))
+            reason = "positions move {} m (east, north, up), and velocities {} m".format(*ways)
+            warnings.append(f"{reason}; look at signs, axes and units of measured_position, measured_velocity and time")
+        return tuple(warnings)
+
+    @cached_property
     def flight(self) -> RecordedFlight | None:
         """Figures of a simulated flight that maps need; None for a recording without poses, or of a real radar."""
         kept = self._file.attributes_of("survey")
@@ -238,7 +258,7 @@ class SignalFile:
         if self._capture is not None:
             raw, config, count = self._capture
             return [receiver_samples(raw[pulses.index], config) * count]
-        parts = [self._unpacked(beat, pulses.index) for beat in self._beat]
+        parts = [self._file.unpacked(beat, self._file.rows(beat, pulses.index)) for beat in self._beat]
         beat = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
         # False for samples that are no numbers, too.
         sound = (np.abs(beat) < GREATEST).all(axis=tuple(range(1, beat.ndim)))
@@ -273,9 +293,7 @@ class SignalFile:
         if kept.get("layout", LAYOUT) != LAYOUT:
             self._file.fail(f"has the layout {kept['layout']!r}, and this version reads {LAYOUT}; take the newer one")
         for name, unit in UNITS.items():
-            found = self._file.attributes_of(name).get("units", unit) if name in self._file else unit
-            if found not in (unit, *SAME_UNITS.get(unit, ())):
-                self._file.fail(f"{name} has the unit {found!r}; give it in {unit}")
+            self._file.check_unit(name, unit)
 
     def _radar(self) -> RecordedRadar:
         given = {**self._file.attributes, **self._file.attributes_of("radar")}
@@ -297,13 +315,6 @@ class SignalFile:
             values = []
         if len(values) != length or not all(map(math.isfinite, values)):
             self._file.fail(f"the attribute {name} is not {length} finite numbers; record it again")
-        return values
-
-    def _unpacked(self, beat: h5py.Dataset, index: Int[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse ..."]:
-        values = self._file.rows(beat, index).astype(np.float64)
-        for name, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
-            if name in beat.attrs:
-                values = apply(values, self._vector(beat.attrs, name, 1)[0])
         return values
 
 

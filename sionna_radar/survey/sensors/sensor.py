@@ -1,7 +1,7 @@
 """The interface of sensors, their inputs, and their registration under a name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -12,7 +12,8 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
-from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
+from sionna_radar.detection.ranging.estimators import RangeLoop, Ranges
+from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule, rows_of
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
@@ -21,7 +22,7 @@ from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
+from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
 from sionna_radar.tracing.build import EngineInputs, build_engine, build_steered_tracer, build_tracer
 from sionna_radar.tracing.paths import Engine, Paths
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
@@ -79,6 +80,28 @@ class SensorWithChirps(Sensor, Protocol):
 
     def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
         """Return the chirp of each of some pulses, as `record_chirp` does of one."""
+
+
+@runtime_checkable
+class SensorWithSweeps(Sensor, Protocol):
+    """A sensor that finds its echoes in sweeps."""
+
+    sweeps: SweepDetector
+
+
+def corrected(sensor: Sensor, echoes: Echoes, pulses: Pulses, loop: RangeLoop | None) -> Echoes:
+    """Return the echoes of some pulses, corrected for motion, then smoothed by a loop that followed those before."""
+    echoes = sensor.correct(echoes, pulses.index, pulses.measured)
+    if loop is None:
+        return echoes
+    time_s = pulses.time_s[rows_of(pulses.index, echoes.pulse)]
+    ranges = loop.follow(time_s, Ranges(range_m=echoes.range_m, sigma_m=echoes.range_sigma_m))
+    return replace(echoes, range_m=ranges.range_m, range_sigma_m=ranges.sigma_m)
+
+
+def loop_of(sensor: Sensor) -> RangeLoop | None:
+    """Return a new loop over the ranges of a sensor; None for one without."""
+    return sensor.sweeps.detector.range_loop() if isinstance(sensor, SensorWithSweeps) else None
 
 
 @dataclass(frozen=True, kw_only=True)
