@@ -37,7 +37,7 @@ from sionna_radar.detection.volume.end import (
     learned_ground,
     unknown_ground,
 )
-from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
+from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, Tracked, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
@@ -207,30 +207,31 @@ class ThroughVolume:
         """Return the directions beside the axis in which ranges do not depend on the slope of the ground.
 
         Ground that rises away from the radar has a shorter echo than level ground, and ends the volume nearer. Where a
-        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by u
-        for each unit of width, as the range does that is found where another width is assumed. At u standard deviations
-        of the beam off the axis the range is longer by u widths, and the two cancel. With the variance W of the widths
-        that slopes make, the variance s^2 of a pulse's range is smaller by u^2 W there, s^4 / (s^2 + u^2 W) to first
-        order.
+        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by
+        as much as the range that is found changes where another slope is assumed. At the angle a above the axis, in the
+        incidence t, the range is longer by r a tan(t), which a slope changes, too: at one angle the two cancel. With
+        the variance W of ranges there that slopes make, the variance s^2 of a pulse's range is smaller by W,
+        s^4 / (s^2 + W) to first order.
 
         moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
         end, pose = self.end, pulses.measured
-        cell, down = np.rint(tracked.cell).astype(np.int64), -pose.boresight[:, 2]
-        width, of_slopes = end.width_at(cell, down, 0.0)
-        longer = end.width_at(cell, down, -tilt)[0] - end.width_at(cell, down, tilt)[0]
-        spread = np.sqrt(end.beam.share @ end.beam.sine**2)
-        spreads = np.clip(-moved / np.maximum(longer, 1e-6), 0.0, end.beam.sine.max() / spread)
-        taken = spreads**2 * of_slopes / tracked.alone**2
+        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))[:, None] - end.ground.turns
+        falls, level, rises = (
+            np.tan(np.minimum(incidence + turn, np.arccos(MIN_DOWN))).mean(axis=1) for turn in (tilt, 0.0, -tilt)
+        )
+        range_cells = np.maximum(tracked.cell, 1.0)
+        per_slopes = range_cells * (falls - rises)
+        angle = np.clip(-moved / np.maximum(per_slopes, 1e-6), 0.0, end.beam.sine.max())
+        taken = (angle * per_slopes / 2 / tracked.alone) ** 2
         # The plane of the shapes.
-        at = np.maximum(tracked.cell, 1.0)
-        bend = width**2 / at + at * spread**2 / 2
-        toward = _raised(pose.boresight, spreads * spread)
+        farther = range_cells * (angle * level + angle**2 * (level**2 + 0.5))
+        toward = _raised(pose.boresight, angle)
         receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
         return _Aside(
             tracked=tracked.with_variance(1 / (1 + taken)),
             direction=np.einsum("pij,pi->pj", pose.R_world_antenna, toward),
-            farther_m=(spreads * width + spreads**2 * bend) * end.cell_m - sweep.doppler_range_m(receding),
+            farther_m=farther * end.cell_m - sweep.doppler_range_m(receding),
         )
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:

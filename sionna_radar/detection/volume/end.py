@@ -66,6 +66,11 @@ class GroundBehind:
     cell: int = 0
 
     @property
+    def turns(self) -> Float[np.ndarray, " sample"]:
+        """Angles by which the ground rises away from the radar, rad, as samples of equal probability."""
+        return np.arctan(self.slope * DEVIATES)
+
+    @property
     def mean_slope(self) -> float:
         """Mean absolute slope of the ground along a line."""
         return float(np.sqrt(2 / np.pi)) * self.slope
@@ -195,15 +200,6 @@ class VolumeEnd:
                 widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
                 out[number][np.ix_(rows, self._columns)] = _log_sum(of_widths + widths)
         return out
-
-    def width_at(
-        self, cell: Int[np.ndarray, " pulse"], down: Float[np.ndarray, " pulse"], tilt: float
-    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
-        """Return mean and variance of the width of the ground's echo at given cells, from its slopes alone."""
-        column = np.clip(cell, self._columns[0], self._columns[-1]) - self._columns[0]
-        share = np.exp(self._log_width(down, self.ground.slope, tilt)[np.arange(len(cell)), column, :, 0])
-        mean = share @ WIDTHS_CELLS
-        return mean, share @ WIDTHS_CELLS**2 - mean**2
 
     def by_slope_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
