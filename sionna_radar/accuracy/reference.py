@@ -554,7 +554,7 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
 
 
 def _vertical_datum(crs: CRS) -> str | None:
-    """Return what heights count from; None where a CRS does not say it."""
+    """Return the vertical datum of heights; None where a CRS does not name it."""
     vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
     if vertical is not None:
         return vertical.datum.name if vertical.datum else vertical.name

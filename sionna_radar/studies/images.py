@@ -267,10 +267,8 @@ def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
     else:
         raise ScenarioError([Problem("--ground-height", "is needed: this recording does not say it; give metres")])
     strip = strip_along(measured, clearance_m, source.antenna.beamwidths_rad, chirp.max_range_m)
-    spacing_m, speed_mps = (
-        strip.length_m / (len(flight) - 1),
-        float(np.linalg.norm(measured.velocity_mps, axis=1).mean()),
-    )
+    spacing_m = strip.length_m / (len(flight) - 1)
+    speed_mps = float(np.linalg.norm(measured.velocity_mps, axis=1).mean())
     settings = source.settings
     return _View(
         settings=settings,

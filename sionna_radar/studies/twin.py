@@ -286,7 +286,7 @@ def _observed(
 
 
 def _told(source: RecordingSource, sensor: Sensor, found: Echoes, look: Look) -> _Observed:
-    """Return what the echoes of one side say of ranges, without its spectra."""
+    """Return the statistics of the ranges of one side, without its spectra."""
     points, strongest, count = place(found, sensor, source.flight), _strongest(found), len(source.flight)
     power_db, error_m, nothing = np.full((3, count), np.nan)
     power_db[found.pulse[strongest]] = 10 * np.log10(found.power[strongest])
@@ -387,7 +387,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
 
 
 def _signals(source: RecordingSource, prepared: Prepared, look: Look) -> tuple[_Observed, _Observed]:
-    """Return what the recorded signals say, and the simulated ones, both processed as the recording is."""
+    """Return the statistics of the recorded and of the simulated signals, both processed as the recording is."""
     simulator = prepared.build_sensor()
     assert isinstance(simulator, Radar)
 

@@ -35,6 +35,7 @@ from sionna_radar.detection.volume.end import (
     Views,
     VolumeEnd,
     learned_ground,
+    slopes_of,
     unknown_ground,
 )
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, Tracked, track
@@ -125,8 +126,9 @@ class ThroughVolume:
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
-        tilt = 0.0 if on_axis else float(np.arctan(end.ground.slope))
-        evidence = end.evidence(ratio, views, (0.0, -tilt, tilt)) - np.where(expected, 0.0, UNEXPECTED)
+        tilt = float(np.arctan(end.ground.slope))
+        tilts = (0.0,) if on_axis else (0.0, -tilt, tilt)
+        evidence = end.evidence(ratio, views, tilts) - np.where(expected, 0.0, UNEXPECTED)
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
         follow = partial(
@@ -137,7 +139,7 @@ class ThroughVolume:
             slope=end.ground.mean_slope,
             step_m=step_m,
         )
-        tracked = follow(evidence[0])
+        tracked, *tilted = map(follow, evidence)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
         accepted = strong & (tracked.probability >= MIN_PROBABILITY)
@@ -149,7 +151,7 @@ class ThroughVolume:
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
         share = 1 / (1 + (peak_level / EVEN_LEVEL) ** 4)
-        moved = share * (follow(evidence[1]).cell - follow(evidence[2]).cell) if tilt else np.zeros_like(share)
+        moved = share * (tilted[0].cell - tilted[1].cell) if tilted else np.zeros_like(share)
         aside = self._aside(tracked, moved, tilt, pulses, sweep)
         ranges, reach = self._ranges(spans, aside, share, detected)
         echoes = Echoes(
@@ -216,13 +218,13 @@ class ThroughVolume:
         moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
         end, pose = self.end, pulses.measured
-        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))[:, None] - end.ground.turns
+        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))[:, None] - slopes_of(end.ground.slope)
         falls, level, rises = (
             np.tan(np.minimum(incidence + turn, np.arccos(MIN_DOWN))).mean(axis=1) for turn in (tilt, 0.0, -tilt)
         )
         range_cells = np.maximum(tracked.cell, 1.0)
         per_slopes = range_cells * (falls - rises)
-        angle = np.clip(-moved / np.maximum(per_slopes, 1e-6), 0.0, end.beam.sine.max())
+        angle = np.clip(-moved / per_slopes, 0.0, end.beam.sine.max())
         taken = (angle * per_slopes / 2 / tracked.alone) ** 2
         # The plane of the shapes.
         farther = range_cells * (angle * level + angle**2 * (level**2 + 0.5))

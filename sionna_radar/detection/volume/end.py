@@ -66,11 +66,6 @@ class GroundBehind:
     cell: int = 0
 
     @property
-    def turns(self) -> Float[np.ndarray, " sample"]:
-        """Angles by which the ground rises away from the radar, rad, as samples of equal probability."""
-        return np.arctan(self.slope * DEVIATES)
-
-    @property
     def mean_slope(self) -> float:
         """Mean absolute slope of the ground along a line."""
         return float(np.sqrt(2 / np.pi)) * self.slope
@@ -328,7 +323,7 @@ class VolumeEnd:
         self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
     ) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - np.arctan(slope * DEVIATES)
+        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - slopes_of(slope)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
@@ -350,6 +345,11 @@ class VolumeEnd:
         spread = round(4 * self.spread_m / self.cell_m) / 4
         beam = self.beam.sine.tobytes(), self.beam.share.tobytes()
         return _shapes(step, spread, self.ground.cell, *beam, self.response.tobytes())
+
+
+def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
+    """Return equally probable angles, rad, by which ground of a root-mean-square slope rises away from the radar."""
+    return np.asarray(np.arctan(slope * DEVIATES))
 
 
 def _strength_step(strength: float) -> int:

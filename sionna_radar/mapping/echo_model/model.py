@@ -320,7 +320,7 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
 
 
 def predicted_means(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, " pulse"]:
-    """Return what `mean_ranges` measures over a surface, with what `Sightings.true_m` removes; NaN without an echo."""
+    """Return the mean ranges over a surface as read, with Doppler and errors of the radar; NaN without an echo."""
     if sightings.profiles.volume is None:
         return EchoModel(sightings, surface).centroid_m()
     direction = sightings.echo_direction()

@@ -160,7 +160,7 @@ def test_maps_under_the_track_have_no_bias_in_rain():
 
 
 def test_the_slope_of_the_ground_does_not_move_ranges():
-    """The range on the axis of a weak echo erred by 1.6 m per unit of slope, so that neighbouring lines erred alike."""
+    """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; it is 0.3 m beside it."""
     ready = prepare(load_scenario("ridges", {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 60.0, "seed": 9}))
     points, caster = run(ready).points, ready.scene.caster
     pose = ready.flight.pulses(points.pulse).true
@@ -181,7 +181,7 @@ def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
     _, ground = _shapes(0, 0.0, range_cells, *beam, end.response.tobytes())
     square, width = end.beam.share @ end.beam.sine**2, WIDTHS_CELLS[number]
     mean = ground[number] @ np.arange(-HALF, HALF + 1)
-    assert mean == pytest.approx(range_cells * square / 2 - width**2 / range_cells, abs=0.1 * width**2 / range_cells)
+    assert mean == pytest.approx(range_cells * square / 2 - width**2 / range_cells, abs=0.03 * width**2 / range_cells)
 
 
 def test_off_takes_rain_for_ground():
