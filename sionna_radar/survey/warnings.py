@@ -188,9 +188,10 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
     misfit = uncertainty.misfit if isinstance(uncertainty, LinearUncertainty | TiledUncertainty) else 1.0
     if misfit > 1:
         yield (
-            f"heights of scan lines are off by {misfit:.1f} times what the others let expect, as where walls or banks "
-            "run along the lines: `dem_sigma.tif` is widened by as much, and may still be too small at walls; fly so "
-            "that the lines cross them, or closer lines (a faster scan, a slower flight)"
+            f"heights along a scan line lie {misfit:.1f} times farther from what the other lines predict than the "
+            "terrain model states, as where walls or banks run along the lines: `dem_sigma.tif` is widened by as much, "
+            "and may still be too small beside walls; fly lines that cross them, or closer ones (a faster scan, a slower "
+            "flight)"
         )
 
 

@@ -167,7 +167,7 @@ def coarse_map(
     options: of the method.
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
-    known = np.zeros((4, *grid.shape))
+    below, above, depth, rise = np.zeros((4, *grid.shape))
     widest = sightings.profiles.cell_m
     blocks, size = list(_blocks(sightings, points, grid, options)), _cells(options.block_m, grid)
     with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
@@ -176,10 +176,10 @@ def coarse_map(
             found = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
             core = slice(block.row, block.row + size), slice(block.column, block.column + size)
             inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            for whole, own in zip((height, supported, *known), found, strict=True):
+            for whole, own in zip((height, supported, below, above, depth, rise), found, strict=True):
                 whole[core] = own[inner][:size, :size]
             widest = max(widest, float(block.level_m[1] - block.level_m[0]))
-    return CoarseMap(height, supported, *known, widest)
+    return CoarseMap(height, supported, below, above, depth, rise, widest)
 
 
 def _cells(length_m: float, grid: Grid) -> int:
