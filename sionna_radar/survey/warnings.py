@@ -190,8 +190,8 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
         yield (
             f"heights along a scan line lie {misfit:.1f} times farther from what the other lines predict than the "
             "terrain model states, as where walls or banks run along the lines: `dem_sigma.tif` is widened by as much, "
-            "and may still be too small beside walls; fly lines that cross them, or closer ones (a faster scan, a slower "
-            "flight)"
+            "and may still be too small beside walls; fly lines that cross them, or closer ones (a faster scan, or a "
+            "slower flight)"
         )
 
 
