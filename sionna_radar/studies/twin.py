@@ -246,7 +246,7 @@ def _look(source: RecordingSource, prepared: Prepared) -> Look:
     place_m = pose.position_m + np.nan_to_num(distance_m)[:, None] * pose.boresight
     return Look(
         range_m=distance_m,
-        bin=(distance_m + shift_m) / analyser.bin_m,
+        bin=(distance_m + shift_m) / analyser.bin_m - analyser.first_bin,
         incidence_deg=np.where(hit, np.rad2deg(incidence_rad), np.nan),
         cover=prepared.scene.scene.covers(hits.surface, place_m[:, :2]),
         echo_m=ECHO_CELLS * analyser.chirp.range_resolution_m + ECHO_SPREADS * float(spread_m),

@@ -222,9 +222,15 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
-    if abs(own.range_zero_m) >= chirp.max_range_m:
-        message = f"{own.range_zero_m:g} m is beyond the {chirp.max_range_m:.1f} m that the samples reach; give metres"
+    if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
+        message = f"{own.range_zero_m:g} m is more than the {reach_m:.1f} m that the samples span; give metres"
         raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
+    if own.values != "complex" and abs(lead := chirp.first_cell - chirp.gate_s * chirp.bandwidth_hz) > 1e-6:
+        message = f"{radar.gate_delay_us:g} ends {lead:.2g} cells before one, and powers keep their cells; "
+        message += (
+            f"set {1e6 * chirp.first_cell / chirp.bandwidth_hz:.9g}, and recording.range_zero_m for the difference"
+        )
+        raise ScenarioError([Problem("sweep.gate_delay_us", message)], str(path))
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -434,6 +440,7 @@ def _of_powers(
     """
     power, cell = _powers(profiles, own), np.arange(profiles.shape[1], dtype=np.float64)
     cell_m = sweep.propagation_mps / (2 * sweep.bandwidth_hz)
+    gate_m = 1e-6 * sweep.gate_delay_us * sweep.propagation_mps / 2
     warnings: tuple[str, ...] = ()
     if own.background is not None:
         sky = own.model_copy(update={"samples": own.background})
@@ -447,8 +454,8 @@ def _of_powers(
             at = int(np.argmax(below))
             warnings = (
                 f"{below.mean():.2g} of the powers are negative without the background, most often at "
-                f"{cell_m * at - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as zero; where "
-                "its leakage was stronger, record it again",
+                f"{cell_m * at + gate_m - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as "
+                "zero; where its leakage was stronger, record it again",
             )
         power = np.maximum(power, 0.0)
     if own.range_zero_m:
