@@ -9,8 +9,8 @@ c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross te
 beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
 exactly, and the differences from it as a truncated power series.
 
-A range gate mixes with the sweep delayed by t_g. With t from the middle of that one, the phase is that of the sweep at t
-less that at t - (tau - t_g): the same polynomial of tau - t_g, without a further constant or residual term.
+A range gate mixes with the sweep delayed by t_g. With t from the middle of that one, the phase is that of the sweep at
+t less that at t - (tau - t_g): the same polynomial of tau - t_g, without a further constant or residual term.
 
 A receiver's beat is synthesised on a finer and longer grid of times before it is filtered and sampled.
 """
