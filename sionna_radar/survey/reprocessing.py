@@ -435,9 +435,6 @@ def _angle_estimator(
     if table is None:
         message = "missing; frames of several receivers need the places of their elements"
         raise ScenarioError([Problem("radar.array", message)], source)
-    if chirp.gate_s:
-        message = f"{1e6 * chirp.gate_s:g} is not for frames of an array; take single chirps of one receiver"
-        raise ScenarioError([Problem("radar:gate_delay_us", message)], source)
     period_s = file.radar.chirp_period_s
     if period_s is None:
         raise ScenarioError([Problem("radar:chirp_period_s", "missing; frames of an array need it")], source)
@@ -454,9 +451,8 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
     """Raise ScenarioError if the radar of the settings differs from that of the samples."""
     if len(wanted) != len(recorded):
         raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
-    numbers = ("carrier_hz", "bandwidth_hz", "sampling_rate_hz", "samples", "propagation_mps", "gate_s")
-    for name in (*numbers, "sampling", "sweep"):
-        ours, theirs = getattr(wanted[0], name), getattr(recorded[0], name)
+    for name, ours in vars(wanted[0]).items():
+        theirs = getattr(recorded[0], name)
         same = ours == theirs if isinstance(ours, str) else math.isclose(ours, theirs, rel_tol=1e-9)
         if not same:
             message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"

@@ -223,7 +223,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
     if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
-        message = f"{own.range_zero_m:g} m is more than the {reach_m:.1f} m that the samples span; give metres"
+        message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
         raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
     if own.values != "complex" and abs(lead := chirp.first_cell - chirp.gate_s * chirp.bandwidth_hz) > 1e-6:
         message = f"{radar.gate_delay_us:g} ends {lead:.2g} cells before one, and powers keep their cells; "
