@@ -273,7 +273,7 @@ def _observed(
             profiles += [] if seen.profiles is None else [seen.profiles]
             # The power of noise is exponential; its median disregards cells with faint echoes.
             floor.append(np.median(power[:, quiet], axis=1) / np.log(2))
-            leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.full(len(power), np.nan))
+            leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.zeros(len(power)))
             about.append(_cells_about(power, look.bin[pulses.index], offsets))
             advance(len(pulses))
     told = _told(source, sensor, Echoes.concatenate(echoes), look)
