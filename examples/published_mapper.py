@@ -15,7 +15,7 @@ from sionna_radar import load_scenario, run
 INCIDENCE_DEG, TRACKS = 60.0, ((-3000.0, 0.0), (0.0, 3000.0), (0.0, -3000.0))
 
 
-def flown(altitude_m, beam_deg, ranging, start_m, length_m):
+def flown(altitude_m, beam_deg, ranging, start_m, length_m, samples=16384, gate_us=0.0):
     return run(
         load_scenario(
             "hills",
@@ -30,7 +30,8 @@ def flown(altitude_m, beam_deg, ranging, start_m, length_m):
                 },
                 "radar": {
                     "preset": "avtis2",
-                    "samples_per_chirp": 16384,
+                    "samples_per_chirp": samples,
+                    "gate_delay_us": gate_us,
                     "antenna": {"kind": "taylor", "beamwidth_deg": beam_deg, "side_lobe_db": -25.0},
                     "scan": {
                         "mode": "whisk_broom",
@@ -59,25 +60,40 @@ def nmad(values):
     return 1.4826 * np.median(np.abs(values - np.median(values)))
 
 
+def flown_at(range_m, *radar, **sampled):
+    """Return the errors and ranges of all tracks, each at the height from which its ground is this far away."""
+    found = []
+    for start_m in TRACKS:
+        altitude_m = range_m * np.cos(np.deg2rad(INCIDENCE_DEG))
+        for _ in range(4):
+            reached = float(np.median(flown(altitude_m, radar[0], "centroid", start_m, 3.0).points.range_m))
+            altitude_m = max(altitude_m + (range_m - reached) * np.cos(np.deg2rad(INCIDENCE_DEG)), 60.0)
+        found.append(flown(altitude_m, *radar, start_m, 30.0, **sampled))
+    beyond, above = (np.concatenate(part) for part in zip(*map(errors_m, found), strict=True))
+    usual = np.isfinite(beyond) & np.isfinite(above)
+    return np.concatenate([survey.points.range_m for survey in found]), beyond[usual], above[usual]
+
+
+def row(ranges, beam_deg, ranging, beyond, above):
+    return (
+        f"{np.median(ranges):.0f} m | {beam_deg} deg | {ranging} | {len(above)} | {np.median(beyond):+.2f} | "
+        f"{nmad(beyond):.2f} | {nmad(above):.2f} | {np.sqrt(np.mean(above**2)):.2f}"
+    )
+
+
 # %%
 # The height over each start is chosen for the range: the ground of a beam at 60 deg is far from that below.
 # The last column is the logarithm of the likelihood of a Lorentz distribution of heights over that of a normal one.
 print("range | beam | ranging | points | bias of range | NMAD of range | NMAD of height | RMS of height | Lorentz")
 for range_m in (1500.0, 3000.0):
-    for beam_deg, ranging in ((0.35, "centroid"), (0.35, "peak"), (0.5, "centroid"), (0.5, "peak")):
-        found = []
-        for start_m in TRACKS:
-            altitude_m = range_m * np.cos(np.deg2rad(INCIDENCE_DEG))
-            for _ in range(4):
-                reached = float(np.median(flown(altitude_m, beam_deg, "centroid", start_m, 3.0).points.range_m))
-                altitude_m = max(altitude_m + (range_m - reached) * np.cos(np.deg2rad(INCIDENCE_DEG)), 60.0)
-            found.append(flown(altitude_m, beam_deg, ranging, start_m, 30.0))
-        beyond, above = (np.concatenate(part) for part in zip(*map(errors_m, found), strict=True))
-        ranges = np.concatenate([survey.points.range_m for survey in found])
-        usual = np.isfinite(beyond) & np.isfinite(above)
-        beyond, above = beyond[usual], above[usual]
+    for radar in ((0.35, "centroid"), (0.35, "peak"), (0.5, "centroid"), (0.5, "peak")):
+        ranges, beyond, above = flown_at(range_m, *radar)
         lorentz = cauchy.logpdf(above, *cauchy.fit(above)).sum() - norm.logpdf(above, *norm.fit(above)).sum()
-        print(
-            f"{np.median(ranges):.0f} m | {beam_deg} deg | {ranging} | {len(above)} | {np.median(beyond):+.2f} | "
-            f"{nmad(beyond):.2f} | {nmad(above):.2f} | {np.sqrt(np.mean(above**2)):.2f} | {lorentz:+.0f}"
-        )
+        print(f"{row(ranges, *radar, beyond, above)} | {lorentz:+.0f}")
+
+# %%
+# A range gate takes the samples up to 2.1 km out: a quarter of them reaches from there to 3.6 km.
+print("behind a gate of 14 us, 4,096 samples a sweep")
+for radar in ((0.35, "centroid"), (0.35, "peak")):
+    ranges, beyond, above = flown_at(3000.0, *radar, samples=4096, gate_us=14.0)
+    print(row(ranges, *radar, beyond, above))

@@ -34,6 +34,7 @@ from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import DemError, nmad, statistics
 from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import height_system, horizontal_part
 from sionna_radar.elevation.point_cloud import Piece, gridded, open_cloud
@@ -509,6 +510,12 @@ def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
     given = np.column_stack(table)
     if (negative := np.flatnonzero(given[:, 3] < 0)).size:
         message = f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more"
+        raise InputFileError(message)
+    if (empty := np.flatnonzero((given[:, 2] == UNDECLARED_NODATA) | (np.abs(given[:, 2]) > MAX_HEIGHT_M))).size:
+        message = (
+            f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {given[empty[0], 2]:g}, no height on Earth "
+            f"({len(empty)} of {len(given)} lines); leave such lines out"
+        )
         raise InputFileError(message)
     position_m = given[:, :3] - np.array(_origin_m(grid))
     return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=given[:, 3])

@@ -38,10 +38,15 @@ def build_angle_estimator(
     """Return the estimator of directions by an array's receivers; None without them.
 
     frames: `[radar.array]` where a pulse is a frame of an array, which has points in cells of range and range rate.
+
+    Raises ScenarioError for frames behind a range gate.
     """
     if array is None:
         return None
     if frames is not None:
+        if detector.analyser.chirp.gate_s:
+            message = "is not for frames of an array; set 0, or take single chirps of one receiver"
+            raise ScenarioError([Problem("radar.gate_delay_us", message)])
         return frames.to(
             ArrayEstimator,
             analyser=replace(detector.analyser, zero_padding=1),

@@ -178,7 +178,7 @@ class Detector:
         return Echoes(
             pulse=pulse[spans.row],
             number=number_within(spans.row),
-            range_m=ranges.range_m,
+            range_m=ranges.range_m + spans.first_bin * spans.bin_m,
             range_sigma_m=ranges.sigma_m,
             power=peak_power,
             echo_snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
@@ -204,9 +204,12 @@ class Detector:
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
         """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""
         tested = self.analyser.range_m >= self.min_range_m
-        if self.analyser.chirp.sampling == "real":
+        chirp = self.analyser.chirp
+        if chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
-            tested &= self.analyser.range_m < self.analyser.chirp.max_range_m - self.analyser.chirp.range_resolution_m
+            tested &= self.analyser.range_m < chirp.max_range_m - chirp.range_resolution_m
+            if chirp.gate_s:  # so it is at zero frequency
+                tested &= self.analyser.range_m > chirp.gate_m + chirp.range_resolution_m
         if window_m is not None:
             range_m = self.analyser.range_m
             tested = tested & (range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:])
@@ -231,6 +234,7 @@ class Detector:
             stop=stop,
             peak=strongest_bins(spectra.power, row, start, stop),
             bin_m=self.analyser.bin_m,
+            first_bin=self.analyser.first_bin,
             looks_per_bin=self.speckle_looks * self.analyser.looks_per_cell / self.analyser.zero_padding,
             beam=self.beam,
         )

@@ -105,7 +105,8 @@ class VolumeInFront:
 class Profiles:
     """Profiles of the pulses with an echo, sorted by pulse.
 
-    first: range cell of each profile's first value; start: index of that value in `power`, plus the overall end.
+    first: range cell of each profile's first value, counted from range zero.
+    start: index of that value in `power`, plus the overall end.
     power: calibrated power of the cells; noise: receiver noise power in each profile.
     volume: the volume in front of the ground; None in clear air.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
@@ -204,7 +205,7 @@ def cut_profiles(
     cell = np.arange(start[-1]) + np.repeat(first - start[:-1], last - first)
     return Profiles(
         pulse=pulse[rows],
-        first=first,
+        first=first + spans.first_bin // bins_per_cell,
         start=start,
         power=spans.power[row, cell * bins_per_cell].astype(np.float32),
         noise=np.min(spans.noise[rows], axis=1),

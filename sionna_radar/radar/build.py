@@ -161,6 +161,7 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
             sweep=direction,
             sampling=radar.sampling,
             centre_s=(half - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
+            gate_s=1e-6 * radar.gate_delay_us,
         )
         for half, direction in enumerate(directions)
     )

@@ -1,5 +1,6 @@
 """The linear FMCW sweep and its derived quantities."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,6 +16,8 @@ class Chirp:
     carrier_hz: the frequency in the middle of the sweep.
     centre_s: time from the pose of the pulse to the middle of the sweep; zero for a sawtooth.
     propagation_mps: speed of the wave; differs from air's only for recordings in another medium.
+    gate_s: delay of the sweep that echoes are mixed with, and of the samples, after the transmitted sweep. An echo of
+        the delay tau has the beat of one of tau - gate_s without a gate.
     """
 
     carrier_hz: float
@@ -25,6 +28,7 @@ class Chirp:
     sampling: Literal["real", "iq"] = "real"
     centre_s: float = 0.0
     propagation_mps: float = speed_of_light
+    gate_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -69,7 +73,17 @@ class Chirp:
     @property
     def max_range_m(self) -> float:
         """Unambiguous range: that of the highest beat frequency of the sampling."""
-        return self.samples * self.range_resolution_m / (2 if self.sampling == "real" else 1)
+        return self.gate_m + self.samples * self.range_resolution_m / (2 if self.sampling == "real" else 1)
+
+    @property
+    def gate_m(self) -> float:
+        """Range of the gate, whose beat is zero."""
+        return self.gate_s * self.propagation_mps / 2
+
+    @property
+    def first_cell(self) -> int:
+        """Number of the first range cell at or behind the gate; cell k lies at k c / (2 B) with and without it."""
+        return math.ceil(self.gate_s * self.bandwidth_hz - 1e-6)
 
     def doppler_hz(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the Doppler part of the beat frequency: 2 f0 v / c, with opposite sign on a down-sweep.

@@ -161,6 +161,8 @@ class ScanTable(ScanParameters):
 
 # Of a filter, over the highest beat.
 MIN_CORNER = 1e-9
+# Of a range gate: 150 km.
+LONGEST_GATE_US = 1000.0
 
 
 class RadarTable(Table):
@@ -183,6 +185,10 @@ class RadarTable(Table):
     """rising, falling, or one after the other."""
     sampling: Literal["real", "iq"] = "real"
     """real, or in phase and quadrature."""
+    gate_delay_us: Annotated[Real, Field(ge=0, le=LONGEST_GATE_US)] = 0.0
+    """range gate: how much later than the transmitted sweep the one begins that echoes are mixed with, and the samples.
+    Ranges begin at c / 2 times it (150 m a microsecond); nearer echoes have negative beats. A pulse's time is that of
+    the middle of its samples."""
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
     """of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers."""
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
@@ -227,6 +233,8 @@ class RadarTable(Table):
         highest_hz = self.samples_per_chirp * self.chirp_rate_hz * (1 if self.sampling == "iq" else 0.5)
         if self.sweep == "triangular":
             highest_hz *= 2
+        if 1e-6 * self.gate_delay_us * self.chirp_rate_hz * (2 if self.sweep == "triangular" else 1) >= 1:
+            yield "gate_delay_us", f"{self.gate_delay_us:g} is no shorter than a sweep; lower it, or chirp_rate_hz"
         if self.receiver.high_pass_corner_hz >= highest_hz:
             yield (
                 "receiver.high_pass_corner_hz",
@@ -285,7 +293,7 @@ class RadarTable(Table):
     def max_range_m(self) -> float:
         """Range whose beat lies at the highest unambiguous frequency of the sampling."""
         cells = self.samples_per_chirp / (2 if self.sampling == "real" else 1)
-        return float(cells * speed_of_light / (2 * self.bandwidth_hz))
+        return float(cells * speed_of_light / (2 * self.bandwidth_hz) + 1e-6 * self.gate_delay_us * speed_of_light / 2)
 
 
 def conflicts_of_average(
@@ -327,6 +335,21 @@ def conflicts_of_average(
     if whole_echoes is not None:
         message = f"{whole_echoes!r} knows the likelihood of single chirps alone; set 'linear'"
         yield "dem.method", f"{message}, or processing.average.mode = 'coherent'"
+
+
+def conflicts_of_gate(processing: ProcessingTable, radar: RadarTable, weather: WeatherTable) -> Conflicts:
+    """Yield what a range gate contradicts in the rest of a scenario."""
+    in_air = weather.falling or weather.dust_visibility_m is not None
+    if radar.gate_delay_us > 0 and in_air and processing.volume_clutter != "off":
+        message = f"'auto' tells rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
+        yield "processing.volume_clutter", f"{message}set 'off', or remove the weather or the gate"
+
+
+def refuse_gate(radar: RadarTable, what: str) -> None:
+    """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
+    if radar.gate_delay_us > 0:
+        message = f"{radar.gate_delay_us:g}: {what} takes ranges from zero on; set 0, and more samples_per_chirp"
+        raise ScenarioError([Problem("radar.gate_delay_us", message)])
 
 
 def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
@@ -373,6 +396,8 @@ def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: 
         if array is not None and sensor == "radar":
             yield "radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it"
         return
+    if radar.gate_delay_us > 0:
+        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not for frames of an array; set 0"
     if array is None:
         yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some"
         return

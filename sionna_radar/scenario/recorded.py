@@ -18,7 +18,7 @@ from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS, apply_overrides
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable
+from sionna_radar.scenario.radar import LONGEST_GATE_US, AntennaTable
 from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table
@@ -40,6 +40,9 @@ class RecordedRadar(Table):
     """of the recorded samples."""
     sweep: Literal["up", "down", "triangular"] = "up"
     """"triangular" for an up- and a down-sweep in each pulse."""
+    gate_delay_us: Annotated[Real, Field(ge=0, le=LONGEST_GATE_US)] = 0.0
+    """delay of the sweep that echoes were mixed with, and of the samples, after the transmitted sweep; see
+    `radar.gate_delay_us`."""
     propagation_mps: Annotated[Real, Field(ge=SLOWEST_WAVE_MPS, le=speed_of_light)] = speed_of_light
     """speed of the wave, c / sqrt(permittivity) in a medium such as ice."""
     chirp_period_s: Positive | None = None

@@ -36,6 +36,7 @@ from sionna_radar.scenario.radar import (
     conflicts_of_angle,
     conflicts_of_array,
     conflicts_of_average,
+    conflicts_of_gate,
 )
 from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
@@ -350,6 +351,7 @@ class Scenario(Table):
         needing = method if profiles == "required" else None
         yield from conflicts_of_angle(processing, radar, self.weather, self.sensor, needing)
         yield from conflicts_of_array(processing, radar, self.tracing, self.sensor)
+        yield from conflicts_of_gate(processing, radar, self.weather)
         using = method if profiles != "unused" else None
         yield from conflicts_of_average(processing, radar, self.weather, self.tracing, self.sensor, using)
         width_deg = float(np.rad2deg(antenna.beamwidths_rad[1])) if isinstance(antenna, AntennaTable) else 0.0

@@ -9,6 +9,9 @@ c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross te
 beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
 exactly, and the differences from it as a truncated power series.
 
+A range gate mixes with the sweep delayed by t_g. With t from the middle of that one, the phase is that of the sweep at
+t less that at t - (tau - t_g): the same polynomial of tau - t_g, without a further constant or residual term.
+
 A receiver's beat is synthesised on a finer and longer grid of times before it is filtered and sampled.
 """
 
@@ -49,9 +52,14 @@ def phase_polynomial(
     )
 
 
+def gated_delay_s(delay_s: Float[np.ndarray, " path"], chirp: Chirp) -> Float[np.ndarray, " path"]:
+    """Return delays after the range gate; the only place where it enters the beats."""
+    return delay_s - chirp.gate_s if chirp.gate_s else delay_s
+
+
 def beat_phase(paths: Paths, chirp: Chirp) -> PhasePolynomial:
     """Return the beat phase of paths in one sweep of their pulse; their delays refer to the whole pulse."""
-    delay_s = paths.delay_s
+    delay_s = gated_delay_s(paths.delay_s, chirp)
     if chirp.centre_s:
         delay_s = delay_s + chirp.centre_s * 2 * paths.range_rate_mps.astype(np.float64) / speed_of_light
     return phase_polynomial(delay_s, paths.range_rate_mps, chirp)
@@ -93,7 +101,7 @@ def analytic_beats(
     columns = (frequency, weight, excess, mean, total, scattered)
     sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
     sampled = (*(band_hz or sampled_band_hz(chirp)), chirp.sampling_rate_hz, speed_of_light)
-    table = (paths.delay_s, paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
+    table = (gated_delay_s(paths.delay_s, chirp), paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
     over_rows(lambda start, stop: weigh(start, stop, begin, end, *table), len(pulses))
     bend = mean / chirp.sampling_rate_hz**2
     beat = exponential_sums(begin, end, frequency, weight, bend, chirp.samples)

@@ -67,7 +67,7 @@ def _terms(paths: DevicePaths, chirp: Chirp) -> tuple[Any, Any, Any]:
     """Return each path's cycles per sample, cycles per sample squared, and weight."""
     slope, sign, double = chirp.slope_hz_s, float(chirp.direction), mi.Float64
     stretch = double(paths.range_rate_mps) * (2 / speed_of_light)
-    delay = paths.delay_s + chirp.centre_s * stretch
+    delay = paths.delay_s - chirp.gate_s + chirp.centre_s * stretch
     frequency = sign * (chirp.carrier_hz * stretch + slope * delay - slope * delay * stretch)
     drift = sign * (slope * stretch - slope * stretch * stretch / 2)
     turns = sign * (chirp.carrier_hz * delay - slope * delay * delay / 2)

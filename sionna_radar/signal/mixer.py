@@ -227,7 +227,8 @@ class Mixer:
         sweep, error = grid.wide, self.oscillator.error
         bend = np.zeros(sweep.samples)
         if error is not None:
-            bend = error.phase(sweep.sample_time_s) - error.phase(sweep.sample_time_s - delay_s)
+            # The delayed sweep has the error of the transmitted one; phase noise is that of the clock that both share.
+            bend = error.phase(sweep.sample_time_s) - error.phase(sweep.sample_time_s - (delay_s - sweep.gate_s))
 
         def add(start: int, stop: int) -> None:
             phase = bend if waves is None else bend + waves.difference(delay_s, rows[start:stop])

@@ -162,7 +162,7 @@ def sensitivities(
         derivatives=derivatives,
         deviations=deviations,
         left_out=left_out,
-        range_m=np.arange(cells.count) * cells.chirp.range_resolution_m,
+        range_m=(cells.chirp.first_cell + np.arange(cells.count)) * cells.chirp.range_resolution_m,
     )
 
 

@@ -46,7 +46,7 @@ from sionna_radar.imaging.strip import (
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.scenario.radar import refuse_average, refuse_gate
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.model import Target
 from sionna_radar.signal.analog_filters import HighPass
@@ -258,6 +258,11 @@ def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
     if isinstance(file, DescribedRanges) or source.angle is not None or len(source.sweeps) > 1 or not flight.located:
         message = f"{source.path}: an image takes signals of one sweep and one receiver, with measured poses"
         raise InputFileError(message)
+    if source.sweeps[0].gate_s:
+        message = (
+            f"{source.path}: has gate_delay_us = {1e6 * source.sweeps[0].gate_s:g}; images take ranges from zero on"
+        )
+        raise InputFileError(message)
     measured, chirp = flight.pulses(np.arange(len(flight))).measured, source.sweeps[0]
     height_m, nominal = float(measured.position_m[:, 2].mean()), file.flight
     if ground_m is not None:
@@ -305,6 +310,7 @@ def _turned(source: RecordingSource, strip: Strip) -> tuple[str, ...]:
 
 def _check(scenario: Scenario) -> None:
     refuse_average(scenario.processing, "an image")
+    refuse_gate(scenario.radar, "an image")
     radar, platform = scenario.radar, scenario.platform
     problems = []
     if radar.scan.mode != "side_looking":

@@ -321,7 +321,7 @@ def _altitude(wanted: Wanted, base: Scenario, incidence: float, half_swath: floa
 def _samples(base: Scenario, altitude: float, incidence: float, half_swath: float) -> int:
     """Return the number of samples required by the farthest ground, at least that of the base."""
     farthest = altitude * (1 + RELIEF) / (math.cos(incidence) * math.cos(half_swath))
-    cells = farthest * 2 * base.radar.bandwidth_hz / speed_of_light
+    cells = (farthest * 2 / speed_of_light - 1e-6 * base.radar.gate_delay_us) * base.radar.bandwidth_hz
     needed = cells * (2 if base.radar.sampling == "real" else 1)
     return max(base.radar.samples_per_chirp, 2 ** math.ceil(math.log2(needed)))
 

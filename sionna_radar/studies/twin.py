@@ -246,7 +246,7 @@ def _look(source: RecordingSource, prepared: Prepared) -> Look:
     place_m = pose.position_m + np.nan_to_num(distance_m)[:, None] * pose.boresight
     return Look(
         range_m=distance_m,
-        bin=(distance_m + shift_m) / analyser.bin_m,
+        bin=(distance_m + shift_m) / analyser.bin_m - analyser.first_bin,
         incidence_deg=np.where(hit, np.rad2deg(incidence_rad), np.nan),
         cover=prepared.scene.scene.covers(hits.surface, place_m[:, :2]),
         echo_m=ECHO_CELLS * analyser.chirp.range_resolution_m + ECHO_SPREADS * float(spread_m),
@@ -273,7 +273,7 @@ def _observed(
             profiles += [] if seen.profiles is None else [seen.profiles]
             # The power of noise is exponential; its median disregards cells with faint echoes.
             floor.append(np.median(power[:, quiet], axis=1) / np.log(2))
-            leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.full(len(power), np.nan))
+            leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.zeros(len(power)))
             about.append(_cells_about(power, look.bin[pulses.index], offsets))
             advance(len(pulses))
     told = _told(source, sensor, Echoes.concatenate(echoes), look)

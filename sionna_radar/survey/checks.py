@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.route import Route
@@ -191,6 +192,13 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
             "unambiguous range; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("radar.samples_per_chirp", message))
+    near = hits.range_m < chirp.gate_m
+    if near.mean() > LOST_SHARE:
+        message = (
+            f"{near.mean():.0%} of the beams meet the ground nearer than the {chirp.gate_m:.1f} m of the range gate; "
+            f"lower radar.gate_delay_us to {1.9e6 * hits.range_m.min() / speed_of_light:.3g}, or fly higher"
+        )
+        problems.append(Problem("radar.gate_delay_us", message))
     if problems:
         raise ScenarioError(problems)
 
@@ -386,6 +394,7 @@ def warn_of_folded(
     range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
     """
     for chirp in sweeps:
+        min_range_m = max(min_range_m, chirp.gate_m)
         shift_m = chirp.doppler_range_m(range_rate_mps)
         room_m = np.where(shift_m < 0, range_m - min_range_m, chirp.max_range_m - range_m)
         excess = np.where(np.isfinite(range_m) & (room_m > 0), np.abs(shift_m) / np.maximum(room_m, 1e-9), 0.0)

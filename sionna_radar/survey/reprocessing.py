@@ -451,8 +451,8 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
     """Raise ScenarioError if the radar of the settings differs from that of the samples."""
     if len(wanted) != len(recorded):
         raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
-    for name in ("carrier_hz", "bandwidth_hz", "sampling_rate_hz", "samples", "sampling", "sweep", "propagation_mps"):
-        ours, theirs = getattr(wanted[0], name), getattr(recorded[0], name)
+    for name, ours in vars(wanted[0]).items():
+        theirs = getattr(recorded[0], name)
         same = ours == theirs if isinstance(ours, str) else math.isclose(ours, theirs, rel_tol=1e-9)
         if not same:
             message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"

@@ -344,6 +344,29 @@ def test_swapped_axes_of_a_netcdf_file_are_one_clear_error(tmp_path):
         process(described(tmp_path, recording, SWEEP))
 
 
+@pytest.mark.parametrize(("axes", "swapped"), [(["pulse", "sample"], False), (["sample", "pulse"], True)])
+def test_swapped_axes_of_an_array_are_told_by_its_spectra(tmp_path, axes, swapped):
+    rng, time_s = np.random.default_rng(3), np.arange(SAMPLES) / RATE_HZ
+    # Speckle: another amplitude and phase in each pulse.
+    amplitude = rng.normal(size=(SAMPLES + 20, 2, 2)) @ np.array([1, 1j])
+    tones = np.exp(2j * np.pi * 2 * SLOPE / speed_of_light * np.outer([4.0, 4.5], time_s))
+    beat = 100 * amplitude @ tones + rng.normal(size=(SAMPLES + 20, SAMPLES))
+    np.save(tmp_path / "beat.npy", beat)
+    recording = f'samples = "beat.npy"\naxes = {json.dumps(axes)}'
+    told = [w for w in process(described(tmp_path, recording, SWEEP)).warnings if "exchange pulse and sample" in w]
+    assert len(told) == swapped
+
+
+def test_a_capture_of_fewer_frames_than_its_configuration_states_says_so(tmp_path, sent):
+    capture(tmp_path, sent)
+    recording = 'samples = "adc_data.bin"\nconfig = "profile.cfg"'
+    assert not [w for w in process(described(tmp_path, recording)).warnings if "frames" in w]
+    whole = (tmp_path / "adc_data.bin").read_bytes()
+    (tmp_path / "adc_data.bin").write_bytes(whole[: len(whole) * (FRAMES - 1) // FRAMES])
+    words = f"adc_data.bin holds {FRAMES - 1} frames, and its configuration states {FRAMES}"
+    assert any(words in warning for warning in process(described(tmp_path, recording)).warnings)
+
+
 def test_a_description_has_samples_or_readings(tmp_path):
     path = tmp_path / "both.toml"
     path.write_text('[recording]\nsamples = "a.npy"\n[readings]\nfile = "b.csv"\n')

@@ -149,7 +149,7 @@ class AngleEstimator:
         """Return the slant range of a point of each echo."""
         if self.length_m is not None:
             return np.full(len(spans.row), self.length_m)
-        middle_m = (spans.start + spans.stop) / 2 * spans.bin_m
+        middle_m = (spans.first_bin + (spans.start + spans.stop) / 2) * spans.bin_m
         return strips.rows(spans.row).length_m(middle_m)
 
     def _strong(self, stretches: Stretches) -> Bool[np.ndarray, " point"]:

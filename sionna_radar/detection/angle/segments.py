@@ -108,6 +108,7 @@ class Stretches:
     range_m: Float[np.ndarray, " point"]
     range_variance_m2: Float[np.ndarray, " point"]
     bin_m: float
+    first_bin: int
     looks_per_bin: float
 
     @staticmethod
@@ -123,7 +124,7 @@ class Stretches:
         echo, first_bin = stretches_of(spans.stop - spans.start, bins)
         begin = start[echo] + first_bin
         value = signal[cell_row, cell_bin]
-        power, range_m = value.real**2 + value.imag**2, cell_bin * spans.bin_m
+        power, range_m = value.real**2 + value.imag**2, (spans.first_bin + cell_bin) * spans.bin_m
         total = sums(power, begin)
         mean_m = sums(power * range_m, begin) / total
         length = np.diff(begin, append=len(cell_row))
@@ -142,6 +143,7 @@ class Stretches:
             range_m=mean_m,
             range_variance_m2=sums(power * offset_m**2, begin) / total,
             bin_m=spans.bin_m,
+            first_bin=spans.first_bin,
             looks_per_bin=spans.looks_per_bin,
         )
 
@@ -199,7 +201,7 @@ class Stretches:
         bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range.
         """
         side, reference = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
-        cell_m = self.cell_bin * self.bin_m
+        cell_m = (self.first_bin + self.cell_bin) * self.bin_m
         ramp = np.repeat(ramp_rad_m, self.length) * (cell_m - np.repeat(self.range_m, self.length))
         ramp += bend_rad_m / np.maximum(cell_m, self.bin_m)
         # In real arithmetic: complex products may be rounded differently at the end of a block.

@@ -22,7 +22,7 @@ class EchoSpans:
 
     power, noise: spectra and noise estimates of the block.
     row: spectrum of each span; start, stop: its bins, stop excluded; peak: its strongest bin.
-    bin_m: distance between bins.
+    bin_m: distance between bins. first_bin: bins from range zero to the first one, which a range gate puts there.
     looks_per_bin: independent looks per bin.
     beam: the mean echo of a plane across the beam; None if the antenna is unknown.
     """
@@ -34,6 +34,7 @@ class EchoSpans:
     stop: Int[np.ndarray, " echo"]
     peak: Int[np.ndarray, " echo"]
     bin_m: float
+    first_bin: int = 0
     looks_per_bin: float = 1.0
     beam: BeamProfile | None = None
 
@@ -48,7 +49,7 @@ class EchoSpans:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """Echo ranges on the range axis of the spectrum, and their standard deviations."""
+    """Echo ranges from the first bin of the spectrum on, and their standard deviations."""
 
     range_m: Float[np.ndarray, " echo"]
     sigma_m: Float[np.ndarray, " echo"]
@@ -223,9 +224,8 @@ class ModelFitRange:
         centroid = CentroidRange()(spans)
         if spans.beam is None or len(spans.row) == 0:
             return centroid
-        fit = fit_echo(
-            spans.beam, spans.power, spans.noise, spans.row, spans.start, spans.stop, centroid.range_m / spans.bin_m
-        )
+        spectra = (spans.power, spans.noise, spans.row, spans.start, spans.stop)
+        fit = fit_echo(spans.beam, *spectra, centroid.range_m / spans.bin_m, spans.first_bin)
         scale = spans.bin_m / np.sqrt(spans.looks_per_bin)
         return Ranges(range_m=fit.centre * spans.bin_m, sigma_m=fit.sigma * scale)
 

@@ -68,12 +68,13 @@ def fit_echo(
     start: Int[np.ndarray, " echo"],
     stop: Int[np.ndarray, " echo"],
     centroid: Float[np.ndarray, " echo"],
+    gate: int = 0,
 ) -> EchoFit:
-    """Fit each echo in its span of bins and a margin around it."""
+    """Fit each echo in its span of bins and a margin around it; `gate` bins lie before the first one."""
     centre, sigma = np.empty(len(row)), np.empty(len(row))
     plane = beam.sine, beam.share, beam.across, beam.response, SLOPES, ITERATIONS, MARGIN, PEDESTAL
-    fit_planes(*plane, power, noise, row, start, stop, centroid, centre, sigma)
-    return EchoFit(centre, sigma)
+    fit_planes(*plane, power, noise, row, start, stop, centroid + gate, centre, sigma, gate)
+    return EchoFit(centre - gate, sigma)
 
 
 MIN_CLOSING = 0.2
@@ -172,7 +173,7 @@ def _centre_variance(a, b, c):
 @no_type_check
 def fit_planes(
     sine, share, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops, centroids,
-    centre, sigma,
+    centre, sigma, gate,
 ):  # fmt: skip
     """Write boresight range in bins, and its standard deviation for one look per bin, of each echo."""
     samples = len(sine)
@@ -180,6 +181,7 @@ def fit_planes(
     for i in range(len(rows)):
         first_bin, last_bin = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
         power, bins = powers[rows[i], first_bin:last_bin], last_bin - first_bin
+        first_bin += gate
         total, noise = 0.0, np.inf
         for b in range(bins):
             total += power[b]

@@ -78,7 +78,10 @@ CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureConfig:
-    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them."""
+    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them.
+
+    frames: stated number; 0 for any.
+    """
 
     receivers: int
     complex_samples: bool
@@ -92,6 +95,7 @@ class CaptureConfig:
     transmitters: tuple[int, ...]
     loops: int
     frame_ms: float
+    frames: int
 
 
 def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame chirp value"]:
@@ -181,6 +185,7 @@ def _from_lines(text: str) -> CaptureConfig:
         transmitters=tuple(int(chirps[number][7]) for number in range(first, last + 1)),
         loops=int(frame[2]),
         frame_ms=frame[4],
+        frames=int(frame[3]),
     )
 
 
@@ -207,6 +212,7 @@ def _from_json(document: Any) -> CaptureConfig:
         transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in range(first, last + 1)),
         loops=int(frame["numLoops"]),
         frame_ms=float(frame["framePeriodicity_msec"]),
+        frames=int(frame.get("numFrames", 0)),
     )
 
 

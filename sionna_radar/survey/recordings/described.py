@@ -58,6 +58,8 @@ REMEDY = "give a recording's description in TOML; the page on recordings has one
 MAX_BYTES = 64_000_000_000
 # Samples of the nominal sweep of readings; its range cells alone count.
 CELLS_OF_READINGS = 4096
+# Pulses in which swapped axes are looked for, and how much more the strongest line stands out along pulses.
+SWAP_PULSES, SWAPPED_CONTRAST = 4096, 30.0
 # What alone returns the powers of profiles as they are: the analysis without a window and zero-padding.
 WHOLE_CELLS: dict[str, Any] = {"processing.window": "boxcar", "processing.zero_padding": 1}
 PoseAt = Callable[[Float[np.ndarray, " n"]], Pose]
@@ -222,9 +224,15 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
-    if abs(own.range_zero_m) >= chirp.max_range_m:
-        message = f"{own.range_zero_m:g} m is beyond the {chirp.max_range_m:.1f} m that the samples reach; give metres"
+    if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
+        message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
         raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
+    if own.values != "complex" and abs(lead := chirp.first_cell - chirp.gate_s * chirp.bandwidth_hz) > 1e-6:
+        message = f"{radar.gate_delay_us:g} ends {lead:.2g} cells before one, and powers keep their cells; "
+        message += (
+            f"set {1e6 * chirp.first_cell / chirp.bandwidth_hz:.9g}, and recording.range_zero_m for the difference"
+        )
+        raise ScenarioError([Problem("sweep.gate_delay_us", message)], str(path))
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -379,6 +387,11 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         samples, warnings = _of_powers(samples, own, sweep)
     elif own.kind == "range":
         samples = np.fft.ifft(samples, norm="forward")
+    elif _look_swapped(samples):
+        warnings = (
+            f"{shown(own.samples)}: lines stand out along its pulses instead of its samples, as where recording.axes = "
+            f"{list(own.axes)} names the wrong ones; exchange pulse and sample",
+        )
     period_s, sweep_s = 1 / sweep.pulse_rate_hz, samples.shape[-1] / sweep.sampling_rate_hz
     if sweep_s > period_s * (1 + 1e-9):
         message = f"lasts {1e3 * sweep_s:.3g} ms with {samples.shape[-1]:,} samples, and pulses follow after "
@@ -392,6 +405,23 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
         samples = samples.reshape(-1, chirps, *samples.shape[1:])
     time_s = period_s * chirps * np.arange(len(samples))
     return _Channel(samples=samples, radar=radar, time_s=time_s, warnings=warnings)
+
+
+def _look_swapped(samples: Num[np.ndarray, "pulse *receiver sample"]) -> bool:
+    """Return True if spectra are flat along the samples of a chirp, and have lines along pulses.
+
+    Echoes are lines along the samples; along pulses they are spread by speckle and motion, or no wider than these.
+    """
+    beat = samples.reshape(len(samples), -1, samples.shape[-1])[:SWAP_PULSES, 0]
+    beat = beat - beat.mean(axis=0) - beat.mean(axis=1, keepdims=True)  # leakage, and offsets
+    length, contrast = min(beat.shape), []
+    if length < MIN_SAMPLES:
+        return False
+    for rows in (beat, beat.T):
+        parts = rows[:, : rows.shape[1] // length * length].reshape(-1, length)
+        power = np.mean(np.abs(np.fft.fft(parts * np.hanning(length))) ** 2, axis=0)
+        contrast.append(power.max() / max(np.median(power), np.finfo(float).tiny))
+    return bool(contrast[1] > SWAPPED_CONTRAST * contrast[0])
 
 
 def _check_receiver(own: RecordingTable, receivers: int) -> None:
@@ -434,6 +464,7 @@ def _of_powers(
     """
     power, cell = _powers(profiles, own), np.arange(profiles.shape[1], dtype=np.float64)
     cell_m = sweep.propagation_mps / (2 * sweep.bandwidth_hz)
+    gate_m = 1e-6 * sweep.gate_delay_us * sweep.propagation_mps / 2
     warnings: tuple[str, ...] = ()
     if own.background is not None:
         sky = own.model_copy(update={"samples": own.background})
@@ -447,8 +478,8 @@ def _of_powers(
             at = int(np.argmax(below))
             warnings = (
                 f"{below.mean():.2g} of the powers are negative without the background, most often at "
-                f"{cell_m * at - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as zero; where "
-                "its leakage was stronger, record it again",
+                f"{cell_m * at + gate_m - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as "
+                "zero; where its leakage was stronger, record it again",
             )
         power = np.maximum(power, 0.0)
     if own.range_zero_m:
@@ -476,7 +507,10 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
     config = capture_config(config_file)
     _check_receiver(own, config.receivers)
     chirps = len(config.transmitters)
-    raw = capture_frames(own.samples, config)
+    raw, warnings = capture_frames(own.samples, config), ()
+    if config.frames not in (0, len(raw)):
+        held = f"{shown(own.samples)} holds {len(raw)} frames, and its configuration states {config.frames}"
+        warnings = (f"{held}: the capture was stopped or cut off, or has another configuration; get the whole file",)
     chirp_s, duration_s = 1e-6 * (config.idle_us + config.ramp_end_us), config.samples / (1e3 * config.rate_ksps)
     frame_s, slope = 1e-3 * config.frame_ms * np.arange(len(raw)), 1e12 * config.slope_mhz_us
     radar = RecordedRadar(
@@ -488,14 +522,14 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
     )
     if array is not None:
         samples = receiver_samples(raw, config, own.lanes)
-        return _Channel(samples=samples, radar=radar, time_s=frame_s)
+        return _Channel(samples=samples, radar=radar, time_s=frame_s, warnings=warnings)
     sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (own.transmitter - 1)]
     if not sent:
         _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
     own_chirps = raw[:, sent[0] :: chirps].reshape(-1, raw.shape[2])
     samples = receiver_samples(own_chirps, config, own.lanes, own.receiver - 1)
     time_s = (frame_s[:, None] + chirp_s * (chirps * np.arange(config.loops) + sent[0])).ravel()
-    return _Channel(samples=samples, radar=radar, time_s=time_s)
+    return _Channel(samples=samples, radar=radar, time_s=time_s, warnings=warnings)
 
 
 def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> RecordedRadar:

@@ -294,6 +294,7 @@ class SignalRecorder:
             bandwidth_hz=chirp.bandwidth_hz,
             sampling_rate_hz=chirp.sampling_rate_hz,
             sweep=radar.sweep,
+            gate_delay_us=radar.gate_delay_us or None,
             propagation_mps=chirp.propagation_mps,
             transmit_power_w=receiver.transmit_power_w,
             noise_power_w=receiver.noise_power_w,

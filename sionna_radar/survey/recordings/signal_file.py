@@ -333,6 +333,7 @@ def sweeps_of(radar: RecordedRadar, samples: int, iq: bool) -> tuple[Chirp, ...]
             sampling="iq" if iq else "real",
             centre_s=(number - 0.5) * samples / radar.sampling_rate_hz if pair else 0.0,
             propagation_mps=radar.propagation_mps,
+            gate_s=1e-6 * radar.gate_delay_us,
         )
         for number, direction in enumerate(directions)
     )

@@ -89,7 +89,7 @@ class SweepDetector:
     def through(self) -> list[ThroughVolume | None]:
         """The detector of each sweep through the volume that the survey shows; None in clear air."""
         detector = self.detector
-        if detector.volume_clutter == "off":
+        if detector.volume_clutter == "off" or detector.analyser.chirp.gate_s:  # a gate leaves out what it is told from
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses, powers = self._sample_spectra(count)

@@ -167,7 +167,7 @@ class FrozenEchoes:
         """Return the power of each range cell of each pulse, or with fixed speckle the two parts of its field."""
         cells, hits = self._cells, self._hits
         shift_m = float(cells.chirp.doppler_range_m(np.ones(1))[0]) * rate_mps
-        place = (range_m + bias + shift_m) / cells.chirp.range_resolution_m
+        place = (range_m + bias + shift_m) / cells.chirp.range_resolution_m - cells.chirp.first_cell
         nearest = mi.Int32(dr.round(dr.detach(place)))
         if self._turns is None:
             parts = {"profile": dr.squared_norm(gain) * wider}
