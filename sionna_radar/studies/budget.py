@@ -332,24 +332,21 @@ def _document(grade: Grade) -> list[Any]:
     return [grade.errors.model_dump(mode="json"), grade.source]
 
 
-def rms_with(survey: ObservedSurvey, error: NavigationError, size: float, repeat: int) -> float:
-    """Return the RMS error of the DEM with one navigation error."""
+def rms_with(survey: ObservedSurvey, error: NavigationError, size: float, repeat: int) -> tuple[float, float]:
+    """Return the RMS error of the DEM with one navigation error: of both signs of a constant one, larger first."""
     if error.kind == "constant":
-        return max(survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
-    return _mean_rms(survey, error.table(size), repeat)
+        both = [survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1)]
+        return max(both), min(both)
+    return (_mean_rms(survey, error.table(size), repeat),) * 2
 
 
 def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
     """Return the size of an error at which the RMS exceeds the exact one by the growth; infinite if none."""
-
-    def grown(size: float) -> float:
-        rms = rms_with(survey, error, size, repeat)
-        # Without a DEM the growth is unbounded.
-        return math.inf if math.isnan(rms) else rms / exact - 1
-
     size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
     for _ in range(MAX_STEPS):
-        reached = grown(size)
+        worse, better = rms_with(survey, error, size, repeat)
+        # Without a DEM the growth is unbounded.
+        reached = math.inf if math.isnan(worse + better) else worse / exact - 1
         if abs(reached - growth) < TOLERANCE * (1 + growth):
             return size
         if reached < growth:
@@ -358,7 +355,13 @@ def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, gro
             low = (size, reached)
         else:
             high = (size, reached)
-        size = min(2.5 * size, error.largest) if math.isinf(high[0]) else _between(low, high, growth)
+        if low[0] and math.isfinite(high[1]):
+            size = _between(low, high, growth)
+            continue
+        ahead = _expected(size, worse / exact, better / exact, growth)
+        if not low[0] < ahead < high[0]:
+            ahead = 2.5 * size if math.isinf(high[0]) else _between(low, high, growth)
+        size = min(ahead, error.largest)
     return size
 
 
@@ -375,6 +378,18 @@ def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> fl
         survey.lit_error(survey.navigation(table, (seed + number) % 2**63)).rms_m ** 2 for number in range(repeat)
     ]
     return math.sqrt(sum(squares) / repeat)
+
+
+def _expected(size: float, worse: float, better: float, growth: float) -> float:
+    """Return the size at which the mean square has grown, if it is a parabola of the error; NaN if it never does.
+
+    worse, better: RMS with both signs of the error at a size, over the exact one: slope and curvature at no error.
+    """
+    slope = (worse**2 - better**2) / (2 * size)
+    curvature = ((worse**2 + better**2) / 2 - 1) / size**2
+    square = (1 + growth) ** 2 - 1
+    root = slope + math.sqrt(max(slope**2 + 4 * curvature * square, 0.0))
+    return 2 * square / root if root > 0 else math.nan
 
 
 def _between(low: tuple[float, float], high: tuple[float, float], growth: float) -> float:

@@ -31,6 +31,8 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread, spread_indices
 from sionna_radar.mapping.calibration import Knowledge
+from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.instrument_echoes import Readings
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
@@ -276,8 +278,7 @@ def _unknowns(
             raise ScenarioError([Problem("--free", message)], "command line")
         found.append(_unknown(tables[cover], name, value, prior.get(name), carrier_hz))
     if calibration_sigma_db > 0:
-        radar = Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None)
-        found.append(radar)
+        found.append(Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None))
     return tuple(found)
 
 
@@ -355,8 +356,6 @@ class _Model:
         """Return a material with the parameters."""
         table = self.tables[cover]
         values = {u.key: u.value(float(t)) for u, t in zip(self.unknowns, scaled, strict=True) if u.cover == cover}
-        if not values:
-            return table
         if {"permittivity", "loss"} & values.keys():
             beforehand = _values(table, self.carrier_hz)
             real, loss = (values.pop(key, beforehand[key]) for key in ("permittivity", "loss"))
@@ -367,9 +366,8 @@ class _Model:
 
     def of_cover(self, cover: str, scaled: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " own"]:
         """Return the logarithm of sigma0 of the rows of a cover."""
-        table, own = self.table(cover, scaled), self.levels.of(cover)
+        table, levels, own = self.table(cover, scaled), self.levels, self.levels.of(cover)
         material = as_radar_material(MATERIALS.entry(table.model)(table, self.carrier_hz, "VV"))
-        levels = self.levels
         sigma0 = material.linear_sigma0(levels.incidence_rad[own], levels.polarization_rad[own], levels.cross[own])
         return np.log(np.maximum(sigma0, np.finfo(float).tiny))
 
@@ -521,7 +519,9 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     chosen = spread_indices(pulses, len(pulse))
     blocks = [_looks(*surveys, pulse[chosen[low : low + BLOCK]]) for low in range(0, len(chosen), BLOCK)]
     looks = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
-    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "variance")}
+    looks |= {} if heard is None else {key: heard[key][chosen] for key in ("power", "variance", "reach")}
+    # Beams that overlap share scatterers: fewer looks, also where a neighbour is of another class.
+    repeated = repeats(looks["reach"] * len(chosen) / len(pulse))
     looks["sigma0"] = looks["power"] / looks["unit"]
     mirrors = [name for name, table in tables.items() if getattr(table, "specular", False)]
     groups: dict[tuple[str, int, int], list[int]] = {}
@@ -541,19 +541,15 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
         kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
         groups[key] = own[kept].tolist()
-        count.append(kept.sum() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
+        count.append(kept.sum() / repeated[own][kept].mean() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
     columns = ("incidence_rad", "polarization_rad", "sigma0")
     means = {name: np.array([looks[name][groups[key]].mean() for key in found]) for name in columns}
-    return Levels(
-        cover=tuple(cover for cover, _, _ in found),
-        looks=np.array(count),
-        cross=np.full(len(found), cross),
-        **means,
-    )
+    means |= {"looks": np.array(count), "cross": np.full(len(found), cross)}
+    return Levels(cover=tuple(cover for cover, _, _ in found), **means)
 
 
 def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
-    """Return the pulses of a recording with an echo, its power over that transmitted, and the variance by speckle."""
+    """Return a recording's pulses with an echo: power over that transmitted, variance by speckle, pulses it repeats."""
     with open_recording(signals_in(recording), {}) as source:
         echoes = echoes_of(source).echoes
         if isinstance(echoes, Readings) or len(source.file.pulses) != len(prepared):
@@ -564,9 +560,11 @@ def _recorded(recording: Path, prepared: Prepared) -> dict[str, np.ndarray]:
     cells = profiles.power - profiles.noise[row]
     total = np.bincount(row, cells)
     # Exponential powers have twice the mean square of their means.
-    variance = np.bincount(row, cells**2 / 2) / echoes.looks
+    variance = np.bincount(row, cells**2 / 2) / echoes.sightings.looks_per_cell
     scale = middle / prepared.receiver.transmit_power_w
-    return {"pulse": profiles.pulse, "power": np.maximum(total, 0.0) * scale, "variance": variance * scale**2}
+    reach = echoes.sightings.repeated(mean_ranges(echoes.sightings).range_m, of_power=True)
+    power = np.maximum(total, 0.0) * scale
+    return {"pulse": profiles.pulse, "power": power, "variance": variance * scale**2, "reach": reach}
 
 
 def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]) -> dict[str, np.ndarray]:
@@ -594,6 +592,7 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
         "power": power,
         "unit": whole,
         "variance": power**2 / 2,
+        "reach": np.zeros(len(index)),  # drawn for each pulse
         "incidence_rad": incidence / whole,
         "polarization_rad": np.arctan2(outside, inside),
         "cover": np.where(single, covers[share.argmax(axis=1)], ""),

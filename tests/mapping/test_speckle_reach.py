@@ -31,8 +31,8 @@ def nodes(beamwidth_deg):
     return beam_nodes(Antenna(cut, cut))
 
 
-def drawn_correlation(pose, beam, draws=500):
-    """Correlation of the mean ranges' errors of two pulses, over many draws of the same scatterers' phases."""
+def drawn_correlation(pose, beam, of_power, draws=500):
+    """Correlation of the powers, or mean ranges' errors, of two pulses, over draws of the same scatterers' phases."""
     rng = np.random.default_rng(6)
     middle = pose.position_m[0] - pose.position_m[0, 2] / pose.boresight[0, 2] * pose.boresight[0]
     place = np.column_stack([middle[:2] + rng.uniform(-18, 18, (12_000, 2)), np.zeros(12_000)])
@@ -55,18 +55,30 @@ def drawn_correlation(pose, beam, draws=500):
         power = np.abs(phases @ onto) ** 2
         mean = np.bincount(cell - first, np.abs(amplitude) ** 2, size)
         from_mean = np.arange(size) - mean @ np.arange(size) / mean.sum()
-        errors.append(power @ from_mean)
+        errors.append(power.sum(axis=1) if of_power else power @ from_mean)
     return np.corrcoef(*errors)[0, 1]
 
 
+@pytest.mark.parametrize("of_power", [False, True])
 @pytest.mark.parametrize(("beamwidth_deg", "scan_deg"), [(4.0, 0.0), (4.0, 30.0), (8.0, 0.0)])
-def test_speckle_repeats_as_that_of_drawn_scatterers(beamwidth_deg, scan_deg):
+def test_speckle_repeats_as_that_of_drawn_scatterers(beamwidth_deg, scan_deg, of_power):
     pose, beam = flight([scan_deg, scan_deg + 2.0]), nodes(beamwidth_deg)
     range_m = -pose.position_m[:, 2] / pose.boresight[:, 2]
-    reach = speckle_reach(np.arange(2), pose.rows, range_m, beam, CHIRP, SpeckleMemory())
+    reach = speckle_reach(np.arange(2), pose.rows, range_m, beam, CHIRP, SpeckleMemory(), of_power=of_power)
     # Errors one pulse apart are correlated by exp(-1 / reach^2).
     stated = np.exp(-1 / reach[0] ** 2) if reach[0] else 0.0
-    assert stated == pytest.approx(drawn_correlation(pose, beam), abs=0.12)
+    assert stated == pytest.approx(drawn_correlation(pose, beam, of_power), abs=0.12)
+
+
+def test_powers_repeat_more_than_mean_ranges_where_the_beam_climbs():
+    """The cells beyond the mean range of one echo lie before that of the next: a power has no such sign."""
+    pose, beam = flight([30.0, 32.0]), nodes(2.0)
+    range_m = -pose.position_m[:, 2] / pose.boresight[:, 2]
+    reach = [
+        speckle_reach(np.arange(2), pose.rows, range_m, beam, CHIRP, SpeckleMemory(), of_power=of_power)[0]
+        for of_power in (False, True)
+    ]
+    assert reach[1] > 1.1 * reach[0]
 
 
 def test_a_beam_that_stands_still_repeats_its_speckle_until_the_ground_forgets():

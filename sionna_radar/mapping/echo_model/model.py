@@ -78,9 +78,13 @@ class Sightings:
         """How far rays are followed: between those in reach and the next ones there is ground that is."""
         return FOLLOWED * self.reach_m
 
-    def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-        """Return the number of pulses over which the speckle of each repeats, given the ranges on the axis."""
-        return speckle_reach(self.profiles.pulse, self.pose.rows, range_m, self.beam, self.chirp, self.memory)
+    def repeated(self, range_m: Float[np.ndarray, " pulse"], *, of_power: bool = False) -> Float[np.ndarray, " pulse"]:
+        """Return the number of pulses over which the speckle of each repeats, given the ranges on the axis.
+
+        of_power: in the powers of whole echoes, instead of their mean ranges.
+        """
+        own = self.pose.rows, range_m, self.beam, self.chirp, self.memory
+        return speckle_reach(self.profiles.pulse, *own, of_power=of_power)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

@@ -69,6 +69,8 @@ def speckle_reach(
     beam: BeamNodes,
     chirp: Chirp,
     memory: SpeckleMemory,
+    *,
+    of_power: bool = False,
 ) -> Float[np.ndarray, " pulse"]:
     """Return the correlation length of each pulse's speckle, in pulses; 0 if uncorrelated.
 
@@ -76,6 +78,7 @@ def speckle_reach(
     pose_of: returns the measured poses of some of them, by their rows in `pulse`.
     range_m: range of each echo on the axis of the beam.
     beam, chirp, memory: of the radar, and of the ground.
+    of_power: of the powers of whole echoes, instead of their mean ranges.
     """
     reach = np.zeros(len(pulse))
     if len(pulse) < 2 or memory.decorrelation_s == 0:
@@ -86,7 +89,7 @@ def speckle_reach(
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1
     while len(rest) and tried <= LONGEST_LAG:
-        found = _error_correlation(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
+        found = _error_correlation(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried), of_power)
         found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
         # A lag at which nothing is left says less than the one before it.
         better = np.isfinite(found) & ((found > MIN_CORRELATION) | (tried == 1))
@@ -136,8 +139,9 @@ def _error_correlation(
     chirp: Chirp,
     row: Int[np.ndarray, " chosen"],
     lag: Int[np.ndarray, " chosen"],
+    of_power: bool,
 ) -> Float[np.ndarray, " chosen"]:
-    """Return the correlation of range errors between pulses `lag` apart; NaN where the later one is absent."""
+    """Return the correlation of range errors, or powers, of pulses `lag` apart; NaN where the later one is absent."""
     result = np.full(len(row), np.nan)
     unit = np.random.default_rng(SEED).random((DIRECTIONS, 2))
     low = np.array([beam.azimuth[0], beam.elevation[0]])
@@ -158,21 +162,22 @@ def _error_correlation(
     gain = beam.two_way(direction), beam.two_way(later / far[..., None] @ pose_later.R_world_antenna)
     power, power_later = gain[0] / near**2, gain[1] / far**2
     found = zip(near, far, power, power_later, strict=True)
-    result[there] = [_mean_range_correlation(*of_pulse, chirp) for of_pulse in found]
+    result[there] = [_echo_correlation(*of_pulse, chirp, of_power) for of_pulse in found]
     return result
 
 
-def _mean_range_correlation(
+def _echo_correlation(
     near: Float[np.ndarray, " n"],
     far: Float[np.ndarray, " n"],
     power: Float[np.ndarray, " n"],
     later: Float[np.ndarray, " n"],
     chirp: Chirp,
+    of_power: bool,
 ) -> float:
-    """Return the correlation of the errors of two pulses' mean ranges, from the fields in common directions.
+    """Return the correlation of the errors of two pulses' mean ranges, or powers, from fields in common directions.
 
-    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
-    what pulls one echo farther pulls the next one nearer.
+    In a power all cells count alike. In a mean range a cell contributes by its distance from that of each pulse:
+    where a turning beam climbs in range, what pulls one echo farther pulls the next one nearer.
     """
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
@@ -180,7 +185,7 @@ def _mean_range_correlation(
     # Sum over pairs of different directions only: self-pairs bias a small sample.
     both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
     one, two = np.bincount(cell, power), np.bincount(cell, later)
-    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    from_one, from_two = (np.ones(len(cells)) if of_power else _from_mean(cells) for cells in (one, two))
     total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
     return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
 
