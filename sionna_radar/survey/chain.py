@@ -24,7 +24,7 @@ from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.warnings import survey_warnings
 
 # Above this many echoes, free the memory of the flight before mapping (about 10 ms).
-MANY_ECHOES = 50_000
+MANY_ECHOES = 5_000
 
 
 def run(

@@ -12,6 +12,7 @@ from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.numerics import to_db
+from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
@@ -182,6 +183,18 @@ def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: s
         )
 
 
+def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
+    """Yield the warning about ground that differs more between scan lines than the terrain model says."""
+    misfit = uncertainty.misfit if isinstance(uncertainty, LinearUncertainty | TiledUncertainty) else 1.0
+    if misfit > 1:
+        yield (
+            f"heights along a scan line lie {misfit:.1f} times farther from what the other lines predict than the "
+            "terrain model states, as where walls or banks run along the lines: `dem_sigma.tif` is widened by as much, "
+            "and may still be too small beside walls; fly lines that cross them, or closer ones (a faster scan, or a "
+            "slower flight)"
+        )
+
+
 def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> Iterator[str]:
     """Yield the warning about a second receiver that nothing uses."""
     if angle == "off" and second_receiver is not None:
@@ -324,6 +337,7 @@ def survey_warnings(
     spacing_m = mapper.grid.spacing_m
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
+    warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:

@@ -8,10 +8,10 @@ from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, _modes, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, _modes, _off_other_lines, calm, local_relief
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
@@ -135,3 +135,46 @@ def test_modes_of_a_covariance_that_rounding_left_indefinite():
     np.testing.assert_allclose(vector.T @ short @ vector, np.diag(share), atol=1e-6 * share.max())
     definite = rest + np.eye(6)
     np.testing.assert_array_equal(_modes(short, definite)[0], eigh(short, definite, check_finite=False)[0])
+
+
+def scanned(rng, walls_along: bool) -> Heights:
+    """Heights on ten scan lines 5 m apart, over fields 12 m wide with walls of 1 m along the lines or across them."""
+    x, y = np.meshgrid(5.0 * np.arange(10), np.arange(60.0))
+    place = np.column_stack([x.T.ravel(), y.T.ravel()])
+    across = place[:, 0] + 0.2 * place[:, 1] if walls_along else place[:, 1] + 0.2 * place[:, 0]
+    height = np.floor(across / 12) + SIGMA_M * rng.standard_normal(len(place))
+    order = np.concatenate([200.0 * line + np.arange(60) for line in range(10)])
+    heights = Heights.at_places(place, height, np.full(len(place), SIGMA_M))
+    return replace(heights, order=order)
+
+
+def test_lines_left_out_are_predicted_by_the_others():
+    """The error over its standard deviation, as by kriging about a plane with the line really left out."""
+    rng = np.random.default_rng(8)
+    heights = scanned(rng, walls_along=True)
+    measured, own = heights.above(np.zeros(3)), np.argsort(np.hypot(*(heights.place_m - [21.0, 30.0]).T))[:40]
+    others = own[np.abs(measured.order[own] - measured.order[own[0]]) > 100]
+    place = measured.place_m
+    away = np.column_stack([np.ones(len(others)), place[others] - place[own[0]]])
+    total = TERRAIN.at(cdist(place[others], place[others])) + SIGMA_M**2 * np.eye(len(others))
+    to_first, zero = TERRAIN.at(cdist(place[others], place[own[:1]]))[:, 0], np.zeros((3, 3))
+    weight = np.linalg.solve(np.block([[total, away], [away.T, zero]]), np.concatenate([to_first, [1.0, 0.0, 0.0]]))
+    variance = TERRAIN.variance_m2 + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
+    plainly = (measured.height_m[own[0]] - weight[:-3] @ measured.height_m[others]) / np.sqrt(variance)
+    assert _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0)) == pytest.approx(plainly, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_are_wider_where_walls_run_along_the_scan_lines_alone(seed):
+    """Neither over the same walls across the lines nor over ground as the covariance says."""
+    rng = np.random.default_rng(seed)
+    terrain = FittedCovariance(Covariance(1.0, 9.0, 0.05), 1.0)
+    place = scanned(rng, walls_along=True)
+    total = terrain.covariance.at(cdist(place.place_m, place.place_m)) + SIGMA_M**2 * np.eye(600)
+    drawn = replace(place, height_m=np.linalg.cholesky(total) @ rng.standard_normal(600))
+    for heights, wider in ((place, True), (drawn, False)):
+        assert (local_relief(heights.above(np.zeros(3)), terrain).misfit > 1) == wider
+    along, across = (scanned(rng, walls).above(np.zeros(3)) for walls in (True, False))
+    along, across = (local_relief(each, fit_covariance(each)).misfit for each in (along, across))
+    assert along > 1.3
+    assert across == 1.0

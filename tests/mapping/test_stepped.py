@@ -200,7 +200,7 @@ def test_a_box_keeps_its_walls_and_its_levels():
 
 def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):
     """As of a wall beside it: such echoes made the ground of streets rough, and its map wrong by 0.5 m."""
-    coarse = CoarseMap(np.zeros(MAP.shape), np.ones(MAP.shape, dtype=bool), *np.full((2, *MAP.shape), 9.0), level_m=0.3)
+    coarse = CoarseMap(np.zeros(MAP.shape), np.ones(MAP.shape, dtype=bool), *np.full((4, *MAP.shape), 9.0), level_m=0.3)
     echoes = mean_ranges(level)
     near = replace(echoes, range_m=np.where(np.arange(len(level)) % 5 == 2, 0.9, 1.0) * echoes.range_m)
     surfaces = _Surfaces(level, near, located(level), MAP, coarse, 1.2, STEPPED)

@@ -9,8 +9,14 @@ from scipy.stats import norm
 from sionna_radar import load_scenario, run
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.options import STEPPED
-from sionna_radar.mapping.stepped.coarse_map import choose_levels, margins, path_costs
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, margins, path_costs
 from sionna_radar.mapping.stepped.surface import ABOVE_M, BELOW_M, DISTANCES_CELLS, next_step, with_steps
+
+
+def coarse(height_m: np.ndarray, margin: float = 0.0, depth_m: float = 0.0) -> CoarseMap:
+    """A coarse map that is the map itself, with levels left open as far below and above."""
+    whole = (np.full(height_m.shape, value) for value in (True, margin, margin, depth_m, depth_m))
+    return CoarseMap(height_m, *whole, level_m=0.3)
 
 
 def test_margins_of_a_row_are_those_of_a_plain_search():
@@ -23,7 +29,7 @@ def test_margins_of_a_row_are_those_of_a_plain_search():
         changes = STEPPED.change_nepers * (step == 1) + STEPPED.jump_nepers * (step > 1)
         of_row = cost[0, np.arange(5), rows].sum(axis=1) + changes.sum(axis=1)
         chosen = choose_levels(cost)
-        below, above = margins(cost, path_costs(cost), chosen, apart)
+        below, above, depth, rise = margins(cost, path_costs(cost), chosen, apart)
         for column in range(5):
             best = np.array([of_row[rows[:, column] == level].min() for level in range(4)])
             level = chosen[0, column]
@@ -32,6 +38,10 @@ def test_margins_of_a_row_are_those_of_a_plain_search():
             up = best[level + apart :].min(initial=np.inf)
             assert below[0, column] == pytest.approx(max(down - own, 0) / 8, rel=1e-4, abs=1e-4)
             assert above[0, column] == pytest.approx(max(up - own, 0) / 8, rel=1e-4, abs=1e-4)
+            away, likelihood = np.arange(4) - level, np.exp(-best / 8)
+            for found, side in ((depth, away <= -apart), (rise, away >= apart)):
+                square = np.average(away[side] ** 2, weights=likelihood[side]) if side.any() else 0.0
+                assert found[0, column] == pytest.approx(np.sqrt(square), rel=1e-4)
 
 
 def test_the_next_step_is_that_of_a_plain_search():
@@ -59,8 +69,7 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
     """The variance that is added is that of drawn errors: a step up or down with their probabilities, and none else."""
     height = np.zeros((8, 24))
     height[:, 8:16], height[:, 16:] = 6.0, 15.0
-    level = np.zeros(height.shape)
-    found = with_steps(np.full(height.shape, 0.1), height, level, level, 2.0, 1.0)
+    found = with_steps(np.full(height.shape, 0.1), height, coarse(height), 2.0, 1.0)
     # Columns of the middle roof: 6 m above the ground, three cells away, and 9 m below the other, six cells away.
     down, up = BELOW_M / 3, ABOVE_M / 6
     chance = np.array([down, up, 1.0]) / (1 + down + up)
@@ -73,6 +82,20 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
     assert sigma[3, 10] ** 2 - found.step_sigma_m[3, 10] ** 2 == pytest.approx(0.1**2)
 
 
+def test_an_error_is_as_deep_as_what_the_echoes_leave_open():
+    """Beside a lower roof a cell may be a light well down to the street; a border that moved it counts, too."""
+    height = np.zeros((8, 24))
+    height[:, 8:] = 6.0
+    own = np.full(height.shape, 0.1)
+    near, deep = (with_steps(own, height, coarse(height, depth_m=depth_m), 2.0, 1.0) for depth_m in (3.0, 12.0))
+    square = [
+        found.step_sigma_m[3, 10] ** 2 / (chance := found.other_side[3, 10]) / (1 - chance) for found in (near, deep)
+    ]
+    assert square == pytest.approx([6.0**2, 12.0**2])
+    moved = with_steps(own, height, coarse(height - 5.0, depth_m=9.0), 2.0, 1.0)
+    assert moved.step_sigma_m[3, 10] == pytest.approx(deep.step_sigma_m[3, 10] * 14 / 12)
+
+
 def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
     """Margins err by a neper: one of two is as likely as a normal deviate of two, over that of none."""
     height = np.zeros((9, 40))
@@ -80,8 +103,7 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
     own = np.full(height.shape, 0.1)
     odds = []
     for nepers in (0.0, 2.0, np.inf):
-        margin = np.full(height.shape, nepers)
-        chance = with_steps(own, height, margin, margin, 2.0, 1.0).other_side
+        chance = with_steps(own, height, coarse(height, nepers), 2.0, 1.0).other_side
         odds.append(chance / (1 - chance))
     np.testing.assert_allclose(odds[1], odds[0] * norm.pdf(2.0) / norm.pdf(0.0))
     assert np.all(odds[2] == 0.0)
@@ -90,8 +112,7 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
 
 def test_a_hillside_without_steps_has_no_other_side():
     height = np.add.outer(np.zeros(30), 0.4 * np.arange(40))
-    margin = np.zeros(height.shape)
-    found = with_steps(np.full(height.shape, 0.1), height, margin, margin, 1.2, 1.0)
+    found = with_steps(np.full(height.shape, 0.1), height, coarse(height, depth_m=8.0), 1.2, 1.0)
     assert np.all(found.other_side == 0.0)
     assert np.all(found.cell_sigma_m == pytest.approx(0.1))
 

@@ -114,3 +114,17 @@ def test_what_is_no_ground_is_refused_with_the_remedy(file: Path, tmp_path: Path
         run(SCENARIO, parts=CustomParts(terrain=(np.full((101, 101), np.nan), SPACING_M)))
     with pytest.raises((InputFileError, ScenarioError), match=r"terrain\.path.*nowhere"):
         run(SCENARIO, parts=CustomParts(terrain=tmp_path / "nowhere.tif"))
+
+
+@pytest.mark.parametrize("along", [True, False])
+def test_a_map_between_scan_lines_along_walls_is_stated_wider_with_a_warning(along):
+    """Scan lines 5 m apart run north, walls of 2.4 m 12 m apart along them or across: misfits of 2.4 and 1."""
+    fields_m = np.tile(2.4 * np.floor((np.arange(400) / 2 - 100) / 12), (400, 1))
+    flight = {"platform.altitude_m": 40.0, "platform.length_m": 60.0, "platform.start_m": [-30.0, 0.0]}
+    scenario = load_scenario("own_dem", flight | {"platform.height": "level", "dem.method": "linear"})
+    survey = run(scenario, parts=CustomParts(terrain=(fields_m if along else fields_m.T, 0.5)))
+    cells = survey.lit & survey.error.filled
+    z = survey.error.height_m[cells] / survey.dem_sigma.height_m[cells]
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert any("farther from what the other lines predict" in warning for warning in survey.warnings) == along
+    assert (survey.uncertainty.misfit > 2) == along

@@ -47,6 +47,11 @@ class LinearUncertainty:
     fitted: FittedCovariance
     local: LocalRelief
 
+    @property
+    def misfit(self) -> float:
+        """How many times larger the errors between scan lines are than the covariance says; see `LocalRelief`."""
+        return self.local.misfit
+
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         spread = float(np.median(self.heights.spread_m))
@@ -59,7 +64,7 @@ class LinearUncertainty:
         sigma = np.full(grid.rows * grid.columns, np.nan)
         for part in some:
             variance = self._variance_m2(grid, part, to_place, between, alone)
-            sigma[self.interpolated.cell[part]] = np.sqrt(np.maximum(variance, 0.0))
+            sigma[self.interpolated.cell[part]] = self.misfit * np.sqrt(np.maximum(variance, 0.0))
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)
 
     def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:

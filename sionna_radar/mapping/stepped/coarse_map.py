@@ -70,8 +70,11 @@ def margins(
     total: Float32[np.ndarray, "row column level"],
     chosen: Int[np.ndarray, "row column"],
     apart: int,
-) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+) -> tuple[Float[np.ndarray, "row column"], ...]:
     """Return the likelihood of each cell's level over the best one below and the best one above it, in nepers.
+
+    The third and the fourth number say how many levels away the other ones are, below and above: the root mean square
+    over all that are a step away, by their likelihood.
 
     cost: evidence against each level of each cell, in nepers.
     total: costs of the best paths to it, the sum over all directions.
@@ -86,7 +89,20 @@ def margins(
     lower, higher = chosen - apart, chosen + apart
     below = np.where(lower >= 0, _at(upward, np.maximum(lower, 0)) - own, np.inf)
     above = np.where(higher < count, _at(downward, np.minimum(higher, count - 1)) - own, np.inf)
-    return np.maximum(below, 0.0), np.maximum(above, 0.0)
+    away = np.arange(count) - chosen[..., None]
+    depth, rise = (_rms_levels(once, np.where(side, away, 0)) for side in (away <= -apart, away >= apart))
+    return np.maximum(below, 0.0), np.maximum(above, 0.0), depth, rise
+
+
+def _rms_levels(
+    once: Float32[np.ndarray, "row column level"], away: Int[np.ndarray, "row column level"]
+) -> Float[np.ndarray, "row column"]:
+    """Return the root mean square of distances, in levels, by likelihood; those of zero do not count."""
+    cost = np.where(away != 0, once, np.inf)
+    best = cost.min(axis=-1, keepdims=True)
+    likelihood = np.exp(np.where(np.isfinite(best), best, 0.0) - cost)
+    total = np.sum(likelihood, axis=-1)
+    return np.sqrt(np.sum(likelihood * away**2, axis=-1) / np.where(total > 0, total, 1.0))
 
 
 def _at(
@@ -106,12 +122,15 @@ class CoarseMap:
     """Heights of the cells, whether echoes support them, and the spacing of the levels.
 
     below, above: by how many nepers each height is likelier than the best one a step or more below, or above it.
+    depth_m, rise_m: how far below and above it those are, the root mean square by likelihood; 0 without any.
     """
 
     height_m: Float[np.ndarray, "row column"]
     supported: Bool[np.ndarray, "row column"]
     below: Float[np.ndarray, "row column"]
     above: Float[np.ndarray, "row column"]
+    depth_m: Float[np.ndarray, "row column"]
+    rise_m: Float[np.ndarray, "row column"]
     level_m: float
 
 
@@ -148,7 +167,7 @@ def coarse_map(
     options: of the method.
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
-    below, above = np.zeros((2, *grid.shape))
+    below, above, depth, rise = np.zeros((4, *grid.shape))
     widest = sightings.profiles.cell_m
     blocks, size = list(_blocks(sightings, points, grid, options)), _cells(options.block_m, grid)
     with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
@@ -157,10 +176,10 @@ def coarse_map(
             found = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
             core = slice(block.row, block.row + size), slice(block.column, block.column + size)
             inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            for whole, own in zip((height, supported, below, above), found, strict=True):
+            for whole, own in zip((height, supported, below, above, depth, rise), found, strict=True):
                 whole[core] = own[inner][:size, :size]
             widest = max(widest, float(block.level_m[1] - block.level_m[0]))
-    return CoarseMap(height, supported, below, above, widest)
+    return CoarseMap(height, supported, below, above, depth, rise, widest)
 
 
 def _cells(length_m: float, grid: Grid) -> int:
@@ -206,7 +225,9 @@ def _block(
     chosen = _highest_good(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     apart = int(np.ceil(options.step_levels))
-    return base_m + level_m[chosen], supported, *margins(against, total, chosen, apart)
+    below, above, depth, rise = margins(against, total, chosen, apart)
+    spacing_m = float(level_m[1] - level_m[0])
+    return base_m + level_m[chosen], supported, below, above, depth * spacing_m, rise * spacing_m
 
 
 def lowest_in_view_m(

@@ -194,22 +194,24 @@ def moved_with(
 def with_steps(
     sigma_m: Float[np.ndarray, "row column"],
     height_m: Float[np.ndarray, "row column"],
-    below: Float[np.ndarray, "row column"],
-    above: Float[np.ndarray, "row column"],
+    coarse: CoarseMap,
     step_m: float,
     spacing_m: float,
 ) -> SteppedUncertainty:
-    """Return the uncertainty of a map from that within its parts, its heights, and the margins of its cells.
+    """Return the uncertainty of a map from that within its parts, its heights, and the coarse map.
+
+    The other side of a step is as far away as the deepest foot nearby, or as the levels that the echoes leave open.
 
     sigma_m: standard deviations within the parts.
     height_m: the map.
-    below, above: by how many nepers each height is likelier than one a step below, and above it.
+    coarse: what the echoes say of other levels, and how far those are from its own heights.
     step_m, spacing_m: smallest height difference that counts as a step, and size of the cells.
     """
+    moved_m = height_m - coarse.height_m
     away_m, drop_m = next_step(height_m, step_m, spacing_m)
-    down = BELOW_M / away_m * np.exp(-(below**2) / 2)
+    down, drop_m = BELOW_M / away_m * np.exp(-(coarse.below**2) / 2), np.maximum(drop_m, coarse.depth_m + moved_m)
     away_m, rise_m = next_step(-height_m, step_m, spacing_m)
-    up = ABOVE_M / away_m * np.exp(-(above**2) / 2)
+    up, rise_m = ABOVE_M / away_m * np.exp(-(coarse.above**2) / 2), np.maximum(rise_m, coarse.rise_m - moved_m)
     down, up = down / (1 + down + up), up / (1 + down + up)
     step_sigma_m = np.sqrt(down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2)
     return SteppedUncertainty(np.hypot(sigma_m, step_sigma_m), down + up, step_sigma_m)
@@ -275,7 +277,7 @@ def step_surface(
     for number, plane in roofs.items():
         _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
     # An error of a step is none within a part: a covariance that tells little may state more.
-    uncertainty = with_steps(np.minimum(own_sigma, step_m), height, coarse.below, coarse.above, step_m, grid.spacing_m)
+    uncertainty = with_steps(np.minimum(own_sigma, step_m), height, coarse, step_m, grid.spacing_m)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
 
 

@@ -15,6 +15,10 @@ logarithm of a^2 has a normal prior over all nodes, about zero, whose width is t
 stationary ground it is small, and all amplitudes are one. The mean of a^2 is used, so that what a few heights cannot
 tell widens the uncertainty.
 
+One covariance serves all directions. Where walls run along the scan lines, echoes show fewer steps along a line than
+stand between lines. So heights of a line are predicted from those of other lines (cross-validation): where they are off
+by more than is stated, all standard deviations are larger by as much.
+
 Waves that footprints average away are not told at all, and a window that stands out for another reason would make them
 huge. So a^2 is at most that at which short waves, not averaged, have the power of all that was measured above a plane,
 or one.
@@ -31,6 +35,7 @@ from scipy.spatial import KDTree
 from scipy.special import logsumexp
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.options import SMOOTH
@@ -54,6 +59,12 @@ LOG_SQUARES = np.arange(-8.0, 8.01, 0.25)
 PRIOR_WIDTHS = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
 # Windows whose relief stands out by this many standard deviations of its logarithm are no part of the terrain.
 OUTSTANDING = 3.0
+# Heights that are predicted from other scan lines; fewest heights of those, and how many times its usual length a gap
+# between the pulses of a window is, where another line begins.
+HELD_OUT, MIN_OTHERS, LINE_GAP = 200, 12, 8
+# Standard deviation of a scatter that is the median of n deviations, times sqrt(n) (Rousseeuw and Croux 1993), and how
+# many of them are no chance: one tile in 160 of ground as the covariance says.
+MEDIAN_SIGMA, SURE = 1.17, 2.5
 TABLE = 400
 # Of the variance: tables of covariances are interpolated.
 JITTER = 1e-6
@@ -69,12 +80,14 @@ class LocalRelief:
 
     west_m, south_m, spacing_m: of the nodes.
     log_amplitude: logarithm of the amplitude at the nodes: bilinear between them, constant beyond.
+    misfit: how many times larger than stated the errors are of heights predicted from other scan lines, at least one.
     """
 
     west_m: float
     south_m: float
     spacing_m: float
     log_amplitude: Float[np.ndarray, "row column"]
+    misfit: float = 1.0
 
     @property
     def cut_m(self) -> float:
@@ -148,7 +161,18 @@ class Windows:
         likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
-        return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
+        log_amplitude = 0.5 * np.log(mean_square).reshape(self.shape)
+        return replace(found, log_amplitude=log_amplitude, misfit=self.misfit(measured, fitted))
+
+    def misfit(self, measured: Measured, fitted: FittedCovariance) -> float:
+        """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
+
+        One unless it is surely more.
+        """
+        some = self.member[spread_indices(HELD_OUT, len(self.member))]
+        off = [each for own in some if (each := _off_other_lines(measured, own, fitted)) is not None]
+        scatter = 1.4826 * float(np.median(np.abs(off))) if off else 1.0
+        return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(max(len(off), 1)) else 1.0
 
 
 def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
@@ -184,6 +208,32 @@ def _rms_above_plane(measured: Measured, own: Int[np.ndarray, " member"]) -> flo
 def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "member contrast"]:
     """Return an orthonormal basis of what heights at some places are above their plane."""
     return np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
+
+
+def _off_other_lines(measured: Measured, own: Int[np.ndarray, " member"], fitted: FittedCovariance) -> float | None:
+    """Return how far the first of neighbouring heights is off its prediction from other scan lines, over its sigma.
+
+    The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4); None with too few of
+    other lines.
+    """
+    order = np.sort(measured.order[own])
+    ends = order[:-1][np.diff(order) > LINE_GAP * np.median(np.diff(order))]
+    line = np.searchsorted(ends, measured.order[own])
+    rows = np.concatenate([own[:1], own[line != line[0]]])
+    if len(rows) <= MIN_OTHERS:
+        return None
+    place = np.ascontiguousarray(measured.place_m[rows])
+    away = place - place[0]
+    spread, farthest = float(np.median(measured.spread_m[rows])), 2 * float(np.hypot(*away.T).max()) + 1.0
+    sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
+    noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
+    total = fitted.covariance.table(farthest, spread, TABLE).between(place, place) + fitted.noise_factor * noise
+    total += JITTER * fitted.covariance.variance_m2 * np.eye(len(rows))
+    # With the inverse Q of the covariance of what no plane explains, the error of leaving out i is (Q h)_i / Q_ii, and
+    # its variance 1 / Q_ii.
+    contrast = _contrast(away)
+    weight = np.linalg.solve(contrast.T @ total @ contrast, contrast[0])
+    return float(weight @ (contrast.T @ measured.height_m[rows]) / np.sqrt(weight @ contrast[0]))
 
 
 def _log_likelihood(

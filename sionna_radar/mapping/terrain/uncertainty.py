@@ -294,7 +294,12 @@ class TileUncertainty:
         """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
         kriging = self.kriging
         told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
-        return np.asarray(np.sqrt(told))
+        return np.asarray(self.misfit * np.sqrt(told))
+
+    @property
+    def misfit(self) -> float:
+        """How many times larger the errors between scan lines are than the covariance says; see `LocalRelief`."""
+        return 1.0 if self.kriging.local is None else self.kriging.local.misfit
 
     def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return the largest residual, m, of unexplained echoes whose footprints hold each place; 0 for none."""
@@ -333,6 +338,11 @@ class TiledUncertainty:
                 alone = np.array([kriging.mean_sigma_m(place_m)])
                 return float(tile.after(alone, np.column_stack([x, y]), window_m)[0])
         return float("nan")
+
+    @property
+    def misfit(self) -> float:
+        """The largest of the tiles'."""
+        return max((tile.misfit for tile in self.tiles), default=1.0)
 
     @property
     def unexplained(self) -> int:
