@@ -258,7 +258,8 @@ SQUINT_STEPS = 64
 class Squint:
     """The turn of a beam about the antenna's up axis with frequency, as of a slotted waveguide.
 
-    antenna: in the middle of the sweep. mean: the antenna whose two-way gain is the root mean square of that over the sweep.
+    antenna: in the middle of the sweep.
+    mean: the antenna whose two-way gain is the root mean square of that over the sweep.
     rad_per_hz: turn to the left as the frequency rises.
     """
 
