@@ -214,13 +214,13 @@ def _off_other_lines(measured: Measured, own: Int[np.ndarray, " member"], fitted
     """Return how far the first of neighbouring heights is off its prediction from other scan lines, over its sigma.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4); None with too few of
-    other lines.
+    other lines, or without lines before and after its own: beside them errors of all heights are those of one slope.
     """
     order = np.sort(measured.order[own])
     ends = order[:-1][np.diff(order) > LINE_GAP * np.median(np.diff(order))]
     line = np.searchsorted(ends, measured.order[own])
     rows = np.concatenate([own[:1], own[line != line[0]]])
-    if len(rows) <= MIN_OTHERS:
+    if len(rows) <= MIN_OTHERS or not line.min() < line[0] < line.max():
         return None
     place = np.ascontiguousarray(measured.place_m[rows])
     away = place - place[0]

@@ -507,7 +507,8 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
     config = capture_config(config_file)
     _check_receiver(own, config.receivers)
     chirps = len(config.transmitters)
-    raw, warnings = capture_frames(own.samples, config), ()
+    raw = capture_frames(own.samples, config)
+    warnings: tuple[str, ...] = ()
     if config.frames not in (0, len(raw)):
         held = f"{shown(own.samples)} holds {len(raw)} frames, and its configuration states {config.frames}"
         warnings = (f"{held}: the capture was stopped or cut off, or has another configuration; get the whole file",)
