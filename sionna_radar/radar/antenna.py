@@ -250,6 +250,48 @@ class Antenna:
         return self.azimuth.half_power_width_rad, self.elevation.half_power_width_rad
 
 
+# Directions of a squinting beam over which its two-way power is averaged.
+SQUINT_STEPS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Squint:
+    """The turn of a beam about the antenna's up axis with frequency, as of a slotted waveguide.
+
+    antenna: in the middle of the sweep.
+    mean: the antenna whose two-way gain is the root mean square of that over the sweep.
+    rad_per_hz: turn to the left as the frequency rises.
+    """
+
+    antenna: Antenna
+    mean: Antenna
+    rad_per_hz: float
+
+    @classmethod
+    def of(cls, antenna: Antenna, rad_per_hz: float, bandwidth_hz: float) -> "Squint":
+        """Return the squint of a separable antenna over a bandwidth around its carrier."""
+        u = antenna.azimuth.cosine
+        ahead = np.column_stack([np.sqrt(1 - u**2), u, np.zeros(len(u))])[1:-1]
+        offset_hz = bandwidth_hz * ((np.arange(SQUINT_STEPS) + 0.5) / SQUINT_STEPS - 0.5)
+        squint = cls(antenna, antenna, rad_per_hz)
+        power = np.mean([squint._turned_gain(ahead, offset) ** 2 for offset in offset_hz], axis=0)
+        # The projected aperture is not part of a cut.
+        voltage = np.pad(np.sqrt(np.sqrt(power) / antenna.peak_gain / ahead[:, 0]), 1)
+        mean = replace(antenna, azimuth=Cut(voltage / voltage.max()), efficiency=1.0)
+        gain = antenna.peak_gain * float(voltage.max()) ** 2
+        return replace(squint, mean=replace(mean, efficiency=gain / mean.peak_gain))
+
+    def two_way_ratio(self, direction: Float[np.ndarray, "n 3"], offset_hz: float) -> Float[np.ndarray, " n"]:
+        """Return the two-way amplitude at an offset from the carrier over that of `mean`, toward unit vectors."""
+        mean = self.mean.gain(direction)
+        return np.divide(self._turned_gain(direction, offset_hz), mean, out=np.zeros(len(mean)), where=mean > 0)
+
+    def _turned_gain(self, direction: Float[np.ndarray, "n 3"], offset_hz: float) -> Float[np.ndarray, " n"]:
+        sine, cosine = np.sin(self.rad_per_hz * offset_hz), np.cos(self.rad_per_hz * offset_hz)
+        turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return self.antenna.gain(direction @ turn.T)
+
+
 def gain_of(pattern: Pattern, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Return the directive gain of a pattern toward unit vectors in the antenna's frame."""
     return pattern.directivity * pattern.amplitude(direction) ** 2

@@ -1,6 +1,7 @@
 """The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Complex, Float
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
-from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, reach_of_power, two_way_spread
+from sionna_radar.radar.antenna import Antenna, Pattern, Squint, antenna_of, reach_of_power, two_way_spread
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
@@ -50,6 +51,32 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 def build_antenna(table: AntennaParameters) -> Antenna:
     """Return the antenna of a scenario."""
     return ANTENNAS.build(table.kind, Antenna, table)
+
+
+# Widest turn over a sweep, in beamwidths: amplitudes over it are polynomials.
+WIDEST_SQUINT = 10.0
+
+
+def squinting(
+    table: AntennaParameters, antenna: Antenna, sweeps: tuple[Chirp, ...]
+) -> tuple[Antenna, tuple[Chirp, ...]]:
+    """Return the mean antenna over a sweep that squints, and the sweeps with the turn of its beam; else both as given.
+
+    Raises ScenarioError for an antenna without two cuts, and for a turn of more than `WIDEST_SQUINT`.
+    """
+    if table.squint_deg_per_ghz == 0:
+        return antenna, sweeps
+    key, rad_per_hz = "radar.antenna.squint_deg_per_ghz", float(np.deg2rad(table.squint_deg_per_ghz)) * 1e-9
+    if not antenna.separable:
+        message = f"{table.squint_deg_per_ghz:g} is of antennas of two cuts, such as kind = 'taylor'; set 0"
+        raise ScenarioError([Problem(key, message)])
+    if (widths := abs(rad_per_hz) * sweeps[0].bandwidth_hz / antenna.beamwidths_rad[0]) > WIDEST_SQUINT:
+        message = (
+            f"{table.squint_deg_per_ghz:g} turns the beam by {widths:.3g} of its widths, more than {WIDEST_SQUINT:g}"
+        )
+        raise ScenarioError([Problem(key, f"{message}; lower it, or radar.bandwidth_hz")])
+    squint = Squint.of(antenna, rad_per_hz, sweeps[0].bandwidth_hz)
+    return squint.mean, tuple(replace(sweep, squint=squint) for sweep in sweeps)
 
 
 AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}

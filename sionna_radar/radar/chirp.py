@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
+from sionna_radar.radar.antenna import Squint
+
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
@@ -18,6 +20,7 @@ class Chirp:
     propagation_mps: speed of the wave; differs from air's only for recordings in another medium.
     gate_s: delay of the sweep that echoes are mixed with, and of the samples, after the transmitted sweep. An echo of
         the delay tau has the beat of one of tau - gate_s without a gate.
+    squint: turn of the beam over the sweep; None for none. Gains of paths are then those of its mean antenna.
     """
 
     carrier_hz: float
@@ -29,6 +32,7 @@ class Chirp:
     centre_s: float = 0.0
     propagation_mps: float = speed_of_light
     gate_s: float = 0.0
+    squint: Squint | None = None
 
     @property
     def duration_s(self) -> float:

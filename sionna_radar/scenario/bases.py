@@ -30,6 +30,9 @@ class AntennaParameters(Table):
     receive_polarization: Literal["co", "cross"] = "co"
     """"co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same sense, in which
     spheres and mirrors return nothing, and "cross" the opposite sense."""
+    squint_deg_per_ghz: Annotated[Real, Field(ge=-90, le=90)] = 0.0
+    """turn of the beam to the left about the antenna's up axis as the frequency rises over the sweep, as of a slotted
+    waveguide; the pattern is that in the middle of the used sweep."""
 
 
 class NavigationParameters(Table):

@@ -345,11 +345,35 @@ def conflicts_of_gate(processing: ProcessingTable, radar: RadarTable, weather: W
         yield "processing.volume_clutter", f"{message}set 'off', or remove the weather or the gate"
 
 
+def conflicts_of_squint(
+    processing: ProcessingTable, radar: RadarTable, weather: WeatherTable, tracing: TracingTable
+) -> Conflicts:
+    """Yield what a beam that squints contradicts in the rest of a scenario."""
+    key, value = "radar.antenna.squint_deg_per_ghz", radar.antenna.squint_deg_per_ghz
+    if value == 0:
+        return
+    if processing.angle != "off":
+        yield key, f"{value:g} is not for several receivers; set 0, or processing.angle = 'off'"
+    if isinstance(radar.scan, ElectronicScanTable):
+        yield key, f"{value:g} is not for beams steered electronically; set 0, or another radar.scan.mode"
+    if weather.falling or weather.dust_visibility_m is not None:
+        yield key, f"{value:g} is not for rain, snow or dust, whose echoes are those of the whole beam; set 0"
+    if tracing.bounces > 1:
+        yield key, f"{value:g} is not for ways that leave and arrive at different angles; set 0, or tracing.bounces = 1"
+
+
 def refuse_gate(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
     if radar.gate_delay_us > 0:
         message = f"{radar.gate_delay_us:g}: {what} takes ranges from zero on; set 0, and more samples_per_chirp"
         raise ScenarioError([Problem("radar.gate_delay_us", message)])
+
+
+def refuse_squint(radar: RadarTable, what: str) -> None:
+    """Raise ScenarioError for a beam that squints where `what` needs one that stands still over a sweep."""
+    if radar.antenna.squint_deg_per_ghz != 0:
+        message = f"{radar.antenna.squint_deg_per_ghz:g}: {what} takes a beam that stands still over a sweep; set 0"
+        raise ScenarioError([Problem("radar.antenna.squint_deg_per_ghz", message)])
 
 
 def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
@@ -398,6 +422,8 @@ def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: 
         return
     if radar.gate_delay_us > 0:
         yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not for frames of an array; set 0"
+    if (squint := radar.antenna.squint_deg_per_ghz) != 0:
+        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not for frames of an array; set 0"
     if array is None:
         yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some"
         return

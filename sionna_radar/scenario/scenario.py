@@ -37,6 +37,7 @@ from sionna_radar.scenario.radar import (
     conflicts_of_array,
     conflicts_of_average,
     conflicts_of_gate,
+    conflicts_of_squint,
 )
 from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
@@ -352,6 +353,7 @@ class Scenario(Table):
         yield from conflicts_of_angle(processing, radar, self.weather, self.sensor, needing)
         yield from conflicts_of_array(processing, radar, self.tracing, self.sensor)
         yield from conflicts_of_gate(processing, radar, self.weather)
+        yield from conflicts_of_squint(processing, radar, self.weather, self.tracing)
         using = method if profiles != "unused" else None
         yield from conflicts_of_average(processing, radar, self.weather, self.tracing, self.sensor, using)
         width_deg = float(np.rad2deg(antenna.beamwidths_rad[1])) if isinstance(antenna, AntennaTable) else 0.0

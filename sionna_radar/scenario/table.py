@@ -169,6 +169,7 @@ class Parameters(Table):
 RULE = re.compile(r"\n.*\n-{3,}\n")
 # By the end of a key's name, the longest first.
 UNITS = {
+    "_deg_per_ghz": "deg/GHz",
     "_mm_per_h": "mm/h",
     "_g_per_m3": "g/m³",
     "_g_cm3": "g/cm³",
@@ -195,6 +196,7 @@ UNITS = {
     "_hz": "Hz",
     "_nm": "nm",
     "_ns": "ns",
+    "_us": "µs",
     "_mm": "mm",
     "_k": "K",
     "_c": "°C",

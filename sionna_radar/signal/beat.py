@@ -20,14 +20,18 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int
+from numpy.polynomial.chebyshev import chebvander
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.threads import over_rows
+from sionna_radar.radar.antenna import Squint
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.tracing.paths import Paths
 
 DRIFT_ACCURACY = 1e-3
+# Degree of the polynomial of amplitudes over a sweep, and what each beam width of squint adds.
+SQUINT_DEGREE, SQUINT_DEGREES_PER_BEAM = 2, 4
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ def analytic_beats(
 
     band_hz: lower (inclusive) and upper (exclusive) limit of the pass band; by default the sampled band.
     """
+    if chirp.squint is not None:
+        return _squinted_beats(chirp.squint, paths, pulses, replace(chirp, squint=None), band_hz)
     # Numba takes half a second to import.
     from sionna_radar.signal.beat_sum import exponential_sums, weigh
 
@@ -112,6 +118,32 @@ def analytic_beats(
     if len(drifting):
         terms = _Drift(begin[drifting], end[drifting], frequency, weight, ends * excess, bend[drifting])
         beat[drifting] += terms.beats(total[drifting], chirp)
+    return beat
+
+
+def _squinted_beats(
+    squint: Squint, paths: Paths, pulses: Pulses, chirp: Chirp, band_hz: tuple[float, float] | None
+) -> Complex[np.ndarray, "pulse sample"]:
+    """Return beats whose amplitude follows the beam over the sweep.
+
+    The amplitude of a path is a polynomial of time through its values at Chebyshev nodes: the sum of a few beats with
+    other gains, each times a polynomial. Paths without a place, as of leakage, keep their amplitude. The frequency is
+    that of the sweep at each sample, from which that of the echo differs by its beat.
+    """
+    swept = abs(squint.rad_per_hz) * chirp.bandwidth_hz / squint.antenna.beamwidths_rad[0]
+    degree = int(np.ceil(SQUINT_DEGREE + SQUINT_DEGREES_PER_BEAM * swept))
+    node = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+    place = 2 * chirp.sample_time_s / chirp.duration_s
+    share = np.linalg.solve(chebvander(node, degree).T, chebvander(place, degree).T)
+    placed = ~np.isnan(paths.hit_m[:, 0])
+    row, pose = pulses.row_of(paths.pulse[placed]), pulses.true
+    away = np.einsum("nij,ni->nj", pose.R_world_antenna[row], paths.hit_m[placed] - pose.position_m[row])
+    direction = away / np.linalg.norm(away, axis=1, keepdims=True)
+    beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
+    for at, weight in zip(node, share, strict=True):
+        gain = paths.gain.copy()
+        gain[placed] *= squint.two_way_ratio(direction, chirp.slope_hz_s * chirp.duration_s / 2 * float(at))
+        beat += weight * analytic_beats(replace(paths, gain=gain), pulses, chirp, band_hz)
     return beat
 
 

@@ -267,7 +267,7 @@ class Leakage:
             gain=np.tile(np.sqrt(self.power).astype(np.complex128), len(pulse)),
             range_rate_mps=np.zeros(count),
             incidence_rad=np.full(count, np.nan),
-            hit_m=np.zeros((count, 3)),
+            hit_m=np.full((count, 3), np.nan),
             surface=np.full(count, TARGET),
         )
 

@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.scenario.radar import refuse_squint
 from sionna_radar.survey.preparation import Prepared, prepare
 
 if TYPE_CHECKING:  # the ray tracer is loaded by the call alone
@@ -126,6 +127,7 @@ def sensitivities(
     if unknown := sorted(set(of) - set(get_args(Quantity))):
         message = f"of = {unknown}: give {', '.join(get_args(Quantity))}"
         raise ValueError(message)
+    refuse_squint(prepared.local.radar, "a derivative")
     from sionna_radar.tracing.engines.beam.frozen import FrozenEchoes
 
     index = np.asarray(pulses, dtype=np.int64)

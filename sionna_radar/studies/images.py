@@ -46,7 +46,7 @@ from sionna_radar.imaging.strip import (
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.radar import refuse_average, refuse_gate
+from sionna_radar.scenario.radar import refuse_average, refuse_gate, refuse_squint
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.model import Target
 from sionna_radar.signal.analog_filters import HighPass
@@ -311,6 +311,7 @@ def _turned(source: RecordingSource, strip: Strip) -> tuple[str, ...]:
 def _check(scenario: Scenario) -> None:
     refuse_average(scenario.processing, "an image")
     refuse_gate(scenario.radar, "an image")
+    refuse_squint(scenario.radar, "an image")
     radar, platform = scenario.radar, scenario.platform
     problems = []
     if radar.scan.mode != "side_looking":

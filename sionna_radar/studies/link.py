@@ -19,7 +19,7 @@ from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.foundation.numerics import to_db
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.radar import refuse_average, refuse_gate
+from sionna_radar.scenario.radar import refuse_average, refuse_gate, refuse_squint
 from sionna_radar.studies.link_spectra import STEPS_PER_BIN, Expected, GroundCase, phase_noise
 from sionna_radar.survey.preparation import prepare
 
@@ -297,6 +297,7 @@ def run_link_budget(
 def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: Sequence[float]) -> None:
     refuse_average(scenario.processing, "a link budget")
     refuse_gate(scenario.radar, "a link budget")
+    refuse_squint(scenario.radar, "a link budget")
     problems = []
     if scenario.sensor != "radar":
         problems.append(Problem("sensor", f"{scenario.sensor!r} has no link budget; set sensor = 'radar'"))

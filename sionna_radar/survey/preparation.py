@@ -32,7 +32,7 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_array, build_chirp, build_receivers, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_chirp, build_receivers, build_sweeps, squinting
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.radar.mimo_array import MimoArray
@@ -376,8 +376,9 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
     table = local.radar.antenna
     key = content_key({"antenna": table}) if ANTENNAS.entry(table.kind).origin == PACKAGE else None
     antenna = custom.antenna or shared.once("antenna", key, lambda: build_antenna(table))
+    antenna, sweeps = squinting(table, antenna, build_sweeps(local.radar))
     radar = _Radar(
-        sweeps=build_sweeps(local.radar),
+        sweeps=sweeps,
         scan=scan,
         antenna=antenna,
         beams=beams_of(antenna, scan),

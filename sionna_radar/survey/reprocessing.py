@@ -37,7 +37,7 @@ from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_m
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps
+from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps, squinting
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
@@ -386,7 +386,7 @@ def _source(
     if processing.expected_ground is not None and file.flight is None:
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
         raise ScenarioError([Problem("processing.expected_ground", message)], source)
-    antenna = parts.antenna or build_antenna(settings.radar.antenna)
+    antenna, _ = squinting(settings.radar.antenna, parts.antenna or build_antenna(settings.radar.antenna), sweeps)
     if (
         isinstance(file, DescribedRanges)
         and (parts.dem_method or build_dem_method(settings.dem)).profiles == "required"
@@ -453,7 +453,7 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
         raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
     for name, ours in vars(wanted[0]).items():
         theirs = getattr(recorded[0], name)
-        same = ours == theirs if isinstance(ours, str) else math.isclose(ours, theirs, rel_tol=1e-9)
+        same = math.isclose(ours, theirs, rel_tol=1e-9) if isinstance(ours, int | float) else ours == theirs
         if not same:
             message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"
             raise ScenarioError([Problem("radar", message)], source)

@@ -74,6 +74,8 @@ class DeviceRadar(Radar):
         receiver, detector = given.receiver, given.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
+        if receiver.chirp.squint is not None:
+            return None
         if given.angle is not None or given.bursts is not None:
             return None
         if detector.leakage != "keep" or detector.interference != "keep":
