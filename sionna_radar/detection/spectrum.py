@@ -85,18 +85,13 @@ class SpectrumAnalyser:
         """Number of the first bin, counted from range zero: zero but behind a range gate."""
         return self.chirp.first_cell * self.zero_padding
 
-    @property
-    def lead_cells(self) -> float:
-        """Range cells from the gate to the first bin, less than one: the gate may lie between cells."""
-        lead = self.chirp.first_cell - self.chirp.gate_s * self.chirp.bandwidth_hz
-        return lead if lead > 1e-6 else 0.0
-
     @cached_property
     def _turned_window(self) -> Inexact[np.ndarray, " sample"]:
         """The window, turned so that the first bin has its beat at zero."""
-        if not self.lead_cells:
+        if not self.chirp.lead_cells:
             return self.window
-        return self.window * np.exp(-2j * np.pi * self.lead_cells * self.chirp.sample_time_s / self.chirp.duration_s)
+        turns = self.chirp.lead_cells * self.chirp.sample_time_s / self.chirp.duration_s
+        return self.window * np.exp(-2j * np.pi * turns)
 
     @property
     def bin_m(self) -> float:
@@ -140,7 +135,7 @@ class SpectrumAnalyser:
         """
         assert self.high_pass is not None
         cell_hz = 1 / self.chirp.duration_s
-        bin_hz = (np.arange(len(self.range_m)) / self.zero_padding + self.lead_cells) * cell_hz
+        bin_hz = (np.arange(len(self.range_m)) / self.zero_padding + self.chirp.lead_cells) * cell_hz
         share = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
         offset_hz = np.arange(-SEEN_CELLS * STEPS_PER_CELL, SEEN_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL * cell_hz
         mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(share, offset_hz, strict=True))
@@ -157,7 +152,7 @@ class SpectrumAnalyser:
         windowed = beat * library.given(self._turned_window)
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive frequency carries half of it.
-            transform = library.fft.fft if self.lead_cells else library.fft.rfft
+            transform = library.fft.fft if self.chirp.lead_cells else library.fft.rfft
             return np.sqrt(2) * transform(windowed, size)[:, :bins]
         return library.fft.fft(windowed, size)[:, :bins]
 

@@ -89,6 +89,12 @@ class Chirp:
         """Number of the first range cell at or behind the gate; cell k lies at k c / (2 B) with and without it."""
         return math.ceil(self.gate_s * self.bandwidth_hz - 1e-6)
 
+    @property
+    def lead_cells(self) -> float:
+        """Range cells from the gate to the first cell, less than one: the gate may lie between cells."""
+        lead = self.first_cell - self.gate_s * self.bandwidth_hz
+        return lead if lead > 1e-6 else 0.0
+
     def doppler_hz(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the Doppler part of the beat frequency: 2 f0 v / c, with opposite sign on a down-sweep.
 

@@ -171,8 +171,10 @@ class Windows:
         """
         some = self.member[spread_indices(HELD_OUT, len(self.member))]
         off = [each for own in some if (each := _off_other_lines(measured, own, fitted)) is not None]
-        scatter = 1.4826 * float(np.median(np.abs(off))) if off else 1.0
-        return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(max(len(off), 1)) else 1.0
+        if not off:
+            return 1.0
+        scatter = 1.4826 * float(np.median(np.abs(off)))
+        return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
 
 
 def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
@@ -211,7 +213,7 @@ def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "membe
 
 
 def _off_other_lines(measured: Measured, own: Int[np.ndarray, " member"], fitted: FittedCovariance) -> float | None:
-    """Return how far the first of neighbouring heights is off its prediction from other scan lines, over its sigma.
+    """Return the error of predicting the first of neighbouring heights from other scan lines, over its sigma.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4); None with too few of
     other lines, or without lines before and after its own: beside them errors of all heights are those of one slope.

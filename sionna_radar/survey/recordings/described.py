@@ -227,8 +227,8 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
         message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
         raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
-    if own.values != "complex" and abs(lead := chirp.first_cell - chirp.gate_s * chirp.bandwidth_hz) > 1e-6:
-        message = f"{radar.gate_delay_us:g} ends {lead:.2g} cells before one, and powers keep their cells; "
+    if own.values != "complex" and chirp.lead_cells:
+        message = f"{radar.gate_delay_us:g} ends {chirp.lead_cells:.2g} cells before one, and powers keep their cells; "
         message += (
             f"set {1e6 * chirp.first_cell / chirp.bandwidth_hz:.9g}, and recording.range_zero_m for the difference"
         )
