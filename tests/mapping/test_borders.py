@@ -15,7 +15,15 @@ from sionna_radar.mapping.stepped.border_kernels import (
     candidate,
     cast,
 )
-from sionna_radar.mapping.stepped.borders import ALIKE, StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
+from sionna_radar.mapping.stepped.borders import (
+    ALIKE,
+    StepMap,
+    _Block,
+    beside_borders,
+    contradicted_by_echoes,
+    nearer_elsewhere,
+    with_borders,
+)
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
 from sionna_radar.mapping.stepped.surface import moved_with, parts_of, to_border_m
 
@@ -118,7 +126,7 @@ def test_cells_on_the_wrong_side_of_a_wall_go_over(seen):
     wrong_before, wrong_after = (in_view & (part != true) for part in (roof, found.part == 1))
     assert wrong_after.sum() < 0.65 * wrong_before.sum()
     np.testing.assert_array_equal(found.height_m[in_view], np.where(found.part == 1, TOP, 0.0)[in_view])
-    kept = in_view & ~found.doubtful(np.zeros(MAP.shape, dtype=bool))
+    kept = in_view & ~found.doubtful(*np.zeros((2, *MAP.shape), dtype=bool))
     assert (wrong_after & kept).sum() <= 0.3 * wrong_before.sum()
 
 
@@ -201,7 +209,7 @@ def test_a_map_without_borders_stays_as_it_is(seen):
     height, part = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
     found = with_borders(seen, axis_m, height, part, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
     np.testing.assert_array_equal(found.height_m, height)
-    assert not found.doubtful(np.zeros(MAP.shape, dtype=bool)).any()
+    assert not found.doubtful(*np.zeros((2, *MAP.shape), dtype=bool)).any()
 
 
 def test_cells_whose_nearest_echo_is_a_step_away_are_doubtful_unless_profiles_are_sure():
@@ -214,8 +222,30 @@ def test_cells_whose_nearest_echo_is_a_step_away_are_doubtful_unless_profiles_ar
     np.testing.assert_array_equal(elsewhere, (x > 5.5) & (x < 8.5))
     margin = np.where(x == 7.0, 100.0, np.inf)
     found = StepMap(np.where(roof, 6.0, 0.0), roof.astype(int), np.ones(grid.shape), np.ones(grid.shape), margin)
-    np.testing.assert_array_equal(found.doubtful(elsewhere), (x == 6.0) | (x == 8.0))
+    nowhere = np.zeros(grid.shape, dtype=bool)
+    np.testing.assert_array_equal(found.doubtful(elsewhere, nowhere), (x == 6.0) | (x == 8.0))
     assert not nearer_elsewhere(np.zeros(grid.shape), np.zeros((0, 3)), 1.0, grid).any()
+
+
+def test_echoes_of_a_roof_that_is_no_part_of_the_map_leave_it_empty_and_a_stray_one_or_a_slope_does_not():
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=24, rows=9)
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    rng = np.random.default_rng(4)
+    place = rng.uniform(0, [23, 8], (200, 2))
+    height = 1.5 * x  # of a slope so steep that the nearest echo is a step off the cell's height, not off the map
+    echoes = np.column_stack([place, 1.5 * np.round(place[:, 0])])
+    assert nearer_elsewhere(height, echoes, 0.5, grid).any()
+    assert not contradicted_by_echoes(height, echoes, 0.5, grid).any()
+    stray, tip = np.array([[5.0, 4.0, 30.0]]), np.hypot(place[:, 0] - 17, place[:, 1] - 4) < 3
+    assert not contradicted_by_echoes(height, np.vstack([echoes, stray]), 0.5, grid).any()
+    echoes[tip, 2] += 12.0
+    empty = contradicted_by_echoes(height, echoes, 0.5, grid)
+    assert empty[np.hypot(x - 17, y - 4) < 1.5].all()
+    assert not empty[np.hypot(x - 17, y - 4) > 5].any()
+    one_part, nowhere = np.zeros(grid.shape, dtype=int), np.zeros(grid.shape, dtype=bool)
+    found = StepMap(height, one_part, np.ones(grid.shape), np.ones(grid.shape), np.full(grid.shape, np.inf))
+    np.testing.assert_array_equal(found.doubtful(nowhere, empty), empty)
+    assert not contradicted_by_echoes(height, echoes[:2], 0.5, grid).any()
 
 
 def test_a_cell_that_changes_its_part_is_known_as_well_as_its_new_neighbours():

@@ -73,10 +73,15 @@ class StepMap:
     returned: Float[np.ndarray, "row column"]
     margin: Float[np.ndarray, "row column"]
 
-    def doubtful(self, elsewhere: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    def doubtful(
+        self, elsewhere: Bool[np.ndarray, "row column"], contradicted: Bool[np.ndarray, "row column"]
+    ) -> Bool[np.ndarray, "row column"]:
         """Return the cells near borders whose tops were rarely visible, too weak, or may belong to another part.
 
+        Away from borders no profiles were compared: there, those that the echoes around them contradict.
+
         elsewhere: cells whose nearest echo is of another level; see `nearer_elsewhere`.
+        contradicted: see `contradicted_by_echoes`.
         """
         near = distance_transform_edt(~beside_borders(self.part)) < BORDER_BAND_CELLS
         seen = self.expected > 0
@@ -84,7 +89,8 @@ class StepMap:
         unseen = self.expected < MIN_VISIBILITY * typical
         hollow = (self.returned < MIN_RETURNED_POWER) & (self.expected > MIN_RETURN_ECHOES)
         checked = np.isfinite(self.margin) & (self.margin >= MIN_STEP_MARGIN_NEPERS)
-        return np.asarray(near & (unseen | hollow | (self.margin < MIN_MARGIN_NEPERS) | (elsewhere & ~checked)))
+        beside = unseen | hollow | (self.margin < MIN_MARGIN_NEPERS) | (elsewhere & ~checked)
+        return np.where(near, beside, contradicted)
 
 
 def with_borders(
@@ -130,6 +136,22 @@ def nearer_elsewhere(
         return np.zeros(grid.shape, dtype=bool)
     nearest = KDTree(point_m[:, :2]).query(grid.centres_m)[1]
     return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
+
+
+def contradicted_by_echoes(
+    height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells of whose three nearest located echoes most lie a step above or below the map, each at its place.
+
+    So few echoes return from the tip of a roof at the end of a survey that the map takes it for the street.
+    """
+    row, column, inside = grid.cell_of(point_m)
+    point_m, row, column = point_m[inside], row[inside], column[inside]
+    if len(point_m) < 3:
+        return np.zeros(grid.shape, dtype=bool)
+    off = np.abs(point_m[:, 2] - height_m[row, column]) > step_m
+    nearest = KDTree(point_m[:, :2]).query(grid.centres_m, k=3)[1]
+    return np.asarray((off[nearest].sum(axis=1) > 1).reshape(grid.shape))
 
 
 @dataclass(frozen=True)

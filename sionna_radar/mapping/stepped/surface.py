@@ -7,7 +7,8 @@
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 3. Cells beside borders join the part under which whole profiles are likeliest (`borders`). Cells near borders that no
    pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
-   those whose nearest echo is a step away, unless the profiles clearly say otherwise.
+   those whose nearest echo is a step away, unless the profiles clearly say otherwise, and, far from borders, those
+   that most of the three nearest echoes contradict.
 
 A cell may be of the other side of a step: a border is misplaced, or an alley closed. Then it is wrong by the whole step
 h; its variance is that of a mixture, larger by p (1 - p) h^2. The odds of p are prior ones, inverse to the distance
@@ -48,7 +49,7 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, seen_part
-from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
+from sionna_radar.mapping.stepped.borders import contradicted_by_echoes, nearer_elsewhere, with_borders
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES
@@ -272,7 +273,8 @@ def step_surface(
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
     height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
-    doubtful = bordered.doubtful(nearer_elsewhere(height, points.position_m, step_m, grid))
+    echoes_of = height, points.position_m, step_m, grid
+    doubtful = bordered.doubtful(nearer_elsewhere(*echoes_of), contradicted_by_echoes(*echoes_of))
     beams = FilledBeams(points, sightings)
     for number, plane in roofs.items():
         _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
