@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import typechecks
 from beams import make_antenna
 from sionna_radar.cli.app import main
 from sionna_radar.radar.antenna import Antenna
@@ -29,6 +30,12 @@ settings.load_profile("any machine")
 def pytest_collection_finish() -> None:
     """What is loaded by now stays: the collector of cycles would look through it again and again."""
     gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Check the first calls of each function in each test."""
+    typechecks.renew()
 
 
 @pytest.fixture(scope="session")

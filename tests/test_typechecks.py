@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float, TypeCheckError, jaxtyped
 
-from typechecks import checked
+from typechecks import MOST_CHECKS, checked, renew
 
 
 def doubled(length: int):
@@ -35,3 +35,14 @@ def test_the_package_is_checked():
 
     with pytest.raises(TypeCheckError, match="parameters of"):
         decibels(np.zeros((2, 2)))
+
+
+def test_the_first_calls_of_each_test_are_checked():
+    from sionna_radar.foundation.numerics import decibels
+
+    for _ in range(MOST_CHECKS):
+        decibels(np.ones(2))
+    decibels(np.ones((2, 2)))
+    renew()
+    with pytest.raises(TypeCheckError, match="parameters of"):
+        decibels(np.ones((2, 2)))
