@@ -21,7 +21,7 @@ from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario import Scenario
+from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
 from sionna_radar.survey.preparation import Prepared
@@ -73,9 +73,10 @@ class _ComparedWithReference:
         return replace(self, reference=check)
 
 
-def known_covers(scenario: Scenario | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
+def known_covers(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
     """Return the cells of a scenario's covers; a warning, and none, where its files cannot be read."""
     try:
+        scenario = load_scenario(scenario) if isinstance(scenario, Path) else scenario
         return {} if scenario is None else covers_on(scenario.terrain, grid)
     except RadarError as error:
         logger.warning("errors by cover are not stated: %s", error)

@@ -21,7 +21,6 @@ from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
 from sionna_radar.report.terminal import NONE, console, reference_rows, table_of
-from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 from sionna_radar.survey.result import known_covers
 
@@ -82,8 +81,9 @@ def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: b
         place = Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0))
         dem = replace(dem, grid=replace(dem.grid, georeference=place))
     sigma = _raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
-    flown = folder / FLOWN[1]
-    covers = known_covers(load_scenario(flown) if flown.is_file() else None, dem.grid)
+    settings = folder / (PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN)[1]
+    of_scenario = settings.is_file() and "terrain" in read_document(settings, "scenario")
+    covers = known_covers(settings if of_scenario else None, dem.grid)
     return compare_with_reference(reference, dem, sigma, sigma_m=sigma_m, apply_shift=apply_shift, covers=covers)
 
 
