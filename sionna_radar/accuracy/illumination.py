@@ -3,12 +3,12 @@
 Masks of places within half a beam footprint of a wall, and wall distances.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.flight.pulses import Pulses
@@ -192,6 +192,24 @@ def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Box]) -> Walls:
     others = scene.surfaces[: len(scene.surfaces) - len(buildings)]
     feet = [_foot_points(surface, grid) for surface in others]
     return Walls(buildings=tuple(buildings), foot_m=np.concatenate([np.zeros((0, 2)), *feet]))
+
+
+def raster_walls(
+    height_m: Float[np.ndarray, "row column"],
+    place: Callable[[Int[np.ndarray, " n"], Int[np.ndarray, " n"]], Float[np.ndarray, "n 2"]],
+) -> Walls:
+    """Return the walls of a raster: the middles of steps between neighbouring cells, as high and steep as in meshes.
+
+    place: returns the positions of cells by row and column, m.
+    """
+    feet = [np.zeros((0, 2))]
+    for axis in (0, 1):
+        row, column = np.nonzero(np.abs(np.diff(height_m, axis=axis)) >= WALL_HEIGHT_M)
+        beyond = row + (axis == 0), column + (axis == 1)
+        here, there = place(row, column), place(*beyond)
+        rise_m, run_m = np.abs(height_m[beyond] - height_m[row, column]), np.linalg.norm(there - here, axis=1)
+        feet.append(((here + there) / 2)[rise_m >= run_m * np.tan(np.deg2rad(WALL_SLOPE_DEG))])
+    return Walls(buildings=(), foot_m=np.concatenate(feet))
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:

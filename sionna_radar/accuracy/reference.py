@@ -32,15 +32,16 @@ from rasterio.warp import Resampling, reproject
 from sionna_radar.accuracy.breakdown import Breakdown, break_down, variogram
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import DemError, nmad, statistics
-from sionna_radar.accuracy.illumination import Walls
+from sionna_radar.accuracy.illumination import Walls, raster_walls
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.elevation.placed_raster import height_system, horizontal_part
-from sionna_radar.elevation.point_cloud import Piece, gridded, open_cloud
+from sionna_radar.elevation.placed_raster import apply_affine, height_system, horizontal_part, vertical_datum
+from sionna_radar.elevation.placed_raster import reproject as convert
+from sionna_radar.elevation.point_cloud import COVERS, Piece, gridded, majority, open_cloud
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_numbers, shown
-from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
@@ -97,6 +98,7 @@ class ReferenceSurface:
 
     height_m: heights over the local origin, rows from north to south; transform: from columns and rows to `crs`.
     sigma_m: their standard deviation; 0 if unknown.
+    cover: number of each cell in `COVERS`, NaN for none; None if it is not known.
     """
 
     kind: Literal["raster", "cloud"]
@@ -104,23 +106,47 @@ class ReferenceSurface:
     transform: Affine
     crs: str
     sigma_m: float
+    cover: Float[np.ndarray, "row column"] | None = None
 
-    def on(self, grid: Grid, east_m: float = 0.0, north_m: float = 0.0) -> Raster:
-        """Return the heights on a grid, moved by a horizontal shift; bilinear, NaN next to empty cells."""
+    def on(self, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0), of: np.ndarray | None = None) -> Raster:
+        """Return the heights on a grid, moved by a horizontal shift, or other values of the cells.
+
+        Heights are bilinear, NaN next to empty cells; other values those of the nearest cell.
+        """
         a, b, c, d, e, f = grid.transform
         out = np.full(grid.shape, np.nan)
         reproject(
-            self.height_m,
+            self.height_m if of is None else of,
             out,
             src_transform=self.transform,
             src_crs=self.crs,
-            dst_transform=Affine(a, b, c - east_m, d, e, f - north_m),
+            dst_transform=Affine(a, b, c - shift_m[0], d, e, f - shift_m[1]),
             dst_crs=_crs_of(grid),
             src_nodata=np.nan,
             dst_nodata=np.nan,
-            resampling=Resampling.bilinear,
+            resampling=Resampling.bilinear if of is None else Resampling.nearest,
         )
         return Raster(grid=grid, height_m=out[::-1])
+
+    def covers(self, grid: Grid, shift_m: tuple[float, float]) -> dict[str, Bool[np.ndarray, "row column"]]:
+        """Return the cells of each cover on a grid, moved by a horizontal shift; empty if none is known."""
+        if self.cover is None:
+            return {}
+        number = self.on(grid, shift_m, self.cover).height_m
+        return {name: number == own for own, name in enumerate(COVERS) if np.any(number == own)}
+
+    def walls(self, grid: Grid, shift_m: tuple[float, float]) -> Walls:
+        """Return the walls within a grid, moved by a horizontal shift: steps between the reference's own cells."""
+        corner_m = np.array(list(product(*np.reshape(grid.extent_m, (2, 2))))) + _origin_m(grid)[:2] - shift_m
+        own, theirs = CRS.from_wkt(self.crs), CRS.from_wkt(_crs_of(grid))
+        at = np.floor(apply_affine(~self.transform, *convert(theirs, own, *corner_m.T)))
+        (left, top), (right, bottom) = np.maximum([at.min(axis=1) - 1, at.max(axis=1) + 2], 0).astype(int)
+
+        def place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+            on_map = convert(own, theirs, *apply_affine(self.transform, column + left + 0.5, row + top + 0.5))
+            return np.column_stack(on_map) - _origin_m(grid)[:2] + shift_m
+
+        return raster_walls(self.height_m[top:bottom, left:right], place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +171,7 @@ class ReferenceCheck:
     error: DEM minus reference, None for checkpoints. statistics: of lit cells, or of checkpoints.
     breakdown: None for checkpoints. calibration: errors over the stated standard deviations of DEM and reference
     together; None if the DEM states none.
+    untold: classes of errors that are not stated, each with the reason.
     """
 
     name: str
@@ -156,6 +183,7 @@ class ReferenceCheck:
     statistics: DemError
     breakdown: Breakdown | None
     calibration: UncertaintyCheck | Calibration | None
+    untold: dict[str, str]
 
     def document(self) -> dict[str, Any]:
         """Return all but the raster as nested tables."""
@@ -194,7 +222,8 @@ def compare_with_reference(
     points, uncertainty:
         The located echoes, and the uncertainty of means, for classes of view and windows.
     walls, covers:
-        Where they are, in the coordinates of the DEM, for classes of distance and of cover; None if it is not known.
+        Where they are, in the coordinates of the DEM, for classes of distance and of cover. Without them, walls are the
+        steps between neighbouring cells of the reference, and covers the classes of a cloud's points.
     seed:
         Of the random choice of checkpoints among cells.
 
@@ -217,15 +246,23 @@ def compare_with_reference(
         return _check_at(path.name, reference, dem, sigma, apply_shift)
     reached = dem.filled if lit is None else lit
     shift = _shift_of(dem, reference, dem.filled & reached, seed, path)
-    surface = reference.on(dem.grid)
+    moved_m = (shift.east_m or 0.0, shift.north_m or 0.0) if apply_shift else (0.0, 0.0)
+    surface = reference.on(dem.grid, moved_m)
     _warn_of(shift, path.name, apply_shift)
     if apply_shift:
-        surface = reference.on(dem.grid, shift.east_m or 0.0, shift.north_m or 0.0)
         trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
         surface = replace(surface, height_m=surface.height_m + trend)
     error = Raster(grid=dem.grid, height_m=dem.height_m - surface.height_m, quantity="height error")
     known = reached & surface.filled
     total = None if sigma is None else replace(sigma, height_m=np.hypot(sigma.height_m, reference.sigma_m))
+    covers = covers or reference.covers(dem.grid, moved_m)
+    steps = "the scenario has none" if walls is not None else "no step of the reference is as high and steep"
+    walls = reference.walls(dem.grid, moved_m) if walls is None else walls
+    untold = {
+        "incidence": "" if points else "the echoes are not known",
+        "distance from walls": "" if walls else steps,
+        "cover": "" if covers else "neither the scenario nor points of the reference tell it",
+    }
     return ReferenceCheck(
         name=path.name,
         kind=reference.kind,
@@ -236,6 +273,7 @@ def compare_with_reference(
         statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
         breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
         calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
+        untold={name: reason for name, reason in untold.items() if reason},
     )
 
 
@@ -277,6 +315,7 @@ def _check_at(
         statistics=statistics(error_m, len(inside)),
         breakdown=None,
         calibration=None if stated is None or known is None else calibration(error_m[known], stated[known]),
+        untold={"slope, incidence, distance from walls, cover, variogram": "single points are no surface"},
     )
 
 
@@ -290,13 +329,9 @@ def _shift_of(
         message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give one of its ground"
         raise InputFileError(message)
     shift = _fitted(dem, reference, cells, seed, _coarse_shift(dem, reference, cells))
-    assert shift.east_sigma_m is not None
-    assert shift.north_sigma_m is not None
-    assert shift.east_m is not None
-    assert shift.north_m is not None
-    at_the_limit = max(abs(shift.east_m), abs(shift.north_m)) >= SEARCHED_M
+    at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
     # Within a wider interval another trial shift fits as well.
-    if at_the_limit or 2 * max(shift.east_sigma_m, shift.north_sigma_m) > SEARCHED_M / TRIALS:
+    if at_the_limit or 2 * max(shift.east_sigma_m or 0.0, shift.north_sigma_m or 0.0) > SEARCHED_M / TRIALS:
         return _fitted(dem, reference, cells, seed, None)
     return shift
 
@@ -315,7 +350,7 @@ def _fitted(
     constant = np.column_stack([np.ones(len(place)), place])
     slopes = [-component.ravel() for component in gradient(dem)]
     for _ in range(MAX_ITERATIONS if moved else 1):
-        surface = reference.on(dem.grid, *shift_m)
+        surface = reference.on(dem.grid, tuple(shift_m))
         residual = (dem.height_m - surface.height_m).ravel()
         own = [-component.ravel() for component in gradient(surface)]
         model = np.column_stack([*own, constant]) if moved else constant
@@ -357,7 +392,7 @@ def _coarse_shift(
     trials = SEARCHED_M / TRIALS * np.arange(-TRIALS, TRIALS + 1)
     spreads = {}
     for east_m, north_m in product(trials, trials):
-        difference = (dem.height_m - reference.on(dem.grid, east_m, north_m).height_m)[cells]
+        difference = (dem.height_m - reference.on(dem.grid, (east_m, north_m)).height_m)[cells]
         finite = difference[np.isfinite(difference)]
         if len(finite) > len(difference) / 2:
             spreads[east_m, north_m] = nmad(finite)
@@ -485,8 +520,8 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
         frame = MapFrame(crs=horizontal_part(CRS.from_wkt(_crs_of(grid))), origin_m=(east_m, north_m))
         vertical = crs.axis_info[2].unit_conversion_factor if len(crs.axis_info) == 3 else 1.0
 
-        def pieces() -> Iterator[Piece]:
-            return cloud.pieces("first", lambda x, y: frame.local_of(horizontal_part(crs), x, y), vertical)
+        def pieces(classes: bool = False) -> Iterator[Piece]:
+            return cloud.pieces("first", lambda x, y: frame.local_of(horizontal_part(crs), x, y), vertical, classes)
 
         raster = gridded(pieces, wide, "mean", 0.5)
         cells = np.argwhere(raster.filled)
@@ -495,12 +530,14 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
             own_m = np.full(len(height_m), sigma_m)
             height_m = height_m - _base_m(grid)
             return Checkpoints(place_m=place_m, height_m=height_m, sigma_m=own_m, kind="sparse cloud")
+        cover = majority(pieces(classes=True), wide, tuple(COVERS.values()))[::-1]
     return ReferenceSurface(
         kind="cloud",
         height_m=raster.height_m[::-1] - _base_m(grid),
         transform=Affine(*wide.transform),
         crs=_crs_of(grid),
         sigma_m=sigma_m,
+        cover=np.where(cover < 0, np.nan, cover),
     )
 
 
@@ -553,24 +590,8 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     except CRSError as error:
         message = f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}"
         raise InputFileError(message) from error
-    own, other = _vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), _vertical_datum(crs)
+    own, other = vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), vertical_datum(crs)
     if own and other and own != other:
         warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"
         logger.warning(warning, named, other, own)
     return crs.to_wkt()
-
-
-def _vertical_datum(crs: CRS) -> str | None:
-    """Return the vertical datum of heights; None where a CRS does not name it."""
-    vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
-    if vertical is not None:
-        return vertical.datum.name if vertical.datum else vertical.name
-    return "the ellipsoid" if len(crs.axis_info) == 3 and not crs.is_geocentric else None
-
-
-def georeferenced(raster: Raster, crs_wkt: str) -> Raster:
-    """Return a raster that is read from a file with the CRS of its map coordinates; unchanged for local metres."""
-    if not crs_wkt:
-        return raster
-    place = Georeference(crs_wkt=crs_wkt, origin_m=(0.0, 0.0, 0.0))
-    return replace(raster, grid=replace(raster.grid, georeference=place))

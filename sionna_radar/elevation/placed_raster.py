@@ -176,6 +176,14 @@ class PlacedRaster:
         return math.hypot(x[1] - x[0], y[1] - y[0]), math.hypot(x[2] - x[0], y[2] - y[0])
 
 
+def vertical_datum(crs: CRS) -> str | None:
+    """Return the vertical datum of heights; None where a CRS does not name it."""
+    vertical = next((part for part in crs.sub_crs_list if part.is_vertical), None)
+    if vertical is not None:
+        return vertical.datum.name if vertical.datum else vertical.name
+    return "the ellipsoid" if len(crs.axis_info) == 3 and not crs.is_geocentric else None
+
+
 def horizontal_part(crs: CRS) -> CRS:
     """Return the horizontal part of a CRS."""
     while crs.is_compound:

@@ -2,7 +2,7 @@
 
 import logging
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,17 @@ MAX_POINTS = 20_000_000_000
 POINTS_AT_ONCE = 1_000_000
 GROUND_CLASS = 2
 NOISE_CLASSES = (7, 18)
+# Classes of points by cover (ASPRS 2019, "LAS Specification 1.4 - R15", table 17).
+COVERS = {
+    "ground": (2, 8),
+    "low vegetation": (3,),
+    "medium vegetation": (4,),
+    "high vegetation": (5,),
+    "building": (6,),
+    "water": (9,),
+    "road or rail": (10, 11),
+    "bridge": (17,),
+}
 # Larger heights are invalid in any datum.
 FARTHEST_HEIGHT_M = 100_000.0
 # Bins per pass and number of passes of the histogram search for a percentile.
@@ -50,10 +61,11 @@ class CloudFile:
     high: Float[np.ndarray, " 3"]
     crs_wkt: str | None
 
-    def pieces(self, choice: Choice, place: Place, unit_m: float) -> Iterator[Piece]:
+    def pieces(self, choice: Choice, place: Place, unit_m: float, classes: bool = False) -> Iterator[Piece]:
         """Yield local positions and heights in metres of the chosen points, a piece of the file at a time.
 
         Points withheld or classified as noise are omitted. Each call reads the file again.
+        classes: whether the points' classes are yielded instead of their heights.
         """
         with _errors(self.name):
             self.reader.seek(0)
@@ -61,7 +73,7 @@ class CloudFile:
                 chosen = _chosen(points, choice)
                 with np.errstate(all="ignore"):  # scales and offsets of a damaged header
                     x, y = place(np.asarray(points.x)[chosen], np.asarray(points.y)[chosen])
-                    z = np.asarray(points.z)[chosen] * unit_m
+                    z = np.asarray(points.classification if classes else points.z)[chosen] * (1 if classes else unit_m)
                 finite = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < FARTHEST_HEIGHT_M)
                 yield np.column_stack([x, y])[finite], z[finite]
 
@@ -191,6 +203,18 @@ def gridded(
     if statistic == "max":
         return _raster(grid, highest)
     return _raster(grid, _percentile(pieces, grid, share, lowest, highest))
+
+
+def majority(pieces: Iterator[Piece], grid: Grid, groups: Sequence[tuple[int, ...]]) -> Int[np.ndarray, "row column"]:
+    """Return the most frequent group of the points' classes in each cell, by its number; -1 without a point of any.
+
+    pieces: of classes; see `CloudFile.pieces`.
+    """
+    count = np.zeros((len(groups), grid.rows * grid.columns), dtype=np.int64)
+    for cell, kind in _in_cells(pieces, grid):
+        for own, group in zip(count, groups, strict=True):
+            own += np.bincount(cell[np.isin(kind, group)], minlength=len(own))
+    return np.where(count.any(axis=0), count.argmax(axis=0), -1).reshape(grid.shape)
 
 
 def _percentile(

@@ -265,7 +265,7 @@ def schedule_pulses(
 
 @dataclass(frozen=True, kw_only=True)
 class GivenSchedule(PulseSchedule):
-    """Pulses with given poses, which are both the true and the measured ones."""
+    """Pulses with given poses."""
 
     given: Pulses
 
@@ -325,22 +325,55 @@ class GivenFlight:
         def along(values: Float[np.ndarray, "pulse 3"]) -> Callable[[Float[np.ndarray, " n"]], np.ndarray]:
             return lambda at_s: np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
 
+        track, velocity = along(track_m), along(self.pulses.measured.velocity_mps)
+
+        def position(at_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+            beyond_s = at_s - np.clip(at_s, time_s[0], time_s[-1])
+            return track(at_s) + beyond_s[:, None] * velocity(at_s)
+
+        def level(at_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+            east, north, _ = velocity(at_s).T
+            return np.column_stack([np.zeros((len(at_s), 2)), np.arctan2(east, north)])
+
         trajectory = Trajectory(
-            position=along(track_m),
-            velocity=along(self.pulses.measured.velocity_mps),
-            euler=lambda at_s: np.zeros((len(at_s), 3)),
+            position=position,
+            velocity=velocity,
+            euler=level,
             phases=((Phase.CRUISE, float(time_s[0]), float(time_s[-1])),),
         )
         over_ground_m = clearance_m[np.isfinite(clearance_m)]
         altitude_m = self.nominal_m or (float(np.median(over_ground_m)) if len(over_ground_m) else 1.0)
         return Flight(trajectory=trajectory, altitude_m=max(altitude_m, 1e-3), speed_mps=self.speed_mps)
 
-    def schedule(self, flown: Flight, scan: Scan, origin_height_m: float) -> GivenSchedule:
-        """Return its pulses, with heights over the local origin."""
-        pulses, pose = self.pulses, self.pulses.measured
-        local = replace(pose, position_m=pose.position_m - [0.0, 0.0, origin_height_m])
-        given = replace(pulses, true=local, measured=local)
-        return GivenSchedule(trajectory=flown.trajectory, scan=scan, time_s=pulses.time_s, given=given)
+    def schedule(
+        self,
+        flown: Flight,
+        scan: Scan,
+        origin_height_m: float,
+        navigation: Navigation | None = None,
+        lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
+    ) -> GivenSchedule:
+        """Return its pulses, with heights over the local origin.
+
+        The measured poses are the given ones. The true ones are those of which the navigation system reports them, to
+        first order in its errors, on a platform that flies level along its track; without one they are the same.
+        """
+        pulses, pose, trajectory = self.pulses, self.pulses.measured, flown.trajectory
+        true = local = replace(pose, position_m=pose.position_m - [0.0, 0.0, origin_height_m])
+        if navigation is not None:
+            R_world_body = world_from_body(trajectory.euler(pulses.time_s))
+            R_body_antenna = R_world_body.transpose(0, 2, 1) @ pose.R_world_antenna
+            reported = navigation.measure(pulses.index, pulses.time_s, trajectory, R_body_antenna)
+            flown_m = antenna_pose(trajectory, pulses.time_s, R_body_antenna, lever_arm_m)
+            true = Pose(
+                position_m=local.position_m + flown_m.position_m - reported.position_m,
+                velocity_mps=local.velocity_mps + flown_m.velocity_mps - reported.velocity_mps,
+                R_world_antenna=pose.R_world_antenna
+                @ reported.R_world_antenna.transpose(0, 2, 1)
+                @ pose.R_world_antenna,
+            )
+        given = replace(pulses, true=true, measured=local)
+        return GivenSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, given=given)
 
 
 # Interval between chirps, in periods, above which the scan has paused.

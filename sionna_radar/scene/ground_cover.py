@@ -98,28 +98,7 @@ def cover_ground(
     """
     if cover.bare:
         return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=cover.material),)
-    middle = vertices_m[faces][:, :, :2].mean(axis=1)
-    names = [cover.material]
-    owner = np.zeros(len(faces), dtype=np.int64)
-    if cover.raster is not None:
-        value = classes_at(cover.raster, middle, georeference)
-        for cover_class, name in cover.raster.materials.items():
-            owner[value == cover_class] = len(names)
-            names.append(name)
-    if cover.vector is not None:
-        value = vector_classes_at(cover.vector, middle, georeference)
-        owner = np.where(value >= 0, len(names) + value, owner)
-        names += cover.vector.materials.values()
-    for field in cover.fields:
-        owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
-        names.append(field.material)
-    for index, polygon in enumerate(cover.polygons):
-        covered = _inside(np.array(polygon.corners_m), middle)
-        if len(covered) == 0:
-            message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
-            raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
-        owner[covered] = len(names)
-        names.append(polygon.material)
+    names, owner = materials_at(cover, vertices_m[faces][:, :, :2].mean(axis=1), georeference, faces=True)
     count = np.bincount(owner, minlength=len(names))
     if np.count_nonzero(count) == 1:
         only = int(np.argmax(count))
@@ -130,6 +109,39 @@ def cover_ground(
         for number, face_rows in enumerate(groups)
         if len(face_rows)
     )
+
+
+def materials_at(
+    cover: GroundCover, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None, faces: bool = False
+) -> tuple[list[str], Int[np.ndarray, " n"]]:
+    """Return the materials of a ground and its covers, and the number of the one at each horizontal position.
+
+    faces: whether the positions are those of all of the ground, where each polygon has to cover one.
+
+    Raises ScenarioError, InputFileError as `cover_ground`.
+    """
+    names = [cover.material]
+    owner = np.zeros(len(point_m), dtype=np.int64)
+    if cover.raster is not None:
+        value = classes_at(cover.raster, point_m, georeference)
+        for cover_class, name in cover.raster.materials.items():
+            owner[value == cover_class] = len(names)
+            names.append(name)
+    if cover.vector is not None:
+        value = vector_classes_at(cover.vector, point_m, georeference)
+        owner = np.where(value >= 0, len(names) + value, owner)
+        names += cover.vector.materials.values()
+    for field in cover.fields:
+        owner[np.all(np.abs(point_m - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
+        names.append(field.material)
+    for index, polygon in enumerate(cover.polygons):
+        covered = _inside(np.array(polygon.corners_m), point_m)
+        if faces and len(covered) == 0:
+            message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
+            raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
+        owner[covered] = len(names)
+        names.append(polygon.material)
+    return names, owner
 
 
 def _part(

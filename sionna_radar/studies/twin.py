@@ -3,6 +3,7 @@
 Both are processed alike, and compared by `twin_statistics`.
 """
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,6 +55,8 @@ from sionna_radar.survey.reprocessing import (
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import Beats
+
+logger = logging.getLogger("sionna_radar")
 
 # Halvings of the ground into tiles: at most, and at least for a test; the pulses that a tile holds at least.
 MAX_HALVINGS, MIN_HALVINGS, MIN_TILE_PULSES = 6, 4, 4
@@ -109,6 +112,9 @@ def run_twin(
     overrides: Mapping[str, Any] | None = None,
 ) -> Twin:
     """Fly the poses of a recording over a reference, and compare what was measured with what is simulated.
+
+    With errors in `[platform.navigation]` the recorded poses are those that the navigation reports, and the simulated
+    beams leave from others, by errors drawn from the twin's seed.
 
     Parameters
     ----------
@@ -190,6 +196,9 @@ def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | Non
         which = "recording" if ours is None else "ground"
         message = f"the {which} has no place on the map, and the other has; give a --terrain in the recording's metres"
         raise ScenarioError([Problem("terrain", message)], str(source.path))
+    if scenario.platform.navigation.kind == "from_log":
+        logger.warning("the log's standard deviations are not in the recording: the twin flies without their errors")
+        scenario = scenario.replace({"platform.navigation": {}})
     recorded = flight.pulses(np.arange(len(flight)))
     nominal_m = None if file.flight is None else file.flight.altitude_m
     flown = replace(recorded, measured=_moved(recorded.measured, ours, theirs))

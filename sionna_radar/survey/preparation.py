@@ -22,7 +22,7 @@ from sionna_radar.flight.build import build_navigation, build_scan, plan_route
 from sionna_radar.flight.pulses import Bursts, Navigation, Pose, Pulses, PulseSchedule, in_bursts, schedule_pulses
 from sionna_radar.flight.route import Route
 from sionna_radar.flight.scan import Scan
-from sionna_radar.flight.trajectory import Flight, Trajectory
+from sionna_radar.flight.trajectory import Flight
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
@@ -451,10 +451,21 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
     flown = route.fly(world.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:
         check_paths(local, radar.chirp, flown.altitude_m, radar.antenna.beamwidths_rad, radar.scan.incidence_rad)
+    errors = local.platform.navigation
+    navigation = custom.navigation or build_navigation(errors, flown.trajectory, pulse_rate_hz(local), local.seed)
     if custom.flight is not None:
-        schedule: PulseSchedule = custom.flight.schedule(flown, radar.scan, place.origin_m[2] if place else 0.0)
+        schedule: PulseSchedule = custom.flight.schedule(
+            flown, radar.scan, place.origin_m[2] if place else 0.0, navigation, errors.lever_arm_m
+        )
     else:
-        schedule = _schedule(local, flown.trajectory, radar.scan, custom.navigation)
+        schedule = schedule_pulses(
+            flown.trajectory,
+            radar.scan,
+            pulse_rate_hz(local),
+            lever_arm_m=errors.lever_arm_m,
+            navigation=navigation,
+            stagger=local.radar.stagger,
+        )
     if radar.module is None or local.sensor != "mimo":
         bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
     else:
@@ -550,18 +561,6 @@ def pulse_rate_hz(scenario: Scenario) -> float:
     """Return the pulses a second without pauses: chirps, or the frames of an array."""
     array = scenario.radar.array
     return scenario.radar.chirp_rate_hz if array is None or scenario.sensor != "mimo" else array.frame_rate_hz
-
-
-def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None) -> PulseSchedule:
-    rate_hz, errors = pulse_rate_hz(scenario), scenario.platform.navigation
-    return schedule_pulses(
-        trajectory,
-        scan,
-        rate_hz,
-        lever_arm_m=errors.lever_arm_m,
-        navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
-        stagger=scenario.radar.stagger,
-    )
 
 
 def sampled_beams(pulses: Pulses, built: BuiltScene) -> SampledBeams:

@@ -1,5 +1,6 @@
 """Results of a survey, and of the processing of recorded beat signals."""
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,16 +16,19 @@ from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
-from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario import Scenario
+from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
+from sionna_radar.scene.terrains.build import covers_on
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+
+logger = logging.getLogger("sionna_radar")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +56,7 @@ class _ComparedWithReference:
         if self.dem is None or self.points is None:
             message = "the recording has no poses, so that there is no DEM to compare; leave the reference out"
             raise InputFileError(message)
+        covers = self.prepared.truth.covers if isinstance(self, Survey) else known_covers(self.scenario, self.dem.grid)
         check = compare_with_reference(
             path,
             self.dem,
@@ -62,10 +67,20 @@ class _ComparedWithReference:
             points=self.points,
             uncertainty=self.uncertainty,
             walls=self.prepared.truth.walls if isinstance(self, Survey) else None,
-            covers=self.prepared.truth.covers if isinstance(self, Survey) else None,
+            covers=covers,
             seed=self.scenario.seed if self.scenario else 0,
         )
         return replace(self, reference=check)
+
+
+def known_covers(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
+    """Return the cells of a scenario's covers; a warning, and none, where its files cannot be read."""
+    try:
+        scenario = load_scenario(scenario) if isinstance(scenario, Path) else scenario
+        return {} if scenario is None else covers_on(scenario.terrain, grid)
+    except RadarError as error:
+        logger.warning("errors by cover are not stated: %s", error)
+        return {}
 
 
 @dataclass(frozen=True, kw_only=True)

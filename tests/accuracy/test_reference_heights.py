@@ -12,12 +12,14 @@ from pyproj import CRS
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
-from sionna_radar import Survey, load_scenario, run
-from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
+from sionna_radar import Survey, load_scenario, process, run
+from sionna_radar.accuracy.illumination import Walls
+from sionna_radar.accuracy.reference import ReferenceCheck, ReferenceSurface, compare_with_reference, read_reference
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.report.page.sections import reference_section
+from sionna_radar.scene.footprints import Box
 
 GRID = Grid(west_m=-40.0, south_m=-35.0, spacing_m=1.0, columns=81, rows=71)
 
@@ -153,7 +155,7 @@ def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_pa
         "buildings": [{"position_m": [-22.0, -5.0], "size_m": [8.0, 8.0, 6.0]}],
         "vegetation": [{**stand, "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}],
     }
-    survey = run(load_scenario("hills", changes))
+    survey = run(load_scenario("hills", changes), recordings={"signals": tmp_path / "signals.nc"})
     x, y = survey.truth.grid.centres_m.T.reshape(2, *survey.truth.grid.shape)
     field = (np.abs(x + 40) <= 10) & (np.abs(y + 25) <= 10)
     beyond = np.maximum(np.abs(x + 22), np.abs(y + 5)) - 4
@@ -174,6 +176,84 @@ def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_pa
     names = {name: error.count for name, error in survey.breakdown.by_cover.items()}
     assert sum(names.values()) == survey.lit_error.count
     assert reference_section(result.reference)["classes"]["Cover"][0][0] == "building"
+    assert result.reference.untold == {}
+    # A recording knows the covers of its scenario, without what stands on them.
+    again = process(tmp_path / "signals.nc").with_reference(path).reference
+    assert set(again.breakdown.by_cover) == {"ground", "gravel"}
+    assert again.breakdown.by_cover["gravel"].mean_m == pytest.approx(0.4, abs=0.05)
+    inside = survey.dem.filled & field
+    assert abs(again.breakdown.by_cover["gravel"].count - inside.sum()) <= 0.02 * inside.sum()
+
+
+def block(raster: Raster) -> Raster:
+    """Level ground with an upright block, 24 m by 16 m and 6 m high, about the origin."""
+    x, y = np.abs(raster.grid.centres_m.T.reshape(2, *raster.grid.shape))
+    return replace(raster, height_m=np.where((x < 12) & (y < 8), 6.0, 0.0))
+
+
+@pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
+@pytest.mark.parametrize("crs", [None, "EPSG:32616", "EPSG:32617"])
+def test_the_walls_of_a_raster_are_those_of_its_steps(tmp_path, crs):
+    """Also where the reference lies turned by 3 deg, in the next zone."""
+    import rasterio
+    from rasterio.warp import calculate_default_transform, reproject
+
+    surface, grid, path = block(relief(1)), GRID, tmp_path / "block.tif"
+    if crs:
+        place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(700_000.0, 4_000_000.0, 0.0))
+        surface, grid = (
+            replace(surface, grid=replace(surface.grid, georeference=place)),
+            replace(grid, georeference=place),
+        )
+    written(surface, path)
+    if crs == "EPSG:32617":
+        with rasterio.open(path) as file:
+            size = file.width, file.height
+            transform, width, height = calculate_default_transform(file.crs, crs, *size, *file.bounds, resolution=0.5)
+            profile = {**file.profile, "crs": crs, "transform": transform, "width": width, "height": height}
+            with rasterio.open(tmp_path / "turned.tif", "w", **{**profile, "driver": "GTiff"}) as out:
+                reproject(rasterio.band(file, 1), rasterio.band(out, 1), resampling=rasterio.warp.Resampling.nearest)
+        path = tmp_path / "turned.tif"
+    exact = Walls(
+        buildings=(Box(position_m=(2.0, -1.0), size_m=(16.0, 24.0, 6.0), heading_rad=0.0),), foot_m=np.zeros((0, 2))
+    )
+    reference = read_reference(path, grid)
+    found = reference.walls(grid, (2.0, -1.0))
+    here, there = (walls.distance_m(GRID.centres_m, 15.0) for walls in (found, exact))
+    near = np.isfinite(here) & np.isfinite(there)
+    assert near.sum() > 2000
+    # Cells of 0.5 m.
+    assert np.abs(here[near] - there[near]).max() < 0.5
+    assert not ReferenceSurface.walls(replace(reference, height_m=0.15 * reference.height_m), grid, (0.0, 0.0))
+
+
+def test_a_cloud_tells_the_errors_by_its_classes_and_by_its_steps(tmp_path):
+    """A DEM 0.3 m too high on a block of class 6, and 0.2 m too low over plants of two classes in the east."""
+    surface = block(relief(1))
+    place = surface.grid.centres_m
+    x = place[:, 0]
+    cloud = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    cloud.header.scales = [0.001] * 3
+    cloud.x, cloud.y, cloud.z = *place.T, surface.height_m.ravel()
+    cloud.return_number = np.ones(len(place), dtype=np.uint8)
+    cloud.classification = np.where(surface.height_m.ravel() > 0, 6, np.where(x > 30, 5, np.where(x > 20, 3, 2)))
+    cloud.write(tmp_path / "cloud.laz")
+    truth = block(Raster(grid=GRID, height_m=np.zeros(GRID.shape)))
+    east = GRID.centres_m[:, 0].reshape(GRID.shape)
+    error = np.where(truth.height_m > 0, 0.3, np.where(east > 20, -0.2, 0.0))
+    check = compare_with_reference(tmp_path / "cloud.laz", replace(truth, height_m=truth.height_m + error))
+    covers = {name: (cover.count, cover.mean_m) for name, cover in check.breakdown.by_cover.items()}
+    # Cells of 1 m whose centres lie within: of walls through cells, with a mean of both heights, those inside.
+    assert set(covers) == {"ground", "low vegetation", "high vegetation", "building"}
+    assert covers["high vegetation"] == (10 * GRID.rows, pytest.approx(-0.2))
+    assert covers["low vegetation"] == (10 * GRID.rows, pytest.approx(-0.2))
+    walls = {entry.low: entry.mean_m for entry in check.breakdown.by_wall_distance}
+    assert set(walls) >= {0.0, 1.0, 2.0, 5.0}
+    outline = Box(position_m=(0.0, 0.0), size_m=(16.0, 24.0, 6.0), heading_rad=0.0)
+    exact = Walls(buildings=(outline,), foot_m=np.zeros((0, 2))).distance_m(GRID.centres_m, 100.0)
+    assert walls[20.0] == pytest.approx(error.ravel()[exact >= 20].mean(), abs=0.005)
+    assert walls[2.0] == pytest.approx(error.ravel()[(exact >= 2) & (exact < 5)].mean(), abs=0.03)
+    assert check.untold == {"incidence": "the echoes are not known"}
 
 
 @pytest.mark.parametrize("every", [1, 9])
@@ -294,7 +374,9 @@ def test_a_reference_in_another_projection_is_the_same_ground(tmp_path):
 
 def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_before_the_flight(survey, tmp_path):
     reference = written(survey.truth, tmp_path / "truth.tif")
-    short = ["--set", "platform.length_m=6", "--no-report", "-q"]
+    field = "terrain.fields=[{centre_m=[-40.0, 0.0], size_m=[40.0, 400.0], material='gravel'}]"
+    gravel = "materials.gravel={model='constant_gamma', gamma_db=-10.0}"
+    short = ["--set", "platform.length_m=6", "--set", field, "--set", gravel, "--no-report", "-q"]
     done = CliRunner().invoke(app, ["run", "hills", *short, "--reference", str(reference), "-o", str(tmp_path / "a")])
     assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
@@ -303,5 +385,13 @@ def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_befo
     done = CliRunner().invoke(app, ["compare", str(tmp_path / "a"), "--reference", str(reference)])
     assert done.exit_code == 0, done.output
     assert "RMSE against reference" in done.output
+    shown = " ".join(done.output.replace("│", " ").split())
+    for words in (
+        "no step of the reference is as high",
+        "class: Slope of the reference (deg)",
+        "class: Cover",
+        "gravel",
+    ):
+        assert words in shown
     with pytest.raises(InputFileError, match="does not exist"):
         CliRunner().invoke(app, ["run", "hills", "--reference", str(tmp_path / "none.tif")], catch_exceptions=False)

@@ -11,10 +11,12 @@ from pyproj import Transformer
 from scipy.constants import speed_of_light
 
 from elevation_files import cell_centres, from_origin, write_heights
-from sionna_radar import load_scenario, run, run_twin
+from sionna_radar import load_scenario, prepare, run, run_twin
+from sionna_radar.flight.pulses import GivenFlight
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.studies.twin import twin_document, twin_page, write_twin
 from sionna_radar.studies.twin_statistics import FALSE_ALARM, Statistic, rows_of
+from sionna_radar.survey.custom_parts import CustomParts
 
 BLOCKS, LENGTH = 48, 20
 
@@ -150,6 +152,37 @@ def test_a_bias_of_range_is_told_with_its_size(flown, tmp_path):
     assert row.needs == f"range_zero_m {row.difference:+.3f} m"
     assert twin.row("DEM bias").difference < 0
     assert not twin.row("echo power at 45 to 60 deg").differs
+
+
+def test_errors_of_navigation_are_drawn_in_the_twin_as_in_the_recording(tmp_path):
+    """Constant and white errors; a drift is one draw in each flight, which no other seed repeats."""
+    errors = {"position_constant_m": [0.0, 0.0, 0.4], "position_white_m": [0.0, 0.0, 0.3], "attitude_white_deg": 0.2}
+    run(load_scenario("hills", FLOWN | {"platform.navigation": errors}), recordings={"signals": tmp_path / "flown.nc"})
+    ideal = run_twin(tmp_path / "flown.nc", overrides={"platform.navigation": {}})
+    # A pose reported too high is ranged too short, and maps its ground too high.
+    assert ideal.row("range bias").difference < -0.3
+    assert ideal.row("DEM bias").difference == pytest.approx(0.4, abs=0.15)
+    assert {"range bias", "range spread", "DEM bias"} <= set(ideal.differing)
+    assert run_twin(tmp_path / "flown.nc").differing == ()
+
+
+@pytest.mark.parametrize("table", [{"time_offset_s": 0.05}, {"lever_arm_m": [1.0, 0.5, 0.2], "lever_arm_error_m": 0.1}])
+def test_the_true_poses_of_a_twin_are_those_that_its_navigation_reports_as_recorded(table):
+    """On a level straight flight, to the product of two errors: 0.1 m/s over 0.05 s before the first pulse."""
+    errors = {
+        "position_constant_m": 0.3,
+        "velocity_constant_mps": 0.1,
+        "boresight_error_deg": [0.3, 0.2, -0.4],
+        **table,
+    }
+    scenario = load_scenario("hills", {"platform.length_m": 20.0, "platform.navigation": errors})
+    prepared = prepare(scenario)
+    every = prepared.flight.pulses(np.arange(len(prepared)))
+    again = prepare(scenario, CustomParts(flight=GivenFlight(pulses=every))).flight.pulses(every.index)
+    for name, tolerance in (("position_m", 6e-3), ("velocity_mps", 1e-6), ("R_world_antenna", 1e-4)):
+        np.testing.assert_allclose(getattr(again.measured, name), getattr(every.measured, name))
+        ours, theirs = (getattr(pulses.true, name) for pulses in (again, every))
+        np.testing.assert_allclose(ours, theirs, atol=tolerance)
 
 
 @pytest.fixture

@@ -367,6 +367,24 @@ def test_a_capture_of_fewer_frames_than_its_configuration_states_says_so(tmp_pat
     assert any(words in warning for warning in process(described(tmp_path, recording)).warnings)
 
 
+@pytest.mark.parametrize("written", [2, 4])
+@pytest.mark.parametrize("read", [2, 4])
+@pytest.mark.parametrize("moving", [True, False])
+def test_the_order_of_a_capture_is_told_by_the_images_of_moving_echoes(tmp_path, sent, written, read, moving):
+    """Speckled ground over a fifth of the ranges, or noise about an echo that stands still, which tells nothing."""
+    beat = np.tile(sent, (6, 1, 1, 1, 1))
+    rng, shape = np.random.default_rng(written), beat.shape[:3]
+    if moving:
+        gain = (rng.normal(size=(*shape, 20)) + 1j * rng.normal(size=(*shape, 20))) * 300
+        cells = np.exp(2j * np.pi * np.outer(np.arange(20, 40), np.arange(SAMPLES)) / SAMPLES)
+        phase = np.exp(2j * np.pi * rng.uniform(size=RECEIVERS))
+        beat += (gain @ cells)[:, :, :, None, :] * phase[:, None]
+    capture(tmp_path, beat, written)
+    recording = f'samples = "adc_data.bin"\nconfig = "profile.cfg"\nlanes = {read}'
+    told = [w for w in process(described(tmp_path, recording)).warnings if f"recording.lanes = {written}" in w]
+    assert len(told) == (moving and read != written)
+
+
 def test_a_description_has_samples_or_readings(tmp_path):
     path = tmp_path / "both.toml"
     path.write_text('[recording]\nsamples = "a.npy"\n[readings]\nfile = "b.csv"\n')

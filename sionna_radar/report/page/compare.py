@@ -2,25 +2,27 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference, georeferenced
+from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.report.drawing import LOCAL_FRAME, Frame
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
-from sionna_radar.report.page.sections import colour_scales, frame_of_page, histogram_of, limit_of, span_of
-from sionna_radar.report.terminal import console, reference_rows, table_of
+from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
+from sionna_radar.report.terminal import NONE, console, reference_rows, table_of
 from sionna_radar.studies.comparison import FlownResult, ResultsComparison
+from sionna_radar.survey.result import known_covers
 
 MAX_KEYS = 200
 ERRORS = {
@@ -75,15 +77,27 @@ def print_comparison(result: ResultsComparison) -> None:
 def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: bool) -> ReferenceCheck:
     """Compare the DEM of a folder of results, `dem.tif`, with measured heights; see `compare_with_reference`."""
     crs, dem = _raster(folder / "dem.tif")
+    if crs:
+        place = Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0))
+        dem = replace(dem, grid=replace(dem.grid, georeference=place))
     sigma = _raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
-    return compare_with_reference(reference, georeferenced(dem, crs), sigma, sigma_m=sigma_m, apply_shift=apply_shift)
+    settings = folder / (PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN)[1]
+    of_scenario = settings.is_file() and "terrain" in read_document(settings, "scenario")
+    covers = known_covers(settings if of_scenario else None, dem.grid)
+    return compare_with_reference(reference, dem, sigma, sigma_m=sigma_m, apply_shift=apply_shift, covers=covers)
 
 
 def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) -> None:
-    """Print the DEMs of some folders against the same measured heights."""
+    """Print the DEMs of some folders against the same measured heights, and their errors by classes of cells."""
     columns, texts = ["", *folder_names(folders)], [reference_rows(check) for check in checks]
     rows = ([key, *(values[key] for values in texts)] for key in texts[0])
     console().print(table_of("Against measured heights", columns, rows, left=columns))
+    classes = [{} if check.breakdown is None else class_rows(check.breakdown, "reference") for check in checks]
+    for title in classes[0]:
+        named = [{name: f"{rms} of {count}" for name, rms, _, count in by[title]} for by in classes]
+        if keys := dict.fromkeys(name for cells in named for name in cells):
+            rows = ([key, *(cells.get(key, NONE) for cells in named)] for key in keys)
+            console().print(table_of(f"RMSE (m) by class: {title}", ["", *columns[1:]], rows))
 
 
 MARKER = "compare.html"

@@ -144,7 +144,7 @@ def errors_section(
             ),
         ],
         "paper": remark,
-        "classes": _classes(breakdown, "truth"),
+        "classes": class_rows(breakdown, "truth"),
         "checkpoints": breakdown.checkpoints.statement,
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": _stated_rows(check),
@@ -162,7 +162,7 @@ def reference_section(check: ReferenceCheck | None) -> dict[str, Any] | None:
         "shift": reference_rows(check),
         "errors": list(STATISTICS),
         "rows": [row],
-        "classes": {} if check.breakdown is None else _classes(check.breakdown, "reference"),
+        "classes": {} if check.breakdown is None else class_rows(check.breakdown, "reference"),
         "checkpoints": "" if check.breakdown is None else check.breakdown.checkpoints.statement,
         "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
         "stated": [] if whole is None else [["all", *_calibration_row(whole)]],
@@ -178,7 +178,7 @@ def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
     return cells
 
 
-def _classes(breakdown: Breakdown, surface: str) -> dict[str, list[list[str]]]:
+def class_rows(breakdown: Breakdown, surface: str) -> dict[str, list[list[str]]]:
     """Return the error by classes of a truth or a reference."""
     ranges = {
         f"Slope of the {surface} (deg)": breakdown.by_slope,

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
+from jaxtyping import Bool
 
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_at
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.cover import MaterialField
 from sionna_radar.scenario.parts import TERRAINS
@@ -24,7 +25,14 @@ from sionna_radar.scenario.terrain import (
     RasterTerrain,
     SampleTerrain,
 )
-from sionna_radar.scene.ground_cover import ClassPolygons, ClassRaster, GroundCover, MaterialPolygon, MaterialRectangle
+from sionna_radar.scene.ground_cover import (
+    ClassPolygons,
+    ClassRaster,
+    GroundCover,
+    MaterialPolygon,
+    MaterialRectangle,
+    materials_at,
+)
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, covered_landscape
 from sionna_radar.scene.objects import MeshSource
 from sionna_radar.scene.terrains import synthetic
@@ -55,6 +63,25 @@ def cover_of(terrain: CoveredTerrain) -> GroundCover:
         fields=tuple(rectangle.to(MaterialRectangle) for rectangle in fields),
         polygons=tuple(MaterialPolygon(corners_m=p.polygon_m, material=p.material) for p in terrain.cover),
     )
+
+
+def covers_on(terrain: TerrainParameters, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
+    """Return the cells of each material of a terrain's covers, without objects on it; empty where nothing covers it.
+
+    Raises ScenarioError, InputFileError as `landscape_of_heights`, and where one of terrain and grid has no map.
+    """
+    if not isinstance(terrain, CoveredTerrain) or (cover := cover_of(terrain)).bare:
+        return {}
+    frame, place = map_frame(terrain), grid.georeference
+    if (frame is None) != (place is None):
+        message = "the covers and the DEM are in different coordinates; give a DEM of this scenario"
+        raise ScenarioError([Problem("terrain", message)])
+    point_m = grid.centres_m
+    if frame is not None and place is not None:
+        point_m = point_m + place.origin_m[:2] - frame.origin_m
+    names, owner = materials_at(cover, point_m, None if frame is None else frame.georeference())
+    name = np.array(names)[owner].reshape(grid.shape)
+    return {str(own): name == own for own in np.unique(name)}
 
 
 def landscape_of_heights(

@@ -18,6 +18,7 @@ from jaxtyping import Float, Inexact, Int, Num
 
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.mimo_array import MimoArray
 
@@ -25,6 +26,10 @@ SUFFIX = ".bin"
 # Noise of a sample, in counts of the converter: that of a module's frames indoors (docs/checks/module.md).
 NOISE_COUNTS = 7.0
 LARGEST_COUNT = 32767
+# Coherence of cells with those of the negative frequencies from which samples are in the wrong order: of noise it is
+# 0.9 over the root of the chirps. Chirps for it, at least and at most; cells at either end that hold leakage.
+MIRRORED = 0.1
+LEAST_CHIRPS, CHOSEN_CHIRPS, NEAR_CELLS = 128, 512, 4
 
 
 def is_capture(path: Path) -> bool:
@@ -127,6 +132,30 @@ def receiver_samples(
         pairs = pairs.reshape(*pairs.shape[:-3], 2, samples)
     # Single precision holds 16 bits exactly.
     return pairs[..., 0, :].astype(np.complex64) + 1j * pairs[..., 1, :].astype(np.float32)
+
+
+def told_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig, lanes: int) -> int:
+    """Return the other number of lanes where only with it complex echoes have no mirror image in I and Q; else `lanes`.
+
+    Read in the wrong order, an echo of the amplitude s stands at a frequency as a s and at its negative as b s*: the
+    product of the two has one phase in all chirps, and that of independent echoes has none. The mean over chirps is
+    taken out, and with it what stands still, whose product has one phase, too.
+    """
+    chirps = raw[:, :: len(config.transmitters)].reshape(-1, raw.shape[-1])
+    if not config.complex_samples or len(chirps) < LEAST_CHIRPS:
+        return lanes
+    chosen = chirps[spread_indices(CHOSEN_CHIRPS, len(chirps))]
+
+    def mirrored(order: int) -> float:
+        samples = receiver_samples(chosen, config, order, 0).astype(np.complex128)
+        cells = np.fft.fft((samples - samples.mean(axis=0)) * np.hanning(config.samples))[
+            :, NEAR_CELLS : 1 - NEAR_CELLS
+        ]
+        power = np.sum(np.abs(cells) ** 2, axis=0)
+        total = np.maximum(power, power[::-1]).sum()
+        return float(np.abs(np.sum(cells * cells[:, ::-1], axis=0)).sum() / total) if total > 0 else 0.0
+
+    return 6 - lanes if mirrored(lanes) > MIRRORED >= mirrored(6 - lanes) else lanes
 
 
 def read_frames(samples: Path, config: Path) -> Num[np.ndarray, "frame chirp rx sample"]:

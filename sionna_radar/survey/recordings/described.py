@@ -50,7 +50,13 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
-from sionna_radar.survey.recordings.capture_file import CONFIG_REMEDY, capture_config, capture_frames, receiver_samples
+from sionna_radar.survey.recordings.capture_file import (
+    CONFIG_REMEDY,
+    capture_config,
+    capture_frames,
+    receiver_samples,
+    told_lanes,
+)
 from sionna_radar.survey.recordings.netcdf import open_netcdf
 from sionna_radar.survey.recordings.signal_file import MAX_PULSES, MAX_SAMPLES, MIN_SAMPLES, RecordedPulses, sweeps_of
 
@@ -512,6 +518,9 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
     if config.frames not in (0, len(raw)):
         held = f"{shown(own.samples)} holds {len(raw)} frames, and its configuration states {config.frames}"
         warnings = (f"{held}: the capture was stopped or cut off, or has another configuration; get the whole file",)
+    if (lanes := told_lanes(raw, config, own.lanes)) != own.lanes:
+        told = f"{shown(own.samples)}: echoes have mirror images in I and Q, and none in the order of {lanes} lanes"
+        warnings += (f"{told}; if the module has so many, set recording.lanes = {lanes}",)
     chirp_s, duration_s = 1e-6 * (config.idle_us + config.ramp_end_us), config.samples / (1e3 * config.rate_ksps)
     frame_s, slope = 1e-3 * config.frame_ms * np.arange(len(raw)), 1e12 * config.slope_mhz_us
     radar = RecordedRadar(
