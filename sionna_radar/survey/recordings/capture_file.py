@@ -28,8 +28,8 @@ NOISE_COUNTS = 7.0
 LARGEST_COUNT = 32767
 # Coherence of cells with those of the negative frequencies from which samples are in the wrong order: of noise it is
 # 0.9 over the root of the chirps. Chirps for it, at least and at most; cells at either end that hold leakage.
-MIRRORED = 0.1
-LEAST_CHIRPS, CHOSEN_CHIRPS, NEAR_CELLS = 128, 512, 4
+MIN_MIRRORED = 0.1
+MIN_CHIRPS, MAX_CHIRPS, NEAR_CELLS = 128, 512, 4
 
 
 def is_capture(path: Path) -> bool:
@@ -142,9 +142,9 @@ def told_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig,
     taken out, and with it what stands still, whose product has one phase, too.
     """
     chirps = raw[:, :: len(config.transmitters)].reshape(-1, raw.shape[-1])
-    if not config.complex_samples or len(chirps) < LEAST_CHIRPS:
+    if not config.complex_samples or len(chirps) < MIN_CHIRPS:
         return lanes
-    chosen = chirps[spread_indices(CHOSEN_CHIRPS, len(chirps))]
+    chosen = chirps[spread_indices(MAX_CHIRPS, len(chirps))]
 
     def mirrored(order: int) -> float:
         samples = receiver_samples(chosen, config, order, 0).astype(np.complex128)
@@ -155,7 +155,7 @@ def told_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig,
         total = np.maximum(power, power[::-1]).sum()
         return float(np.abs(np.sum(cells * cells[:, ::-1], axis=0)).sum() / total) if total > 0 else 0.0
 
-    return 6 - lanes if mirrored(lanes) > MIRRORED >= mirrored(6 - lanes) else lanes
+    return 6 - lanes if mirrored(lanes) > MIN_MIRRORED >= mirrored(6 - lanes) else lanes
 
 
 def read_frames(samples: Path, config: Path) -> Num[np.ndarray, "frame chirp rx sample"]:
