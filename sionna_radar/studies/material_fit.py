@@ -10,8 +10,7 @@ Heights, lengths, losses and permittivities (less that of air) are fitted as log
 covariance of the estimate it is known which parameters the levels tell (`mapping.calibration.Knowledge`), which
 directions they leave open, and, with the information of rows that were not measured, what would tell more.
 
-A constant gamma against the curve of another model is the special case of one parameter, equal weights and nothing
-known beforehand.
+A constant gamma against another model's curve is the case of one parameter, equal weights and nothing known before.
 """
 
 import itertools
@@ -510,8 +509,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         message = f"{antenna.polarization!r} is not fitted; use 'V' or 'H'"
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
     cross = antenna.receive_polarization == "cross"
-    # Its power is the same in all channels, however the scan turns the wave.
-    same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})
+    same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})  # however the wave is turned
     uniform = {f"materials.{name}": same for name in tables}
     surveys = (prepare(scenario, prepared.custom), prepare(scenario.replace(uniform), prepared.custom))
     heard = None if recording is None else _recorded(recording, prepared)
@@ -532,7 +530,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     if not groups:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError([Problem("terrain", message)])
-    found, count = sorted(groups), []
+    found, count, sums = sorted(groups), [], np.zeros((91, 2))
     for key in found:
         own = np.array(groups[key])
         # The mean square of a power is that of its mean and its variance; a target is in no median.
@@ -541,10 +539,13 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
         kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
         groups[key] = own[kept].tolist()
-        count.append(kept.sum() / repeated[own][kept].mean() * max(square[kept].sum() / variance[kept].sum() - 1, 1.0))
+        count.append(kept.sum() / repeated[own][kept].mean())
+        sums[key[1]] += np.array([square[kept].sum(), variance[kept].sum()]) / np.median(looks["power"][own]) ** 2
+    # Bright speckle has fewer looks and would weigh less, so those of an echo are of all classes at its incidence.
+    square, variance = sums[[angle for _, angle, _ in found]].T
     columns = ("incidence_rad", "polarization_rad", "sigma0")
     means = {name: np.array([looks[name][groups[key]].mean() for key in found]) for name in columns}
-    means |= {"looks": np.array(count), "cross": np.full(len(found), cross)}
+    means |= {"looks": np.array(count) * np.maximum(square / variance - 1, 1.0), "cross": np.full(len(found), cross)}
     return Levels(cover=tuple(cover for cover, _, _ in found), **means)
 
 

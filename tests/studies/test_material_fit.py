@@ -314,10 +314,13 @@ def test_levels_received_across_tell_the_cross_polar_ratio(tmp_path):
 @pytest.mark.study
 @pytest.mark.parametrize(("recorded", "speckle"), [(False, "per_pulse"), (True, "per_pulse"), (True, "persistent")])
 def test_intervals_of_gamma_from_echoes_hold_it_as_often_as_they_say(recorded, speckle, tmp_path):
-    """Over persistent scatterers, which overlapping beams share, as well as with speckle drawn for each pulse."""
+    """Over persistent scatterers, which overlapping beams share, as well as with speckle drawn for each pulse.
+
+    Of 160 flights, two estimates each: standard errors are 2.6 and 1.2 points, so that 58 and 89 % fail.
+    """
     inside = []
     changes = {"tracing.paths_per_pulse": 128} if not recorded else {"platform.length_m": 40.0, "targets": []}
-    for seed in range(60):
+    for seed in range(160):
         scenario = load_scenario("two_fields", {**changes, "tracing.speckle": speckle, "seed": seed})
         signals = tmp_path / f"{seed}.nc" if recorded else None
         if signals is not None:
@@ -330,10 +333,10 @@ def test_intervals_of_gamma_from_echoes_hold_it_as_often_as_they_say(recorded, s
     deviation = np.array(inside)
     shares = [np.mean(np.abs(deviation) < sigmas) for sigmas in (0.9945, 1.96)]
     print(f"mean {deviation.mean():+.2f}, 68 % {shares[0]:.3f}, 95 % {shares[1]:.3f}")
-    # Four standard deviations of a mean, and of shares, of 120.
+    # 2.5 standard errors of shares, 4 of the mean, which is known to be 0.1 low (docs/materials.md).
     assert abs(deviation.mean()) < 4 / np.sqrt(len(deviation))
-    assert abs(shares[0] - 0.68) < 4 * np.sqrt(0.68 * 0.32 / len(deviation))
-    assert abs(shares[1] - 0.95) < 4 * np.sqrt(0.95 * 0.05 / len(deviation))
+    assert abs(shares[0] - 0.68) < 2.5 * np.sqrt(0.68 * 0.32 / len(deviation))
+    assert abs(shares[1] - 0.95) < 2.5 * np.sqrt(0.95 * 0.05 / len(deviation))
 
 
 def test_traced_echoes_of_rough_covers_have_the_levels_of_their_models():
