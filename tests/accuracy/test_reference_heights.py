@@ -18,6 +18,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck, ReferenceSurface, co
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.report.page.compare import print_references
 from sionna_radar.report.page.sections import reference_section
 from sionna_radar.scene.footprints import Box
 
@@ -395,3 +396,23 @@ def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_befo
         assert words in shown
     with pytest.raises(InputFileError, match="does not exist"):
         CliRunner().invoke(app, ["run", "hills", "--reference", str(tmp_path / "none.tif")], catch_exceptions=False)
+
+
+def test_a_cloud_that_is_a_surface_for_one_folder_and_single_points_for_another_is_printed_for_both(tmp_path, capsys):
+    surface = relief(5)
+    place = surface.grid.centres_m
+    cloud = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    cloud.header.scales = [0.001] * 3
+    cloud.x, cloud.y, cloud.z = *place.T, surface.height_m.ravel()
+    cloud.return_number = np.ones(len(place), dtype=np.uint8)
+    cloud.write(tmp_path / "cloud.laz")
+    checks = []
+    for spacing_m in (0.2, 1.0):
+        grid = Grid(
+            west_m=-20.0, south_m=-20.0, spacing_m=spacing_m, columns=int(40 / spacing_m), rows=int(40 / spacing_m)
+        )
+        dem = Raster(grid=grid, height_m=surface.at(grid.centres_m).reshape(grid.shape))
+        checks.append(compare_with_reference(tmp_path / "cloud.laz", dem))
+    assert [check.kind for check in checks] == ["sparse cloud", "cloud"]
+    print_references([tmp_path / "fine", tmp_path / "coarse"], checks)
+    assert "class: Slope of the reference (deg)" in " ".join(capsys.readouterr().out.split())

@@ -93,8 +93,9 @@ def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) 
     rows = ([key, *(values[key] for values in texts)] for key in texts[0])
     console().print(table_of("Against measured heights", columns, rows, left=columns))
     classes = [{} if check.breakdown is None else class_rows(check.breakdown, "reference") for check in checks]
-    for title in classes[0]:
-        named = [{name: f"{rms} of {count}" for name, rms, _, count in by[title]} for by in classes]
+    # A cloud that is a surface on the cells of one folder may be single points on those of another.
+    for title in max(classes, key=len):
+        named = [{name: f"{rms} of {count}" for name, rms, _, count in by.get(title, [])} for by in classes]
         if keys := dict.fromkeys(name for cells in named for name in cells):
             rows = ([key, *(cells.get(key, NONE) for cells in named)] for key in keys)
             console().print(table_of(f"RMSE (m) by class: {title}", ["", *columns[1:]], rows))
