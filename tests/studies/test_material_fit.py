@@ -276,6 +276,10 @@ def test_gamma_returns_from_recorded_echoes_beside_a_target(cli, tmp_path):
     scenario = load_scenario("two_fields", {"platform.length_m": 40.0, "platform.start_m": [-80.0, 0.0]})
     run(scenario, recordings={"signals": tmp_path / "signals.nc"})
     levels = measure_levels(prepare(scenario), 4000, tmp_path)
+    # Both fields have as many echoes in each class, but for those of the target, and looks that do not follow speckle:
+    # counted in each class by itself they differed by 3 to 15 %.
+    weak, strong = (levels.looks[levels.of(name)] for name in ("weak", "strong"))
+    assert np.isclose(weak, strong, rtol=0.05).sum() >= 5
     believed = {name: ConstantGamma(gamma_db=-20.0) for name in ("weak", "strong")}
     fit = fit_materials(levels, believed, CARRIER_HZ)
     for name, truth in (("weak", -28.0), ("strong", -25.0)):
@@ -316,7 +320,9 @@ def test_levels_received_across_tell_the_cross_polar_ratio(tmp_path):
 def test_intervals_of_gamma_from_echoes_hold_it_as_often_as_they_say(recorded, speckle, tmp_path):
     """Over persistent scatterers, which overlapping beams share, as well as with speckle drawn for each pulse.
 
-    Of 160 flights, two estimates each: standard errors are 2.6 and 1.2 points, so that 58 and 89 % fail.
+    Of 160 flights, two estimates each: standard errors are 2.6 and 1.2 points. Persistent scatterers counted as new
+    for each pulse give 60.9 and 90.6 %, which fails. With the correlation of mean ranges in place of that of powers
+    they give 65.9 and 95.0 %, which coverage cannot tell from 68 and 95 %; `test_speckle_reach` tells it directly.
     """
     inside = []
     changes = {"tracing.paths_per_pulse": 128} if not recorded else {"platform.length_m": 40.0, "targets": []}
