@@ -25,6 +25,7 @@ a quarter of a turn, which is the Hilbert transform of the sum pattern over the 
 D of pattern sin(x) / x, x = k D u / 2, the ratio of both is tan(x / 2).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,6 +34,7 @@ import scipy.fft
 import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Cut, lobe_samples
 
 # Elements closer than this share of a wavelength are one: 1 deg of phase is 0.003.
@@ -233,6 +235,26 @@ def code_of(multiplexing: str, transmitters: int) -> Complex[np.ndarray, "code t
         return np.exp(2j * np.pi * turn)
     order = 1 << (transmitters - 1).bit_length()
     return scipy.linalg.hadamard(order)[:, :transmitters].astype(np.complex128)
+
+
+def channel_response(
+    gain_db: Sequence[Sequence[float]], phase_deg: Sequence[Sequence[float]], turns: int, chirps: int, receivers: int
+) -> Complex[np.ndarray, "chirp rx 1"]:
+    """Return the measured response of the receivers in each chirp of a frame.
+
+    gain_db, phase_deg: a row of receivers for each transmitter in turn, or one row for all; empty where they are 0.
+    turns: transmitters in turn, 1 where all send at once.
+
+    Raises ScenarioError for rows that do not fit.
+    """
+    tables = []
+    for key, rows in (("gain_db", gain_db), ("phase_deg", phase_deg)):
+        if rows and (len(rows) not in (1, turns) or any(len(row) != receivers for row in rows)):
+            message = f"has rows of {[len(row) for row in rows]}; give {receivers} receivers in one row"
+            message += f", or in each of {turns} rows, for the transmitters in turn" if turns > 1 else ""
+            raise ScenarioError([Problem(f"recording.channel_{key}", message)])
+        tables.append(np.tile(rows or np.zeros((1, receivers)), (chirps // max(len(rows), 1), 1)))
+    return (10 ** (tables[0] / 20) * np.exp(1j * np.deg2rad(tables[1])))[..., None]
 
 
 def receiver_mixing(

@@ -130,6 +130,11 @@ class RecordingTable(Table):
     background: InputPath | None = None
     """a recording of the sky or an absorber in the same form; its mean sweep is subtracted from each, and leakage with
     it; of powers, what its mean exceeds its median over the ranges by."""
+    channel_gain_db: tuple[tuple[Annotated[Real, Field(ge=-60, le=60)], ...], ...] = ()
+    """measured gains of an array's channels, which are divided out: a row of receivers for each transmitter in turn, or
+    one row for all."""
+    channel_phase_deg: tuple[tuple[Annotated[Real, Field(ge=-360, le=360)], ...], ...] = ()
+    """the same of their phases."""
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
     """range that the radar reads at range zero: cables, filters, internal delay."""
 
@@ -201,6 +206,9 @@ class DescribedRecording(RecordedSettings):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
         if self.sweep is not None and (self.recording is None or self.recording.captured):
             yield "sweep", "is of arrays; readings have none, and the configuration of a capture says it"
+        for key in ("channel_gain_db", "channel_phase_deg") if self.recording and not self.radar.array else ():
+            if getattr(self.recording, key):
+                yield f"recording.{key}", "is of the channels of an array; describe it in [radar.array]"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings of its processing by dotted keys, those that are given."""

@@ -16,6 +16,7 @@ from sionna_radar.signal.array_beats import FramePaths, array_beats
 from sionna_radar.studies.calibration import run_calibration
 from sionna_radar.studies.twin import run_twin
 from sionna_radar.survey.recordings.capture_file import capture_config, raw_counts, read_frames, receiver_samples
+from sionna_radar.survey.recordings.described import open_described
 from sionna_radar.survey.recordings.recorder import SignalRecorder
 
 FLIGHT = {
@@ -152,6 +153,59 @@ def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path
     (tmp_path / "few.toml").write_text(f"{card}[radar.array]\n{keys}\nchirps = 16\n")
     with pytest.raises(ScenarioError, match="frames of 48 chirps of 4 receivers; change it"):
         process(tmp_path / "few.toml")
+
+
+@pytest.mark.parametrize("real", [False, True])
+def test_the_measured_response_of_channels_is_divided_out(flown, tmp_path, real):
+    folder, _ = flown
+    frames, config = read_frames(folder / "a.bin", folder / "a.cfg"), capture_config(folder / "a.cfg")
+    rng = np.random.default_rng(8)
+    gain_db, phase_deg = rng.uniform(-3, 3, (3, 4)), rng.uniform(-180, 180, (3, 4))
+    response = 10 ** (gain_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
+    uneven = frames * np.tile(response, (16, 1))[..., None]
+    rate_hz = 1e3 * config.rate_ksps
+    array = f"""sweep.carrier_hz = 77e9
+sweep.bandwidth_hz = {1e12 * config.slope_mhz_us * config.samples / rate_hz}
+sweep.sampling_rate_hz = {rate_hz}
+sweep.pulse_rate_hz = 8000.0
+[radar.array]
+transmitters_wavelengths = [[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]]
+receivers_wavelengths = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [1.5, 0.0]]
+chirps = 16
+"""
+    rows = f"channel_gain_db = {gain_db.tolist()}\nchannel_phase_deg = {phase_deg.tolist()}\n"
+    found = {}
+    for name, samples, corrected in (("even", frames, ""), ("uneven", uneven, ""), ("corrected", uneven, rows)):
+        np.save(tmp_path / f"{name}.npy", (np.real if real else np.asarray)(samples).reshape(-1, *samples.shape[2:]))
+        recording = f'[recording]\nsamples = "{name}.npy"\naxes = ["pulse", "receiver", "sample"]\n{corrected}'
+        (tmp_path / f"{name}.toml").write_text("\n".join(reversed((recording, array))))
+        with open_described(tmp_path / f"{name}.toml") as signals:
+            found[name] = signals.beats(flown[1].prepared.flight.pulses(np.arange(2)))[0]
+    # A real sweep holds whole cycles of no echo, so that its quadrature is good to the ends' leakage.
+    wrong = [np.std(found[name] - found["even"]) / np.std(found["even"]) for name in ("uneven", "corrected")]
+    assert wrong[0] > 1
+    assert wrong[1] < (0.25 if real else 1e-6)
+
+
+def test_responses_of_channels_that_do_not_fit_are_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.ones((48, 4, 64), dtype=complex))
+    recording = 'samples = "a.npy"\naxes = ["pulse", "receiver", "sample"]'
+    sweep = "carrier_hz = 77e9\nbandwidth_hz = 1e9\nsampling_rate_hz = 5e6\npulse_rate_hz = 8000.0"
+    element = (
+        "transmitters_wavelengths = [[0, 0], [2, 0]]\nreceivers_wavelengths = [[0, 0], [0.5, 0], [1, 0], [1.5, 0]]"
+    )
+    array = f"[radar.array]\nchirps = 24\n{element}"
+    for rows, described, said in (
+        ("[[1.0, 0.0, 0.0]]", array, r"has rows of \[3\]; give 4 receivers in one row, or in each of 2 rows"),
+        ("[[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]", array, r"has rows of \[4, 4, 4\]"),
+        ("[[0, 0, 0, 0], [0, 0, 0, 0]]", f'{array}\nmultiplexing = "bpm"', "give 4 receivers in one row$"),
+        ("[[1.0, 0.0, 0.0, 0.0]]", "", "of the channels of an array; describe it in"),
+    ):
+        (tmp_path / "a.toml").write_text(
+            f"[recording]\n{recording}\nchannel_gain_db = {rows}\n[sweep]\n{sweep}\n{described}"
+        )
+        with pytest.raises(ScenarioError, match=said):
+            process(tmp_path / "a.toml")
 
 
 def test_frames_are_neither_compared_nor_calibrated_as_single_echoes(flown):

@@ -47,6 +47,7 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.mimo_array import channel_response
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
@@ -112,13 +113,14 @@ class DescribedSignals(Described):
     """Beat signals of one receiver, or of an array's frames, in memory, with the interface of `SignalFile`.
 
     samples: complex for I/Q.
-    background: subtracted from each sweep. range_zero_m: range that the radar reads at zero.
+    background: subtracted from each sweep. response: of channels, divided out. range_zero_m: range read at zero.
     powers: whether only the powers of the spectra are known, cell by cell.
     """
 
     samples: Num[np.ndarray, "pulse *channel sample"]
     radar: RecordedRadar
     background: Inexact[np.ndarray, "*channel sample"] | None
+    response: Complex[np.ndarray, "chirp rx 1"] | None
     range_zero_m: float
     powers: bool
 
@@ -138,6 +140,8 @@ class DescribedSignals(Described):
         beat = beat.astype(np.complex128 if np.iscomplexobj(beat) else np.float64)
         if self.background is not None:
             beat = beat - self.background
+        if self.response is not None:
+            beat = beat / self.response if np.iscomplexobj(beat) else np.real(hilbert(beat) / self.response)
         if self.range_zero_m:
             (chirp,) = self.sweeps
             slope = chirp.bandwidth_hz * self.radar.sampling_rate_hz / chirp.samples
@@ -229,6 +233,10 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         samples, background = samples[..., first:end], None if background is None else background[..., first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
         _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
+    response = None
+    if array is not None and (own.channel_gain_db or own.channel_phase_deg):
+        turns = len(array.transmitters_wavelengths) if array.multiplexing == "tdm" else 1
+        response = channel_response(own.channel_gain_db, own.channel_phase_deg, turns, *samples.shape[1:-1])
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
     if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
         message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
@@ -246,6 +254,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         radar=radar,
         time_s=time_s,
         background=background,
+        response=response,
         range_zero_m=own.range_zero_m if own.values == "complex" else 0.0,
         powers=own.values != "complex",
         pose_at=pose_at,
