@@ -1,6 +1,7 @@
 """The type checker of the tests: beartype, for the first calls of each function in each test.
 
-Every call would take a third of the suite's time, most of it in small functions that are called a million times.
+Checking every call took a quarter more processor time (26:18 against 20:27 for the suite), most of it in small
+functions that are called a million times.
 """
 
 import sys
