@@ -87,9 +87,11 @@ ITERATIONS, STEP = 30, 1e-3
 FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 # Length over which differences of microrelief grow; longer waves are those of the landforms.
 MICRORELIEF_LENGTH_M = 10.0
-# Landforms have slopes: a Matern field is mean-square differentiable from this smoothness on. What is rougher upon them
-# is microrelief.
-DIFFERENTIABLE = 1.0
+# Landforms have slopes: a Matern field is mean-square differentiable from a smoothness of 1 on, and what is rougher is
+# microrelief. Nor is real ground smoother than about 1.6: second differences of what lidars measured in twelve places
+# of four landscapes grow as the 0.8th to 1.7th power of the distance, from 1 to 16 m (`docs/theory/uncertainty.md`).
+# Long waves decide a fit, and a larger smoothness that suits them would leave out the short ones.
+DIFFERENTIABLE, SMOOTHEST_LANDFORMS = 1.0, 1.6
 
 
 @dataclass(frozen=True)
@@ -208,9 +210,9 @@ class Measured(Columns):
     microrelief_m: float = 0.0
 
     @property
-    def roughest(self) -> float:
-        """Least smoothness of a covariance of the landforms."""
-        return DIFFERENTIABLE if self.microrelief_m > 0 else ROUGHEST
+    def smoothness_bounds(self) -> tuple[float, float]:
+        """Least and largest smoothness of a covariance of the landforms."""
+        return (DIFFERENTIABLE, SMOOTHEST_LANDFORMS) if self.microrelief_m > 0 else (ROUGHEST, np.inf)
 
 
 def fit_covariance(
@@ -253,12 +255,13 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
+    roughest, smoothest = measured.smoothness_bounds
     shortest = min(max(3e-3 * extent, float(np.median(measured.spread_m))), extent)
     return [
         (np.log(shortest), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
-        (np.log(measured.roughest), np.log(SMOOTHEST)),
+        (np.log(roughest), np.log(min(smoothest, SMOOTHEST))),
     ]
 
 

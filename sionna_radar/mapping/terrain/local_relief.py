@@ -169,8 +169,11 @@ class Windows:
 
         One unless it is surely more.
         """
-        some = self.member[spread_indices(HELD_OUT, len(self.member))]
-        off = [each for own in some if (each := _off_other_lines(measured, own, fitted)) is not None]
+        kept = decorrelated(measured)
+        place = measured.place_m[kept]
+        held_out = place[spread_indices(HELD_OUT, len(kept))]
+        near = kept[KDTree(place).query(held_out, k=self.member.shape[1])[1]]
+        off = [each for own in near if (each := _off_other_lines(measured, own, fitted)) is not None]
         if not off:
             return 1.0
         scatter = 1.4826 * float(np.median(np.abs(off)))

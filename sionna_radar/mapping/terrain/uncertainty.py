@@ -79,7 +79,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     near = neighbours(measured)
     bounds = search_bounds(measured)[:3]
     taken = fitted.covariance
-    tried = sorted({max(smoothness, measured.roughest) for smoothness in TRIED})
+    tried = sorted({float(smoothness) for smoothness in np.clip(TRIED, *measured.smoothness_bounds)})
     first = int(np.argmin(np.abs(np.log(np.minimum(tried, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
     found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
