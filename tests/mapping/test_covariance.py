@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
 
 from sionna_radar.mapping.terrain.covariance import (
@@ -17,6 +18,7 @@ from sionna_radar.mapping.terrain.covariance import (
     neighbours,
     repeated,
 )
+from sionna_radar.mapping.terrain.heights import Heights
 
 TERRAIN = Covariance(1.5, 8.0, 2.0)
 
@@ -59,6 +61,25 @@ def test_heights_1_m_apart_differ_by_the_microrelief():
     ground = Covariance(np.inf, 1e6, 1.0, microrelief_m=0.05)  # on landforms that are level over 1 m
     difference_m2 = 2 * (ground.at(np.zeros(1)) - ground.at(np.ones(1)))
     assert np.sqrt(difference_m2)[0] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_landforms_of_real_ground_are_no_smoother_than_lidar_finds_them():
+    """Smooth hills under noise: with microrelief, which real ground has, the fit keeps waves below the spacing."""
+    rng = np.random.default_rng(3)
+    x, y = np.meshgrid(np.arange(0, 70, 5.0), np.arange(0, 70, 2.5))
+    place = np.column_stack([x.ravel(), y.ravel()])
+    total = Covariance(np.inf, 20.0, 4.0).at(cdist(place, place)) + 0.1**2 * np.eye(len(place))
+    height = np.linalg.cholesky(total) @ rng.standard_normal(len(place))
+    heights = Heights.at_places(place, height, np.full(len(place), 0.1))
+    synthetic, real = (fit_covariance(heights.above(np.zeros(3), relief)).covariance for relief in (0.0, 0.03))
+    assert synthetic.smoothness > 4
+    assert 1.0 <= real.smoothness <= 1.6
+    # Second differences over 2 m, relative to those over 16 m.
+    share = [
+        (6 * c[0] - 8 * c[1] + 2 * c[2]) / (6 * c[0] - 8 * c[3] + 2 * c[4])
+        for c in (ground.landforms.at(np.array([0.0, 2.0, 4.0, 16.0, 32.0])) for ground in (synthetic, real))
+    ]
+    assert share[1] > 4 * share[0]
 
 
 def test_a_table_gives_the_covariance_between_places(measured):
