@@ -11,7 +11,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, _modes, _off_other_lines, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, _modes, _off_other_lines, calm, local_relief
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
@@ -161,7 +161,8 @@ def test_lines_left_out_are_predicted_by_the_others():
     weight = np.linalg.solve(np.block([[total, away], [away.T, zero]]), np.concatenate([to_first, [1.0, 0.0, 0.0]]))
     variance = TERRAIN.variance_m2 + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
     plainly = (measured.height_m[own[0]] - weight[:-3] @ measured.height_m[others]) / np.sqrt(variance)
-    assert _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0)) == pytest.approx(plainly, rel=1e-3)
+    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), UNIFORM)
+    assert found == pytest.approx(plainly, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))

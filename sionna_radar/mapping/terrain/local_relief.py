@@ -162,9 +162,10 @@ class Windows:
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
         log_amplitude = 0.5 * np.log(mean_square).reshape(self.shape)
-        return replace(found, log_amplitude=log_amplitude, misfit=self.misfit(measured, fitted))
+        learned = replace(found, log_amplitude=log_amplitude)
+        return replace(learned, misfit=self.misfit(measured, fitted, learned))
 
-    def misfit(self, measured: Measured, fitted: FittedCovariance) -> float:
+    def misfit(self, measured: Measured, fitted: FittedCovariance, relief: LocalRelief) -> float:
         """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
 
         One unless it is surely more.
@@ -173,7 +174,7 @@ class Windows:
         place = measured.place_m[kept]
         held_out = place[spread_indices(HELD_OUT, len(kept))]
         near = kept[KDTree(place).query(held_out, k=self.member.shape[1])[1]]
-        off = [each for own in near if (each := _off_other_lines(measured, own, fitted)) is not None]
+        off = [each for own in near if (each := _off_other_lines(measured, own, fitted, relief)) is not None]
         if not off:
             return 1.0
         scatter = 1.4826 * float(np.median(np.abs(off)))
@@ -215,7 +216,9 @@ def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "membe
     return np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
 
 
-def _off_other_lines(measured: Measured, own: Int[np.ndarray, " member"], fitted: FittedCovariance) -> float | None:
+def _off_other_lines(
+    measured: Measured, own: Int[np.ndarray, " member"], fitted: FittedCovariance, relief: LocalRelief
+) -> float | None:
     """Return the error of predicting the first of neighbouring heights from other scan lines, over its sigma.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4); None with too few of
@@ -232,7 +235,9 @@ def _off_other_lines(measured: Measured, own: Int[np.ndarray, " member"], fitted
     spread, farthest = float(np.median(measured.spread_m[rows])), 2 * float(np.hypot(*away.T).max()) + 1.0
     sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
     noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
-    total = fitted.covariance.table(farthest, spread, TABLE).between(place, place) + fitted.noise_factor * noise
+    long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
+    amplitude = relief.at(place)
+    total = long + np.outer(amplitude, amplitude) * short + fitted.noise_factor * noise
     total += JITTER * fitted.covariance.variance_m2 * np.eye(len(rows))
     # With the inverse Q of the covariance of what no plane explains, the error of leaving out i is (Q h)_i / Q_ii, and
     # its variance 1 / Q_ii.

@@ -50,11 +50,14 @@ from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm
 
+# No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
+# counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
+TEMPERING = 3.0
 # The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
 RARER = 3.0
 TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
 # Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
-IMPROBABLE = 8.0
+IMPROBABLE = 15.0
 # A tenth of a neper of some thousand is enough.
 ITERATIONS, TOLERANCE = 12, 1e-4
 
@@ -100,7 +103,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     search(range(first + 1, len(tried)), found[first][1], np.zeros(3))
     search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
     least = min(loss for loss, _ in found.values())
-    share = {number: np.exp(least - loss) for number, (loss, _) in found.items()}
+    share = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
     every = []
     for number, (_, logarithms) in found.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
