@@ -6,9 +6,13 @@ than at its beginning. This is the range migration of a frame. The keystone tran
 sweep the chirps are transformed at Doppler frequencies scaled by (f0 + S t) / f0, so that a mover stays in one range
 cell (Perry, DiPietro and Fante 1999, "SAR imaging of moving targets", IEEE Trans. Aerosp. Electron. Syst. 35), as far
 as its range rate is unambiguous. The scaled transform is Bluestein's, by k m = (k^2 + m^2 - (k - m)^2) / 2.
+
+The mean range rate of a frame's ground needs no map: it is the phase of the mean product of successive chirps (pulse
+pairs: Miller and Rochwarger 1972, "A covariance approach to spectral moment estimation", IEEE Trans. Inf. Theory 18).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,12 +20,20 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
 MIN_CHIRPS = 4
+# Power below the strongest cell's from which on cells are none of the main lobe's echo.
+LIT = 0.01
+# Errors that change range rates by less than this share of what the most influential one does are not told from it.
+ALIKE = 0.01
+# Stretches fewer than this, beyond those that errors explain, tell no variance.
+FREEDOM = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,3 +214,87 @@ class RangeDoppler:
         product = scipy.fft.fft(chirped, size, axis=0) * scipy.fft.fft(response, size, axis=0)
         transform = scipy.fft.ifft(product, axis=0)[count - 1 : count - 1 + rows]
         return transform * np.exp(-1j * np.outer(k.astype(float) ** 2, half))
+
+
+def pulse_pair_rates(
+    analyser: SpectrumAnalyser, beat: Inexact[np.ndarray, "frame chirp sample"], interval_s: float
+) -> Float[np.ndarray, " frame"]:
+    """Return the mean range rates of the echoes in frames of chirps, m/s, positive when receding.
+
+    interval_s: from chirp to chirp. Rates repeat after half a wavelength in it; those returned are the smallest ones.
+    """
+    spectrum = analyser.amplitude(beat.reshape(-1, beat.shape[2])).reshape(*beat.shape[:2], -1)
+    power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1)
+    pairs = np.sum(spectrum[:, :-1].conj() * spectrum[:, 1:], axis=1)
+    turns = np.angle(np.sum(pairs, axis=1, where=power > LIT * power.max(axis=1, keepdims=True))) / (2 * np.pi)
+    return analyser.chirp.direction * turns * analyser.chirp.wavelength_m / (2 * interval_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeRates(Columns):
+    """Mean range rates of the ground in frames, with the reported motion in their middle.
+
+    With C the covariance of the two-way beam over directions, b its axis, e the direction across it toward the nadir
+    and i the incidence on level ground, power comes from the mean direction
+
+        u = (1 - tr C / 2) b + (2 tan i + k) C e:
+
+    it falls with the square of the range, of which the logarithm grows by tan i, where gamma is constant, and k is the
+    error `backscatter_slope`. The range rate is -v . u, whatever the height of the ground.
+
+    rate_mps, sigma_mps: standard deviation as if frames were independent. spread: that of the beam's two-way power
+    over azimuth and elevation, rad.
+    """
+
+    rate_mps: Float[np.ndarray, " frame"]
+    sigma_mps: Float[np.ndarray, " frame"]
+    spread: Float[np.ndarray, "frame 2"]
+    motion: BelievedMotion
+
+    @staticmethod
+    def of_frames(
+        rate_mps: Float[np.ndarray, " frame"], motion: BelievedMotion, spread: tuple[float, float], repeat_mps: float
+    ) -> "RangeRates":
+        """Return range rates that repeat after `repeat_mps` as those nearest to the reported motion.
+
+        Frames share scatterers, and covers: the variance is that of the means of stretches of the flight, without what
+        errors of the instrument explain. It is infinite for a flight too short to tell it.
+        """
+        ones = np.ones(len(rate_mps))
+        folded = RangeRates(rate_mps=rate_mps, sigma_mps=ones, spread=np.outer(ones, spread), motion=motion)
+        names = tuple(UNKNOWNS)
+        change, wrapped = folded.linearised(InstrumentErrors(), names)
+        excess = (wrapped + repeat_mps / 2) % repeat_mps - repeat_mps / 2
+        scaled = change * [UNKNOWNS[name].prior * UNKNOWNS[name].si for name in names]
+        fitted, _, rank, _ = np.linalg.lstsq(scaled, excess, rcond=ALIKE)
+        left, number = excess - scaled @ fitted, stretches(motion.line)
+        of_means = np.sum(np.bincount(number, left) ** 2 / np.bincount(number))
+        freedom = int(number.max()) + 1 - rank
+        variance = max(float(np.mean(left**2)), of_means / freedom) if freedom >= FREEDOM else np.inf
+        return replace(folded, rate_mps=rate_mps + excess - wrapped, sigma_mps=np.sqrt(variance) * ones)
+
+    def linearised(
+        self, errors: InstrumentErrors, names: Sequence[str]
+    ) -> tuple[Float[np.ndarray, "frame error"], Float[np.ndarray, " frame"]]:
+        """Return the change of the rates per SI unit of each error, and their excess over those at given errors."""
+        motion = self.motion.without(errors)
+        toward, turned = self._toward(motion, errors.backscatter_slope)
+        velocity = motion.pose.velocity_mps
+        by = np.concatenate([-np.cross(toward, velocity), np.zeros_like(velocity), -toward], axis=1)
+        change = np.einsum("fi,fik->fk", by, motion.per_error(names))
+        for column, name in enumerate(names):
+            if name == "backscatter_slope":
+                change[:, column] = -np.sum(velocity * turned, axis=1)
+        return change, self.rate_mps + np.sum(velocity * toward, axis=1)
+
+    def _toward(
+        self, motion: BelievedMotion, slope: float
+    ) -> tuple[Float[np.ndarray, "frame 3"], Float[np.ndarray, "frame 3"]]:
+        """Return the mean direction of the power, and by how much it turns for each unit of `backscatter_slope`."""
+        axis, across = motion.pose.boresight, motion.pose.R_world_antenna[:, :, 1:]
+        sine = np.maximum(np.linalg.norm(axis[:, :2], axis=1), 1e-9)[:, None]
+        # The antenna's own axes are across the beam's: e has the components -z / sine in them.
+        turned = -np.einsum("fij,fj->fi", across, self.spread**2 * across[:, 2]) / sine
+        tangent = sine / np.maximum(-axis[:, 2:], 1e-9)
+        toward = (1 - np.sum(self.spread**2, axis=1, keepdims=True) / 2) * axis + (2 * tangent + slope) * turned
+        return toward, turned
