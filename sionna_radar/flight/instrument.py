@@ -249,9 +249,9 @@ def _around(
     return np.minimum(before, after), np.maximum(before, after)
 
 
-def stretches(line: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " pulse"]:
+def stretches(line: Int[np.ndarray, " pulse"], fewest: int = MIN_STRETCH) -> Int[np.ndarray, " pulse"]:
     """Return the stretch of the flight that each pulse is in: parts of lines, alike in their numbers of pulses."""
-    length = max(MIN_STRETCH, -(-len(line) // STRETCHES))
+    length = max(fewest, -(-len(line) // STRETCHES))
     within = np.arange(len(line)) - np.searchsorted(line, line)
     _, number = np.unique(line * len(line) + within // length, return_inverse=True)
     return number

@@ -51,6 +51,10 @@ def reported(stabilised: bool = False, **errors: object):
         ({"lever_arm_error_m": (0.1, -0.2, 0.15)}, {"lever_arm_m": (0.1, -0.2, 0.15)}),
         ({"time_offset_s": 0.005}, {"time_offset_s": 0.005}),
         ({"position_constant_m": (1.0, -2.0, 0.5)}, {"datum_m": (1.0, -2.0, 0.5)}),
+        (
+            {"velocity_constant_mps": (0.2, -0.1, 0.3), "boresight_error_deg": (0.1, 0.0, 0.0)},
+            {"velocity_mps": (0.2, -0.1, 0.3), "mounting_deg": (0.1, 0.0, 0.0)},
+        ),
     ],
 )
 def test_what_navigation_reports_without_its_errors_is_the_true_pose(simulated, errors):

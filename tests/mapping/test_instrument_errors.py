@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion, stretches
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import (
@@ -17,7 +17,6 @@ from sionna_radar.mapping.calibration import (
     continued,
     solve,
     solve_over_unknown_ground,
-    stretches,
 )
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
@@ -67,7 +66,8 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
     difference = (sides[1] - sides[0]) / (2 * step)
     # The mean is that of the power, whose share of each part of the beam changes as well, by a few percent.
     scale = np.abs(difference).max()
-    assert np.abs(slope - difference).max() < 0.06 * scale
+    # Ranges do not change at all with the slope of the backscatter, which both say.
+    assert np.abs(slope - difference).max() <= 0.06 * scale
 
 
 def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hills):

@@ -32,8 +32,10 @@ MIN_CHIRPS = 4
 LIT = 0.01
 # Errors that change range rates by less than this share of what the most influential one does are not told from it.
 ALIKE = 0.01
-# Stretches fewer than this, beyond those that errors explain, tell no variance.
-FREEDOM = 8
+# A beam that looks down by less than this sine counts as this one.
+SHALLOWEST = 0.05
+# Frames in a stretch of the flight at least; and stretches, beyond those that errors explain, that tell a variance.
+MIN_FRAMES, FREEDOM = 8, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +269,7 @@ class RangeRates(Columns):
         excess = (wrapped + repeat_mps / 2) % repeat_mps - repeat_mps / 2
         scaled = change * [UNKNOWNS[name].prior * UNKNOWNS[name].si for name in names]
         fitted, _, rank, _ = np.linalg.lstsq(scaled, excess, rcond=ALIKE)
-        left, number = excess - scaled @ fitted, stretches(motion.line)
+        left, number = excess - scaled @ fitted, stretches(motion.line, MIN_FRAMES)
         of_means = np.sum(np.bincount(number, left) ** 2 / np.bincount(number))
         freedom = int(number.max()) + 1 - rank
         variance = max(float(np.mean(left**2)), of_means / freedom) if freedom >= FREEDOM else np.inf
@@ -295,6 +297,6 @@ class RangeRates(Columns):
         sine = np.maximum(np.linalg.norm(axis[:, :2], axis=1), 1e-9)[:, None]
         # The antenna's own axes are across the beam's: e has the components -z / sine in them.
         turned = -np.einsum("fij,fj->fi", across, self.spread**2 * across[:, 2]) / sine
-        tangent = sine / np.maximum(-axis[:, 2:], 1e-9)
+        tangent = sine / np.maximum(-axis[:, 2:], SHALLOWEST)
         toward = (1 - np.sum(self.spread**2, axis=1, keepdims=True) / 2) * axis + (2 * tangent + slope) * turned
         return toward, turned
