@@ -265,7 +265,7 @@ def solve(
             steps = [line.step(e, surface, drift.every, near) for line, e in zip(lines, at, strict=True)]
             step = Step.joined(steps)
             said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
-            rates = [line.of_rates(e, drift.every) for line, e in zip(lines, at, strict=True)]
+            rates = [line.doppler_information(e, drift.every) for line, e in zip(lines, at, strict=True)]
             # Range rates have the weight of their variance: that of echoes is greater than the information says.
             usual = float(np.nanmean(step.spread)) * echoes.repeated
             each = [
@@ -555,7 +555,7 @@ def _step(
         factor = _by_pulses(line)
         onto = factor @ cells
         by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
-        said, of_line = by_error.T @ by_error + line.of_rates[0], line.score.sum(axis=0) + line.of_rates[1]
+        said, of_line = by_error.T @ by_error + line.doppler[0], line.score.sum(axis=0) + line.doppler[1]
         told = told + onto.T @ onto
         height_score += cells.T @ line.node_score.ravel()
         by_wave = waves.T @ (onto.T @ by_error)

@@ -105,7 +105,7 @@ class ErrorsLinearised:
 
     heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
     per_error: heights under the nodes that stand for errors.
-    score, information: of the errors. misfit, spread: see `Step`. of_rates: see `WholeEchoes.of_rates`.
+    score, information: of the errors. misfit, spread: see `Step`. doppler: see `WholeEchoes.doppler_information`.
     """
 
     heights: Linearised
@@ -115,10 +115,10 @@ class ErrorsLinearised:
     per_error: Float[np.ndarray, "pulse node error"]
     misfit: Float[np.ndarray, " pulse"]
     spread: Float[np.ndarray, " pulse"]
-    of_rates: "Information"
+    doppler: "Information"
 
 
-# Of errors, and the score.
+# Fisher information of errors, and the score.
 Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]
 Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
 
@@ -152,7 +152,7 @@ class WholeEchoes:
             rates = rates.rows(np.isin(rates.motion.line, motion.line))
         return WholeEchoes(sightings=self.sightings.rows(kept), motion=motion, reach=self.reach[kept], rates=rates)
 
-    def of_rates(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
         """Return information and score of the range rates at an estimate; zero where there are none."""
         if self.rates is None:
             return np.zeros((len(names), len(names))), np.zeros(len(names))
@@ -299,7 +299,7 @@ class WholeEchoes:
             spread=spread,
             per_error=heights,
             node_score=node_score,
-            of_rates=self.of_rates(errors, names),
+            doppler=self.doppler_information(errors, names),
         )
 
     def _mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
@@ -422,9 +422,9 @@ class Together:
         """Return score and information of all echoes; see `WholeEchoes.step`."""
         return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
 
-    def of_rates(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
-        """Return information and score of all range rates; see `WholeEchoes.of_rates`."""
-        said = [part.of_rates(errors, names) for part in self.parts if isinstance(part, WholeEchoes)]
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+        """Return information and score of all range rates; see `WholeEchoes.doppler_information`."""
+        said = [part.doppler_information(errors, names) for part in self.parts if isinstance(part, WholeEchoes)]
         count = len(names)
         return sum((i for i, _ in said), np.zeros((count, count))), sum((s for _, s in said), np.zeros(count))
 

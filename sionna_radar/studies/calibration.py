@@ -43,11 +43,11 @@ from sionna_radar.survey.sensors.sensor import Sensor
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
 DATUM = ("datum_east", "datum_north", "datum_up")
 # What errs in range rates, too.
-OF_RATES = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
-# Pulses of a frame, odd that one is in its middle, and frames that are read at once.
-FRAME, AT_ONCE = 17, 64
-# Range rates are unfolded if so many standard deviations of the errors beforehand, and of a frame, are not ambiguous.
-FOLDED = 4.0, 5.0
+DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
+# Pulses of a frame: odd, so that one is in its middle.
+FRAME = 17
+# Range rates are unambiguous if so many standard deviations of what is known beforehand, and of a frame, are.
+PRIOR_SIGMAS, FRAME_SIGMAS = 4.0, 5.0
 # A reference is displaced if its shift is this unlikely by what is stated of it; in standard deviations.
 DISPLACED = 4.0
 # Manoeuvres: how a line is flown again. Rocking is a roll to and fro, by a pilot or an autopilot without effort.
@@ -198,11 +198,11 @@ def run_calibration(
     changes = dict(overrides or {})
     path = None if reference is None else Path(reference)
     with ExitStack() as stack:
-        errors = {name: UNKNOWNS[name].prior * UNKNOWNS[name].si for name in (*names, *OF_RATES)} | dict(prior or {})
+        errors = {n: UNKNOWNS[n].prior * UNKNOWNS[n].si for n in (*names, *DOPPLER_ERRORS)} | dict(prior or {})
         opened = [stack.enter_context(open_recording(signals_in(Path(name)), changes)) for name in recordings]
         heard = [echoes_of(source, errors) for source in opened]
         if any(isinstance(each.echoes, WholeEchoes) and each.echoes.rates for each in heard):
-            names = tuple(dict.fromkeys((*names, *OF_RATES)))
+            names = tuple(dict.fromkeys((*names, *DOPPLER_ERRORS)))
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
             found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
@@ -385,24 +385,25 @@ def _range_rates(
     """
     if isinstance(source.file, DescribedSignals) and source.file.powers:
         return None, "Doppler is not used, as powers have no phase"
-    frames, interval_s = motion.frames(FRAME)
+    (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses
     if len(frames) == 0:
         return None, f"Doppler is not used: {FRAME} pulses never follow each other in regular intervals"
-    found = []
-    for some in np.array_split(frames, -(-len(frames) // AT_ONCE)):
-        beat = source.beats(source.file.pulses.pulses(some.ravel()))[0]
-        found.append(pulse_pair_rates(source.detector.analyser, beat.reshape(*some.shape, -1), interval_s))
-    repeat_mps = source.sweeps[0].wavelength_m / (2 * interval_s)
-    rates = RangeRates.of_frames(np.concatenate(found), motion.rows(frames[:, FRAME // 2]), spread, repeat_mps)
+    ambiguity_mps, middle = source.sweeps[0].wavelength_m / (2 * interval_s), motion.rows(frames[:, FRAME // 2])
+    analyser = source.detector.analyser
+    found = pulse_pair_rates(analyser, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
+    rates = RangeRates.of_frames(found, middle, spread, ambiguity_mps)
     change, _ = rates.linearised(InstrumentErrors(), tuple(prior))
     known_mps = float(np.sqrt(np.sum((change * [*prior.values()]) ** 2, axis=1)).max())
     sigma_mps = float(rates.sigma_mps[0])
-    said = f"{len(frames)} frames of {FRAME} pulses, range rates to {sigma_mps:.2g} m/s each"
-    if FOLDED[0] * known_mps + FOLDED[1] * sigma_mps < repeat_mps / 2:
+    said = f"range rates of {len(frames)} frames of {FRAME} pulses"
+    if np.isinf(sigma_mps):
+        return None, f"Doppler is not used: {said} are too few to tell their variance; fly longer"
+    said += f", {sigma_mps:.2g} m/s each"
+    if PRIOR_SIGMAS * known_mps + FRAME_SIGMAS * sigma_mps < ambiguity_mps / 2:
         return rates, f"Doppler is used: {said}"
     return None, (
-        f"Doppler is not used: {said}, repeat after {repeat_mps:.3g} m/s and are known to {known_mps:.2g} m/s "
-        "beforehand; more chirps a second, a longer flight or a smaller --prior may allow it"
+        f"Doppler is not used: {said}, are ambiguous by {ambiguity_mps:.3g} m/s and known to {known_mps:.2g} m/s "
+        "beforehand; more chirps a second, a slower scan or a smaller --prior may allow it"
     )
 
 
@@ -523,7 +524,7 @@ def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> di
         information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
         if isinstance(one, WholeEchoes) and one.rates is not None:
             flown = replace(one, rates=replace(one.rates, motion=_lines(one.rates.motion, surface)[name]))
-            information += flown.of_rates(solution.errors, drift.every)[0]
+            information += flown.doppler_information(solution.errors, drift.every)[0]
         found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
     return found
 

@@ -31,7 +31,12 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import solve
 from sionna_radar.mapping.instrument_echoes import Readings, Together
-from sionna_radar.report.studies.calibration import calibration_document, calibration_page, write_calibration
+from sionna_radar.report.studies.calibration import (
+    calibration_document,
+    calibration_page,
+    calibration_toml,
+    write_calibration,
+)
 from sionna_radar.studies.calibration import PRIORS, USUAL, _manoeuvres, parse_deviations, parse_errors, run_calibration
 from sionna_radar.studies.planning import calibration_flights
 
@@ -67,6 +72,8 @@ def test_errors_are_found_within_what_is_stated(calibrated):
     assert result.solution.model_holds
     assert not result.displaced
     assert result.warnings == ()
+    # A beam that turns by its width from pulse to pulse sees other ground.
+    assert "Doppler is not used" in result.doppler[0]
 
 
 def test_the_map_is_nearly_that_of_a_survey_without_errors(calibrated):
@@ -126,6 +133,36 @@ def test_a_level_plane_and_a_single_line_tell_neither_heading_nor_time(tmp_path)
     held = next(row for row in document["errors"] if row["name"] == "heading")
     assert held["estimate"] is None
     assert held["sigma"] == pytest.approx(held["prior"])
+
+
+def test_doppler_tells_heading_and_pitch_of_one_line_over_level_ground_that_is_not_known(tmp_path):
+    """As well as the velocity is known: the range bias, and roll about the course, are not told."""
+    truth = {"pitch": 0.4, "heading": -0.5}
+    flown = {
+        "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
+        "platform.length_m": 34.0,
+        "platform.start_m": [-60.0, 0.0],
+        "platform.navigation.velocity_constant_mps": [0.01, -0.02, 0.01],
+        "radar.sampling": "iq",
+        "radar.samples_per_chirp": 256,
+        "radar.bandwidth_hz": 300e6,
+        "radar.chirp_rate_hz": 2000.0,
+        "radar.scan": {"mode": "whisk_broom", "incidence_deg": 45.0, "rotation_rpm": 60.0, "stabilised": False},
+        "dem.method": "linear",
+        "dem.spacing_m": 4.0,
+    }
+    run(prepared_with(truth, flown), recordings={"signals": tmp_path / "line.nc"})
+    result = run_calibration([tmp_path / "line.nc"], names=("roll", "pitch", "heading", "range_bias"))
+    assert "Doppler is used" in result.doppler[0]
+    assert set(result.errors) == set(truth)
+    for name, (value, sigma) in result.errors.items():
+        assert abs(value - truth[name]) < 4 * sigma, name
+        # 0.02 m/s of 10 m/s, which the flight does not tell.
+        assert 0.11 < sigma < 0.25
+    document = calibration_document(result)
+    assert document["doppler"] == list(result.doppler)
+    assert {"velocity_up"} in [set(direction) for direction in document["trade_offs"]]
+    assert "backscatter" not in tomllib.loads(calibration_toml(result))["processing"]["calibration"]
 
 
 @pytest.mark.study

@@ -11,13 +11,13 @@ The mean range rate of a frame's ground needs no map: it is the phase of the mea
 pairs: Miller and Rochwarger 1972, "A covariance approach to spectral moment estimation", IEEE Trans. Inf. Theory 18).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float, Inexact
+from jaxtyping import Complex, Float, Inexact, Int
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
@@ -28,14 +28,16 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
 MIN_CHIRPS = 4
-# Power below the strongest cell's from which on cells are none of the main lobe's echo.
-LIT = 0.01
-# Errors that change range rates by less than this share of what the most influential one does are not told from it.
-ALIKE = 0.01
+# Frames that are read at once: it bounds the memory.
+FRAMES_AT_ONCE = 64
+# Power of range cells of the main lobe's echo, as a share of the strongest one's, at least.
+MIN_POWER_SHARE = 0.01
+# Combinations of errors that change range rates by a smaller share of the most influential one's are none.
+MIN_SINGULAR_VALUE = 0.01
 # A beam that looks down by less than this sine counts as this one.
 SHALLOWEST = 0.05
-# Frames in a stretch of the flight at least; and stretches, beyond those that errors explain, that tell a variance.
-MIN_FRAMES, FREEDOM = 8, 8
+# Frames of a stretch of the flight, and degrees of freedom of the means of stretches that tell a variance, at least.
+MIN_FRAMES_PER_STRETCH, MIN_FREEDOM = 8, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,17 +221,24 @@ class RangeDoppler:
 
 
 def pulse_pair_rates(
-    analyser: SpectrumAnalyser, beat: Inexact[np.ndarray, "frame chirp sample"], interval_s: float
+    analyser: SpectrumAnalyser,
+    beats: Callable[[Int[np.ndarray, " chirp"]], Inexact[np.ndarray, "chirp sample"]],
+    frames: Int[np.ndarray, "frame chirp"],
+    interval_s: float,
 ) -> Float[np.ndarray, " frame"]:
     """Return the mean range rates of the echoes in frames of chirps, m/s, positive when receding.
 
+    beats: returns the beat signals of chirps by their numbers, which `frames` holds.
     interval_s: from chirp to chirp. Rates repeat after half a wavelength in it; those returned are the smallest ones.
     """
-    spectrum = analyser.amplitude(beat.reshape(-1, beat.shape[2])).reshape(*beat.shape[:2], -1)
-    power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1)
-    pairs = np.sum(spectrum[:, :-1].conj() * spectrum[:, 1:], axis=1)
-    turns = np.angle(np.sum(pairs, axis=1, where=power > LIT * power.max(axis=1, keepdims=True))) / (2 * np.pi)
-    return analyser.chirp.direction * turns * analyser.chirp.wavelength_m / (2 * interval_s)
+    found = []
+    for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
+        spectrum = analyser.amplitude(beats(some.ravel())).reshape(*some.shape, -1)
+        power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1)
+        strong = power > MIN_POWER_SHARE * power.max(axis=1, keepdims=True)
+        pairs = np.sum(spectrum[:, :-1].conj() * spectrum[:, 1:], axis=1)
+        found.append(np.angle(np.sum(pairs, axis=1, where=strong)))
+    return analyser.chirp.direction * np.concatenate(found) / (4 * np.pi) * analyser.chirp.wavelength_m / interval_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,9 +264,9 @@ class RangeRates(Columns):
 
     @staticmethod
     def of_frames(
-        rate_mps: Float[np.ndarray, " frame"], motion: BelievedMotion, spread: tuple[float, float], repeat_mps: float
+        rate_mps: Float[np.ndarray, " frame"], motion: BelievedMotion, spread: tuple[float, float], ambiguity_mps: float
     ) -> "RangeRates":
-        """Return range rates that repeat after `repeat_mps` as those nearest to the reported motion.
+        """Return range rates that repeat after `ambiguity_mps` as those nearest to the reported motion.
 
         Frames share scatterers, and covers: the variance is that of the means of stretches of the flight, without what
         errors of the instrument explain. It is infinite for a flight too short to tell it.
@@ -266,13 +275,13 @@ class RangeRates(Columns):
         folded = RangeRates(rate_mps=rate_mps, sigma_mps=ones, spread=np.outer(ones, spread), motion=motion)
         names = tuple(UNKNOWNS)
         change, wrapped = folded.linearised(InstrumentErrors(), names)
-        excess = (wrapped + repeat_mps / 2) % repeat_mps - repeat_mps / 2
+        excess = (wrapped + ambiguity_mps / 2) % ambiguity_mps - ambiguity_mps / 2
         scaled = change * [UNKNOWNS[name].prior * UNKNOWNS[name].si for name in names]
-        fitted, _, rank, _ = np.linalg.lstsq(scaled, excess, rcond=ALIKE)
-        left, number = excess - scaled @ fitted, stretches(motion.line, MIN_FRAMES)
+        fitted, _, rank, _ = np.linalg.lstsq(scaled, excess, rcond=MIN_SINGULAR_VALUE)
+        left, number = excess - scaled @ fitted, stretches(motion.line, MIN_FRAMES_PER_STRETCH)
         of_means = np.sum(np.bincount(number, left) ** 2 / np.bincount(number))
         freedom = int(number.max()) + 1 - rank
-        variance = max(float(np.mean(left**2)), of_means / freedom) if freedom >= FREEDOM else np.inf
+        variance = max(float(np.mean(left**2)), of_means / freedom) if freedom >= MIN_FREEDOM else np.inf
         return replace(folded, rate_mps=rate_mps + excess - wrapped, sigma_mps=np.sqrt(variance) * ones)
 
     def linearised(
