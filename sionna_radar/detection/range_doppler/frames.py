@@ -280,8 +280,9 @@ class RangeRates(Columns):
         fitted, _, rank, _ = np.linalg.lstsq(scaled, excess, rcond=MIN_SINGULAR_VALUE)
         left, number = excess - scaled @ fitted, stretches(motion.line, MIN_FRAMES_PER_STRETCH)
         of_means = np.sum(np.bincount(number, left) ** 2 / np.bincount(number))
+        # The variance of Student's t distribution, which few stretches leave.
         freedom = int(number.max()) + 1 - rank
-        variance = max(float(np.mean(left**2)), of_means / freedom) if freedom >= MIN_FREEDOM else np.inf
+        variance = max(float(np.mean(left**2)), of_means / (freedom - 2)) if freedom >= MIN_FREEDOM else np.inf
         return replace(folded, rate_mps=rate_mps + excess - wrapped, sigma_mps=np.sqrt(variance) * ones)
 
     def linearised(
