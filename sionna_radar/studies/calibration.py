@@ -171,7 +171,8 @@ def run_calibration(
         Heights of the ground, as for `compare_with_reference`: a surface, or single places. None for lines that
         overlap.
     names, prior:
-        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
+        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI. Where Doppler is used,
+        `DOPPLER_ERRORS` are among them.
     drift:
         Errors that differ from line to line, and their standard deviations between lines, SI.
     reference_sigma_m:

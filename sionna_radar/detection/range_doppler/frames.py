@@ -253,8 +253,8 @@ class RangeRates(Columns):
     it falls with the square of the range, of which the logarithm grows by tan i, where gamma is constant, and k is the
     error `backscatter_slope`. The range rate is -v . u, whatever the height of the ground.
 
-    rate_mps, sigma_mps: standard deviation as if frames were independent. spread: that of the beam's two-way power
-    over azimuth and elevation, rad.
+    rate_mps; sigma_mps: standard deviations of independent frames that would tell as much. spread: those of the beam's
+    two-way power over azimuth and elevation, rad.
     """
 
     rate_mps: Float[np.ndarray, " frame"]
@@ -269,7 +269,7 @@ class RangeRates(Columns):
         """Return range rates that repeat after `ambiguity_mps` as those nearest to the reported motion.
 
         Frames share scatterers, and covers: the variance is that of the means of stretches of the flight, without what
-        errors of the instrument explain. It is infinite for a flight too short to tell it.
+        errors of the instrument explain. It is infinite if the flight is too short to tell it.
         """
         ones = np.ones(len(rate_mps))
         folded = RangeRates(rate_mps=rate_mps, sigma_mps=ones, spread=np.outer(ones, spread), motion=motion)
