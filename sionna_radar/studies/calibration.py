@@ -390,8 +390,7 @@ def _range_rates(
     if len(frames) == 0:
         return None, f"Doppler is not used: {FRAME} pulses never follow each other in regular intervals"
     ambiguity_mps, middle = source.sweeps[0].wavelength_m / (2 * interval_s), motion.rows(frames[:, FRAME // 2])
-    analyser = source.detector.analyser
-    found = pulse_pair_rates(analyser, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
+    found = pulse_pair_rates(source.detector, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
     rates = RangeRates.of_frames(found, middle, spread, ambiguity_mps)
     change, _ = rates.linearised(InstrumentErrors(), tuple(prior))
     known_mps = float(np.sqrt(np.sum((change * [*prior.values()]) ** 2, axis=1)).max())

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Int
 
+from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.columns import Columns
@@ -221,24 +222,28 @@ class RangeDoppler:
 
 
 def pulse_pair_rates(
-    analyser: SpectrumAnalyser,
+    detector: Detector,
     beats: Callable[[Int[np.ndarray, " chirp"]], Inexact[np.ndarray, "chirp sample"]],
     frames: Int[np.ndarray, "frame chirp"],
     interval_s: float,
 ) -> Float[np.ndarray, " frame"]:
     """Return the mean range rates of the echoes in frames of chirps, m/s, positive when receding.
 
+    detector: its spectra, and ranges from which on there are echoes.
     beats: returns the beat signals of chirps by their numbers, which `frames` holds.
     interval_s: from chirp to chirp. Rates repeat after half a wavelength in it; those returned are the smallest ones.
     """
     found = []
     for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
-        spectrum = analyser.amplitude(beats(some.ravel())).reshape(*some.shape, -1)
-        power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1)
+        spectrum = detector.analyser.amplitude(beats(some.ravel())).reshape(*some.shape, -1)
+        power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1) * (
+            detector.analyser.range_m >= detector.min_range_m
+        )
         strong = power > MIN_POWER_SHARE * power.max(axis=1, keepdims=True)
         pairs = np.sum(spectrum[:, :-1].conj() * spectrum[:, 1:], axis=1)
         found.append(np.angle(np.sum(pairs, axis=1, where=strong)))
-    return analyser.chirp.direction * np.concatenate(found) / (4 * np.pi) * analyser.chirp.wavelength_m / interval_s
+    chirp = detector.analyser.chirp
+    return chirp.direction * np.concatenate(found) / (4 * np.pi) * chirp.wavelength_m / interval_s
 
 
 @dataclass(frozen=True, kw_only=True)
