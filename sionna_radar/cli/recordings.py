@@ -206,13 +206,17 @@ def calibrate_command(
             "--estimate",
             metavar="NAME",
             help="An error to estimate (repeat): roll, pitch, heading, squint, lever_nose, lever_right, lever_down, "
-            "range_bias, range_scale, time_offset. Default: mounting, range bias and time offset.",
+            "range_bias, range_scale, time_offset, velocity_east, velocity_north or velocity_up. Default: mounting, "
+            "range bias and time offset.",
         ),
     ] = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            "--prior", metavar="NAME=SIGMA", help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms)."
+            "--prior",
+            metavar="NAME=SIGMA",
+            help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms); where Doppler is used also that "
+            "of velocity_east, velocity_north, velocity_up (m/s) and backscatter_slope (dB/deg).",
         ),
     ] = None,
     drift: Annotated[

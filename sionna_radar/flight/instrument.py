@@ -8,18 +8,22 @@ what is believed minus what is true, in the signs of `platform.navigation`:
 - lever arm: believed to be longer by it (nose, right, down);
 - time offset: lag of the report behind the radar's clock;
 - range: read = (1 + scale) true + bias;
-- datum: the position (east, north, up) minus that in the datum of what it is compared with.
+- datum: the position (east, north, up) minus that in the datum of what it is compared with;
+- velocity: believed to be greater by it (east, north, up);
+- backscatter slope: derivative of the logarithm of sigma0 over the cosine of incidence, with incidence, which is
+  believed to be zero. It is one of the ground, and turns the direction that an echo's power comes from.
 
 With B the believed axes of the body (the antenna's orientation without its scan), w the turn rate, a the acceleration
 and R() rotations by rotation vectors, the true antenna is at
 
-    p + v dt + a dt^2 / 2 - B' l,   v + a dt - w x B' l,   B' = R(w dt) B R(-m),   axes B' S R(-s),
+    p + v dt + a dt^2 / 2 - B' l,   v + a dt - w x B' l - dv,   B' = R(w dt) B R(-m),   axes B' S R(-s),
 
 S being the antenna's axes in its mount. Lever arm and time offset are the same along the track at constant speed and
 attitude, as are mounting and attitude biases everywhere (Skaloud and Lichti 2006, "Rigorous approach to bore-sight
 self-calibration in airborne laser scanning", ISPRS Journal 61).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +44,11 @@ ENDS_S = 0.05
 # A change of the velocity from one pulse to the next, as a share of it, that is an instantaneous turn: none of an
 # aircraft is, but planned flights have them.
 INSTANTANEOUS = 0.3
+# Stretches of a flight that are compared, at most, and the pulses in each at least.
+STRETCHES, MIN_STRETCH = 48, 24
+WAYS = ("east", "north", "up")
+SIDES = ("nose", "right", "down")
+ANGLES = ("roll", "pitch", "heading")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +64,7 @@ class Unknown:
     prior: float
 
 
-DEGREE, MILLI, PPM = float(np.deg2rad(1.0)), 1e-3, 1e-6
+DEGREE, MILLI, PPM, DECIBEL = float(np.deg2rad(1.0)), 1e-3, 1e-6, float(np.log(10.0) / 10)
 UNKNOWNS: dict[str, Unknown] = {
     "roll": Unknown(unit="deg", si=DEGREE, prior=1.0),
     "pitch": Unknown(unit="deg", si=DEGREE, prior=1.0),
@@ -70,6 +79,10 @@ UNKNOWNS: dict[str, Unknown] = {
     "datum_east": Unknown(unit="m", si=1.0, prior=5.0),
     "datum_north": Unknown(unit="m", si=1.0, prior=5.0),
     "datum_up": Unknown(unit="m", si=1.0, prior=5.0),
+    "velocity_east": Unknown(unit="m/s", si=1.0, prior=0.02),
+    "velocity_north": Unknown(unit="m/s", si=1.0, prior=0.02),
+    "velocity_up": Unknown(unit="m/s", si=1.0, prior=0.02),
+    "backscatter_slope": Unknown(unit="dB/deg", si=DECIBEL / DEGREE, prior=0.1),
 }
 
 
@@ -84,6 +97,8 @@ class InstrumentErrors:
     range_scale: float = 0.0
     time_offset_s: float = 0.0
     datum_m: Vector3 = ZERO
+    velocity_mps: Vector3 = ZERO
+    backscatter_slope: float = 0.0
 
     @classmethod
     def of(cls, values: dict[str, float]) -> "InstrumentErrors":
@@ -97,6 +112,8 @@ class InstrumentErrors:
             range_scale=at["range_scale"],
             time_offset_s=at["time_offset"],
             datum_m=(at["datum_east"], at["datum_north"], at["datum_up"]),
+            velocity_mps=(at["velocity_east"], at["velocity_north"], at["velocity_up"]),
+            backscatter_slope=at["backscatter_slope"],
         )
 
     def read_m(self, range_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -133,6 +150,16 @@ class BelievedMotion(Columns):
         time_s = self.time_s
         return np.minimum(time_s - time_s[first], time_s[last] - time_s) > ENDS_S
 
+    def frames(self, size: int) -> tuple[Int[np.ndarray, "frame pulse"], float]:
+        """Return successive pulses within a line, so many in each frame, and their interval, s, which is regular."""
+        time_s, line, within = self.time_s, self.line, self.within_lines
+        interval_s = float(np.median(np.diff(time_s)))
+        first = np.arange(0, len(self) - size + 1, size)
+        last = first + size - 1
+        regular = np.abs(time_s[last] - time_s[first] - (size - 1) * interval_s) < interval_s / 100
+        first = first[regular & (line[first] == line[last]) & within[first] & within[last]]
+        return first[:, None] + np.arange(size), interval_s
+
     @property
     def R_world_mount(self) -> Float[np.ndarray, "pulse 3 3"]:
         """Axes of the mount, as reported: nose, right, down."""
@@ -149,10 +176,33 @@ class BelievedMotion(Columns):
         gain = self.acceleration_mps2 * dt
         corrected = Pose(
             position_m=pose.position_m + pose.velocity_mps * dt + gain * (dt / 2) - lever - np.array(errors.datum_m),
-            velocity_mps=pose.velocity_mps + gain - np.cross(self.turn_rad_s, lever),
+            velocity_mps=pose.velocity_mps + gain - np.cross(self.turn_rad_s, lever) - np.array(errors.velocity_mps),
             R_world_antenna=antenna,
         )
         return replace(self, pose=corrected, R_mount_antenna=self.R_mount_antenna @ squint)
+
+    def per_error(self, names: Sequence[str]) -> Float[np.ndarray, "pulse 9 error"]:
+        """Return the antenna's rotation vector, shift (m) and change of velocity (m/s) per unit of each error."""
+        body, pose = self.R_world_mount, self.pose
+        change = np.zeros((len(self), 9, len(names)))
+        for column, name in enumerate(names):
+            if name in ANGLES:
+                change[:, :3, column] = -body[:, :, ANGLES.index(name)]
+            elif name == "squint":
+                change[:, :3, column] = -pose.R_world_antenna[:, :, 2]
+            elif name.startswith("lever"):
+                side = body[:, :, SIDES.index(name.removeprefix("lever_"))]
+                change[:, 3:6, column] = -side
+                change[:, 6:, column] = -np.cross(self.turn_rad_s, side)
+            elif name.startswith("datum"):
+                change[:, 3 + WAYS.index(name.removeprefix("datum_")), column] = -1.0
+            elif name.startswith("velocity"):
+                change[:, 6 + WAYS.index(name.removeprefix("velocity_")), column] = -1.0
+            elif name == "time_offset":
+                change[:, :3, column] = self.turn_rad_s
+                change[:, 3:6, column] = pose.velocity_mps
+                change[:, 6:, column] = self.acceleration_mps2
+        return change
 
 
 def believed_motion(pulses: Pulses, scan: Scan | None, gap_s: float = 1.0) -> BelievedMotion:
@@ -197,3 +247,11 @@ def _around(
     before = np.maximum(np.searchsorted(time_s, time_s - HALF_STEP_S), first)
     after = np.minimum(np.searchsorted(time_s, time_s + HALF_STEP_S, side="right") - 1, last)
     return np.minimum(before, after), np.maximum(before, after)
+
+
+def stretches(line: Int[np.ndarray, " pulse"], fewest: int = MIN_STRETCH) -> Int[np.ndarray, " pulse"]:
+    """Return the stretch of the flight that each pulse is in: parts of lines, alike in their numbers of pulses."""
+    length = max(fewest, -(-len(line) // STRETCHES))
+    within = np.arange(len(line)) - np.searchsorted(line, line)
+    _, number = np.unique(line * len(line) + within // length, return_inverse=True)
+    return number

@@ -46,7 +46,7 @@ from scipy.sparse import csr_matrix
 from scipy.stats import chi2
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
+from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import Drift, ErrorsLinearised, Nearness, Step, Together, WholeEchoes
@@ -58,8 +58,6 @@ from sionna_radar.mapping.terrain.smoothing import TerrainModel
 TOLD = 1 / 3
 # Steps of scoring at most.
 MAX_STEPS = 12
-# Stretches of the flight whose scores are compared, at most, and the pulses in each at least.
-STRETCHES, MIN_STRETCH = 48, 24
 # Probability of scores that scatter so, below which the model of the echoes is said to miss something.
 SURPRISE = 1e-3
 # Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
@@ -267,7 +265,13 @@ def solve(
             steps = [line.step(e, surface, drift.every, near) for line, e in zip(lines, at, strict=True)]
             step = Step.joined(steps)
             said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
-            each = [drift.eliminated(*line, d) for line, d in zip(said, apart, strict=True)]
+            rates = [line.doppler_information(e, drift.every) for line, e in zip(lines, at, strict=True)]
+            # Range rates have the weight of their variance: that of echoes is greater than the information says.
+            usual = float(np.nanmean(step.spread)) * echoes.repeated
+            each = [
+                drift.eliminated(i + usual * more, s + usual * of, d)
+                for (i, s), (more, of), d in zip(said, rates, apart, strict=True)
+            ]
             information = np.sum([line.information for line in each], axis=0)
             known = Knowledge(names=tuple(names), prior=sigma0, information=information)
             before, told = before or known, known.told
@@ -284,7 +288,8 @@ def solve(
     assert step is not None
     freedom = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
     scatter, expected, surprise = _scatter(step, echoes, told, freedom)
-    each = [drift.eliminated(line[0] / scatter, line[1], d) for line, d in zip(said, apart, strict=True)]
+    both = zip(said, rates, apart, strict=True)
+    each = [drift.eliminated(line[0] / scatter + more, line[1], d) for line, (more, _), d in both]
     known = replace(known, information=np.sum([line.information for line in each], axis=0))
     covariance = known.considered(told)
     return Solution(
@@ -318,14 +323,6 @@ def _next(
         scaled = known.prior[told][:, None] * known.information[own] * known.prior[told] + np.eye(int(told.sum()))
         following[told] = known.prior[told] * np.linalg.solve(scaled, known.prior[told] * right)
     return following
-
-
-def stretches(line: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " pulse"]:
-    """Return the stretch of the flight that each pulse is in: parts of lines, alike in their numbers of pulses."""
-    length = max(MIN_STRETCH, -(-len(line) // STRETCHES))
-    within = np.arange(len(line)) - np.searchsorted(line, line)
-    _, number = np.unique(line * len(line) + within // length, return_inverse=True)
-    return number
 
 
 # Ratios of the standard deviations of steps and noise, as angles, over which a walk is averaged.
@@ -558,7 +555,7 @@ def _step(
         factor = _by_pulses(line)
         onto = factor @ cells
         by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
-        said, of_line = by_error.T @ by_error, line.score.sum(axis=0)
+        said, of_line = by_error.T @ by_error + line.doppler[0], line.score.sum(axis=0) + line.doppler[1]
         told = told + onto.T @ onto
         height_score += cells.T @ line.node_score.ravel()
         by_wave = waves.T @ (onto.T @ by_error)

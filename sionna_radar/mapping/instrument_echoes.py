@@ -34,6 +34,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.detection.echoes import Profiles
+from sionna_radar.detection.range_doppler.frames import RangeRates
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
@@ -104,7 +105,7 @@ class ErrorsLinearised:
 
     heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
     per_error: heights under the nodes that stand for errors.
-    score, information: of the errors. misfit, spread: see `Step`.
+    score, information: of the errors. misfit, spread: see `Step`. doppler: see `WholeEchoes.doppler_information`.
     """
 
     heights: Linearised
@@ -114,8 +115,11 @@ class ErrorsLinearised:
     per_error: Float[np.ndarray, "pulse node error"]
     misfit: Float[np.ndarray, " pulse"]
     spread: Float[np.ndarray, " pulse"]
+    doppler: "Information"
 
 
+# Fisher information of errors, and the score.
+Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]
 Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
 
 
@@ -125,11 +129,13 @@ class WholeEchoes:
 
     sightings: with the reported poses. motion: of the same pulses.
     reach: over how many pulses the speckle of each repeats.
+    rates: range rates of the ground in frames of the same lines, if it was measured.
     """
 
     sightings: Sightings
     motion: BelievedMotion
     reach: Float[np.ndarray, " pulse"]
+    rates: RangeRates | None = None
 
     def __len__(self) -> int:
         return len(self.motion)
@@ -141,19 +147,32 @@ class WholeEchoes:
 
     def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "WholeEchoes":
         """Return some of the echoes."""
-        own = np.flatnonzero(kept)
-        return WholeEchoes(sightings=self.sightings.rows(kept), motion=self.motion.rows(own), reach=self.reach[kept])
+        motion, rates = self.motion.rows(np.flatnonzero(kept)), self.rates
+        if rates is not None:
+            rates = rates.rows(np.isin(rates.motion.line, motion.line))
+        return WholeEchoes(sightings=self.sightings.rows(kept), motion=motion, reach=self.reach[kept], rates=rates)
+
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+        """Return information and score of the range rates at an estimate; zero where there are none."""
+        if self.rates is None:
+            return np.zeros((len(names), len(names))), np.zeros(len(names))
+        change, excess = self.rates.linearised(errors, names)
+        weighted = change / self.rates.sigma_mps[:, None] ** 2
+        return change.T @ weighted, excess @ weighted
 
     @staticmethod
     def joined(parts: Sequence["WholeEchoes"]) -> "WholeEchoes":
         """Return the echoes of several recordings of one radar; pulses and lines are counted on."""
         if len(parts) == 1:
             return parts[0]
-        profiles, lines, pulse, line = [], [], 0, 0
+        profiles, lines, rates, pulse, line = [], [], [], 0, 0
         for part in parts:
             own = part.sightings.profiles
             profiles.append(replace(own, pulse=own.pulse + pulse))
             lines.append(part.motion.line + line)
+            if part.rates is not None:
+                of_frames = part.rates.motion
+                rates.append(replace(part.rates, motion=replace(of_frames, line=of_frames.line + line)))
             # No pulse follows the last one of another recording.
             pulse, line = int(profiles[-1].pulse[-1]) + 2, int(lines[-1].max()) + 1
         sightings = replace(
@@ -166,6 +185,7 @@ class WholeEchoes:
             sightings=sightings,
             motion=replace(motion, line=np.concatenate(lines)),
             reach=np.concatenate([part.reach for part in parts]),
+            rates=RangeRates.concatenate(rates) if rates else None,
         )
 
     @property
@@ -279,6 +299,7 @@ class WholeEchoes:
             spread=spread,
             per_error=heights,
             node_score=node_score,
+            doppler=self.doppler_information(errors, names),
         )
 
     def _mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
@@ -400,6 +421,12 @@ class Together:
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
         """Return score and information of all echoes; see `WholeEchoes.step`."""
         return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
+
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+        """Return information and score of all range rates; see `WholeEchoes.doppler_information`."""
+        said = [part.doppler_information(errors, names) for part in self.parts if isinstance(part, WholeEchoes)]
+        count = len(names)
+        return sum((i for i, _ in said), np.zeros((count, count))), sum((s for _, s in said), np.zeros(count))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -526,37 +553,10 @@ def range_per_error(
     velocity = np.broadcast_to(motion.pose.velocity_mps[:, None], direction.shape)
     turned = per_height * range_m[..., None] * np.cross(direction, normal) - doppler_m * np.cross(direction, velocity)
     by = np.concatenate([turned, per_height * normal, -doppler_m * direction], axis=2)
-    change = by @ _moved(motion, names)
+    change = by @ motion.per_error(names)
     for column, name in enumerate(names):
         if name == "range_bias":
             change[..., column] = 1.0
         elif name == "range_scale":
             change[..., column] = range_m
     return np.where(np.isfinite(feet.range_m)[..., None], change, 0.0)
-
-
-WAYS = ("east", "north", "up")
-SIDES = ("nose", "right", "down")
-ANGLES = ("roll", "pitch", "heading")
-
-
-def _moved(motion: BelievedMotion, names: Sequence[str]) -> Float[np.ndarray, "pulse 9 error"]:
-    """Return the antenna's rotation vector, shift (m) and change of velocity (m/s) per unit of each believed error."""
-    body, pose = motion.R_world_mount, motion.pose
-    change = np.zeros((len(motion), 9, len(names)))
-    for column, name in enumerate(names):
-        if name in ANGLES:
-            change[:, :3, column] = -body[:, :, ANGLES.index(name)]
-        elif name == "squint":
-            change[:, :3, column] = -pose.R_world_antenna[:, :, 2]
-        elif name.startswith("lever"):
-            side = body[:, :, SIDES.index(name.removeprefix("lever_"))]
-            change[:, 3:6, column] = -side
-            change[:, 6:, column] = -np.cross(motion.turn_rad_s, side)
-        elif name.startswith("datum"):
-            change[:, 3 + WAYS.index(name.removeprefix("datum_")), column] = -1.0
-        elif name == "time_offset":
-            change[:, :3, column] = motion.turn_rad_s
-            change[:, 3:6, column] = pose.velocity_mps
-            change[:, 6:, column] = motion.acceleration_mps2
-    return change

@@ -102,6 +102,8 @@ class CalibrationTable(Table):
     """by how much the lever arm is believed to be longer: nose, right, down."""
     datum_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
     """positions minus those in the datum of the reference: east, north, up."""
+    velocity_mps: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
+    """constant error of the velocity: east, north, up."""
     range_bias_m: Offset = 0.0
     """range that is read at range zero."""
     range_scale_ppm: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.reference import Checkpoints, ReferenceSurface, read_reference
 from sionna_radar.accuracy.truth import compare_dem
+from sionna_radar.detection.range_doppler.frames import RangeRates, pulse_pair_rates
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
@@ -35,12 +36,18 @@ from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.survey.observation import Observed, observe, place
-from sionna_radar.survey.recordings.described import DescribedRanges
+from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
 from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
 from sionna_radar.survey.sensors.sensor import Sensor
 
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
 DATUM = ("datum_east", "datum_north", "datum_up")
+# What errs in range rates, too.
+DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
+# Pulses of a frame: odd, so that one is in its middle.
+FRAME = 17
+# Range rates are unambiguous if so many standard deviations of what is known beforehand, and of a frame, are.
+PRIOR_SIGMAS, FRAME_SIGMAS = 4.0, 5.0
 # A reference is displaced if its shift is this unlikely by what is stated of it; in standard deviations.
 DISPLACED = 4.0
 # Manoeuvres: how a line is flown again. Rocking is a roll to and fro, by a pilot or an autopilot without effort.
@@ -84,6 +91,7 @@ class Calibration:
 
     solution: the estimate. manoeuvres: what one more line would tell; none over unknown ground.
     displaced: the estimate that lets the reference lie elsewhere, if it does.
+    doppler: what is taken from the range rates of each recording, or why nothing is.
     """
 
     solution: Solution
@@ -94,6 +102,7 @@ class Calibration:
     displaced: bool
     warnings: tuple[str, ...]
     overrides: Mapping[str, Any]
+    doppler: tuple[str, ...] = ()
 
     @property
     def errors(self) -> dict[str, tuple[float, float]]:
@@ -162,7 +171,8 @@ def run_calibration(
         Heights of the ground, as for `compare_with_reference`: a surface, or single places. None for lines that
         overlap.
     names, prior:
-        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI.
+        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI. Where Doppler is used,
+        `DOPPLER_ERRORS` are among them.
     drift:
         Errors that differ from line to line, and their standard deviations between lines, SI.
     reference_sigma_m:
@@ -189,7 +199,11 @@ def run_calibration(
     changes = dict(overrides or {})
     path = None if reference is None else Path(reference)
     with ExitStack() as stack:
-        heard = [echoes_of(stack.enter_context(open_recording(signals_in(Path(name)), changes))) for name in recordings]
+        errors = {n: UNKNOWNS[n].prior * UNKNOWNS[n].si for n in (*names, *DOPPLER_ERRORS)} | dict(prior or {})
+        opened = [stack.enter_context(open_recording(signals_in(Path(name)), changes)) for name in recordings]
+        heard = [echoes_of(source, errors) for source in opened]
+        if any(isinstance(each.echoes, WholeEchoes) and each.echoes.rates for each in heard):
+            names = tuple(dict.fromkeys((*names, *DOPPLER_ERRORS)))
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
             found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
@@ -216,6 +230,7 @@ def run_calibration(
         displaced=found.displaced,
         warnings=tuple(warnings),
         overrides=changes,
+        doppler=tuple(f"{each.source.path.name}: {each.doppler}" for each in heard if each.doppler),
     )
 
 
@@ -309,17 +324,21 @@ def signals_in(path: Path) -> Path:
 # --------------------------------------------------------------------------------------------------------- echoes
 @dataclass(frozen=True, kw_only=True)
 class Heard:
-    """A recording with its detected echoes, and what they say."""
+    """A recording with its detected echoes, and what they say; doppler: see `Calibration`."""
 
     source: RecordingSource
     sensor: Sensor
     observed: Observed
     echoes: WholeEchoes | Readings
     grid: Grid
+    doppler: str = ""
 
 
-def echoes_of(source: RecordingSource) -> Heard:
-    """Return the echoes of a recording, with the poses as they were reported."""
+def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None) -> Heard:
+    """Return the echoes of a recording, with the poses as they were reported.
+
+    prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
+    """
     if not source.file.pulses.located:
         message = f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones"
         raise InputFileError(message)
@@ -351,14 +370,40 @@ def echoes_of(source: RecordingSource) -> Heard:
     own = motion.rows(observed.profiles.pulse)
     sightings = mapper.sightings(observed.profiles, own.pose)
     echo_ranges = mean_ranges(sightings)
-    whole = WholeEchoes(sightings=sightings, motion=own, reach=sightings.repeated(echo_ranges.range_m))
-    grid = reaching(mapper.grid, sightings, echo_ranges)
-    return Heard(
-        source=source,
-        sensor=sensor,
-        observed=observed,
-        echoes=whole,
-        grid=replace(grid, georeference=mapper.grid.georeference),
+    rates, doppler = (None, "") if prior is None else _range_rates(source, motion, sightings.beam.spread, prior)
+    reach = sightings.repeated(echo_ranges.range_m)
+    whole = WholeEchoes(sightings=sightings, motion=own, reach=reach, rates=rates)
+    grid = replace(reaching(mapper.grid, sightings, echo_ranges), georeference=mapper.grid.georeference)
+    return Heard(source=source, sensor=sensor, observed=observed, echoes=whole, grid=grid, doppler=doppler)
+
+
+def _range_rates(
+    source: RecordingSource, motion: BelievedMotion, spread: tuple[float, float], prior: Mapping[str, float]
+) -> tuple[RangeRates | None, str]:
+    """Return the range rates of frames of successive pulses, if they are unambiguous, and what is to be said of them.
+
+    spread: standard deviations of the beam's power.
+    """
+    if isinstance(source.file, DescribedSignals) and source.file.powers:
+        return None, "Doppler is not used, as powers have no phase"
+    (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses
+    if len(frames) == 0:
+        return None, f"Doppler is not used: {FRAME} pulses never follow each other in regular intervals"
+    ambiguity_mps, middle = source.sweeps[0].wavelength_m / (2 * interval_s), motion.rows(frames[:, FRAME // 2])
+    found = pulse_pair_rates(source.detector, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
+    rates = RangeRates.of_frames(found, middle, spread, ambiguity_mps)
+    change, _ = rates.linearised(InstrumentErrors(), tuple(prior))
+    known_mps = float(np.sqrt(np.sum((change * [*prior.values()]) ** 2, axis=1)).max())
+    sigma_mps = float(rates.sigma_mps[0])
+    said = f"range rates of {len(frames)} frames of {FRAME} pulses"
+    if np.isinf(sigma_mps):
+        return None, f"Doppler is not used: {said} are too few to tell their variance; fly longer"
+    said += f", {sigma_mps:.2g} m/s each"
+    if PRIOR_SIGMAS * known_mps + FRAME_SIGMAS * sigma_mps < ambiguity_mps / 2:
+        return rates, f"Doppler is used: {said}"
+    return None, (
+        f"Doppler is not used: {said}, are ambiguous by {ambiguity_mps:.3g} m/s and known to {known_mps:.2g} m/s "
+        "beforehand; more chirps a second, a slower scan or a smaller --prior may allow it"
     )
 
 
@@ -477,6 +522,9 @@ def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> di
         first += len(part)
     for name, motion in _lines(one.motion, surface).items():
         information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
+        if isinstance(one, WholeEchoes) and one.rates is not None:
+            flown = replace(one, rates=replace(one.rates, motion=_lines(one.rates.motion, surface)[name]))
+            information += flown.doppler_information(solution.errors, drift.every)[0]
         found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
     return found
 

@@ -51,6 +51,10 @@ def reported(stabilised: bool = False, **errors: object):
         ({"lever_arm_error_m": (0.1, -0.2, 0.15)}, {"lever_arm_m": (0.1, -0.2, 0.15)}),
         ({"time_offset_s": 0.005}, {"time_offset_s": 0.005}),
         ({"position_constant_m": (1.0, -2.0, 0.5)}, {"datum_m": (1.0, -2.0, 0.5)}),
+        (
+            {"velocity_constant_mps": (0.2, -0.1, 0.3), "boresight_error_deg": (0.1, 0.0, 0.0)},
+            {"velocity_mps": (0.2, -0.1, 0.3), "mounting_deg": (0.1, 0.0, 0.0)},
+        ),
     ],
 )
 def test_what_navigation_reports_without_its_errors_is_the_true_pose(simulated, errors):
@@ -109,3 +113,18 @@ def test_every_error_has_a_place():
     for name, unknown in UNKNOWNS.items():
         assert InstrumentErrors.of({name: 1e-3}) != InstrumentErrors(), name
         assert unknown.prior > 0
+
+
+def test_frames_are_successive_pulses_at_regular_intervals_within_a_line():
+    pulses, scan = reported()
+    motion = believed_motion(pulses, scan)
+    late = 20 * 10 + 3
+    motion = motion.rows(np.delete(np.arange(len(motion)), late))
+    frames, interval_s = motion.frames(10)
+    assert interval_s == pytest.approx(1 / RATE_HZ)
+    np.testing.assert_array_equal(np.diff(frames, axis=1), 1)
+    np.testing.assert_allclose(np.diff(motion.time_s[frames], axis=1), interval_s, rtol=1e-6)
+    # That with the missing pulse is left out, and those at the ends of the line.
+    assert 200 not in frames[:, 0]
+    assert {190, 210} <= set(frames[:, 0])
+    assert motion.within_lines[frames].all()

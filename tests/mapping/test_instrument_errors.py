@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sionna_radar.detection.range_doppler.frames import RangeRates
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion, stretches
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import (
@@ -17,7 +18,6 @@ from sionna_radar.mapping.calibration import (
     continued,
     solve,
     solve_over_unknown_ground,
-    stretches,
 )
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
@@ -67,7 +67,8 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
     difference = (sides[1] - sides[0]) / (2 * step)
     # The mean is that of the power, whose share of each part of the beam changes as well, by a few percent.
     scale = np.abs(difference).max()
-    assert np.abs(slope - difference).max() < 0.06 * scale
+    # Ranges do not change at all with the slope of the backscatter, which both say.
+    assert np.abs(slope - difference).max() <= 0.06 * scale
 
 
 def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hills):
@@ -257,3 +258,31 @@ def test_stretches_stay_within_lines():
     line = np.repeat([0, 1, 2], [100, 50, 300])
     number = stretches(line)
     assert all(len(np.unique(line[number == k])) == 1 for k in np.unique(number))
+
+
+def test_range_rates_stand_beside_the_ranges_of_their_lines(over_hills):
+    """Rates that are far better known than ranges decide pitch and heading, and tell as much as they do alone."""
+    echoes, surface = over_hills
+    names, truth = ("pitch", "heading", "range_bias"), {"pitch": 0.004, "heading": -0.006}
+    motion = echoes.motion.rows(np.arange(3, len(echoes), 7))
+    ones = np.ones(len(motion))
+    still = RangeRates(rate_mps=0 * ones, sigma_mps=1e-4 * ones, spread=np.outer(ones, [0.01, 0.01]), motion=motion)
+    rates = replace(still, rate_mps=-still.linearised(InstrumentErrors.of(truth), ())[1])
+    both = replace(echoes, rates=rates)
+    alone, found = (solve(Together(parts=(each,)), surface, names) for each in (echoes, both))
+    np.testing.assert_allclose(found.value[:2], [*truth.values()], atol=1e-5)
+    change = rates.linearised(found.errors, names[:2])[0] / 1e-4
+    covariance = np.linalg.inv(change.T @ change)
+    np.testing.assert_allclose(found.covariance[:2, :2], covariance, rtol=0.05, atol=0.05 * covariance.min())
+    # What the ranges say of pitch they now say of the range's bias.
+    assert found.sigma[2] < alone.sigma[2]
+    drifting = solve(Together(parts=(both,)), surface, names, between={"pitch": 1e-3})
+    assert drifting.sigma[0] == pytest.approx(1e-3, rel=0.05)
+
+    twice = WholeEchoes.joined([both, echoes, both])
+    assert np.unique(twice.rates.motion.line).tolist() == [0, 2]
+    assert len(twice.rows(twice.motion.line == 1).rates) == 0
+    information, score = twice.doppler_information(InstrumentErrors(), names)
+    once = both.doppler_information(InstrumentErrors(), names)
+    np.testing.assert_allclose(information, 2 * once[0])
+    np.testing.assert_allclose(score, 2 * once[1])

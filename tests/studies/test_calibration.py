@@ -25,15 +25,31 @@ from calibration_surveys import (
 )
 from sionna_radar import Raster, load_scenario, process, run
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.calibration import solve
+from sionna_radar.mapping.calibration import Knowledge, solve
+from sionna_radar.mapping.echo_model.beam import beam_nodes
 from sionna_radar.mapping.instrument_echoes import Readings, Together
-from sionna_radar.report.studies.calibration import calibration_document, calibration_page, write_calibration
-from sionna_radar.studies.calibration import PRIORS, USUAL, _manoeuvres, parse_deviations, parse_errors, run_calibration
+from sionna_radar.report.studies.calibration import (
+    calibration_document,
+    calibration_page,
+    calibration_toml,
+    write_calibration,
+)
+from sionna_radar.studies.calibration import (
+    DOPPLER_ERRORS,
+    PRIORS,
+    USUAL,
+    _manoeuvres,
+    _range_rates,
+    parse_deviations,
+    parse_errors,
+    run_calibration,
+)
 from sionna_radar.studies.planning import calibration_flights
+from sionna_radar.survey.reprocessing import open_recording
 
 ERRORS = {"roll": 0.4, "pitch": -0.5, "heading": 0.3, "time_offset": 5.0}
 
@@ -67,6 +83,8 @@ def test_errors_are_found_within_what_is_stated(calibrated):
     assert result.solution.model_holds
     assert not result.displaced
     assert result.warnings == ()
+    # A beam that turns by its width from pulse to pulse sees other ground.
+    assert "Doppler is not used" in result.doppler[0]
 
 
 def test_the_map_is_nearly_that_of_a_survey_without_errors(calibrated):
@@ -126,6 +144,43 @@ def test_a_level_plane_and_a_single_line_tell_neither_heading_nor_time(tmp_path)
     held = next(row for row in document["errors"] if row["name"] == "heading")
     assert held["estimate"] is None
     assert held["sigma"] == pytest.approx(held["prior"])
+
+
+def coherent_line(velocity_error_mps: list[float], length_m: float, rotation_rpm: float, **changes: object) -> dict:
+    """A line whose successive chirps share their speckle, over level ground."""
+    scan = {"mode": "whisk_broom", "incidence_deg": 45.0, "rotation_rpm": rotation_rpm, "stabilised": False}
+    return {
+        "terrain": {"kind": "flat", "size_m": [420.0, 420.0]},
+        "platform.length_m": length_m,
+        "platform.start_m": [-length_m / 2 - 30.0, 0.0],
+        "platform.navigation.velocity_constant_mps": velocity_error_mps,
+        "radar.sampling": "iq",
+        "radar.samples_per_chirp": 256,
+        "radar.bandwidth_hz": 300e6,
+        "radar.chirp_rate_hz": 2000.0,
+        "radar.scan": scan,
+        "dem.method": "linear",
+        "dem.spacing_m": 4.0,
+        **changes,
+    }
+
+
+def test_doppler_tells_heading_and_pitch_of_one_line_over_level_ground_that_is_not_known(tmp_path):
+    """As well as the velocity is known: the range bias, and roll about the course, are not told."""
+    truth = {"pitch": 0.4, "heading": -0.5}
+    flown = coherent_line([0.01, -0.02, 0.01], 34.0, 60.0)
+    run(prepared_with(truth, flown), recordings={"signals": tmp_path / "line.nc"})
+    result = run_calibration([tmp_path / "line.nc"], names=("roll", "pitch", "heading", "range_bias"))
+    assert "Doppler is used" in result.doppler[0]
+    assert set(result.errors) == set(truth)
+    for name, (value, sigma) in result.errors.items():
+        assert abs(value - truth[name]) < 4 * sigma, name
+        # 0.02 m/s of 10 m/s, which the flight does not tell.
+        assert 0.11 < sigma < 0.25
+    document = calibration_document(result)
+    assert document["doppler"] == list(result.doppler)
+    assert {"velocity_up"} in [set(direction) for direction in document["trade_offs"]]
+    assert "backscatter" not in tomllib.loads(calibration_toml(result))["processing"]["calibration"]
 
 
 @pytest.mark.study
@@ -312,8 +367,8 @@ def test_what_drifts_from_line_to_line_widens_what_is_stated():
     of_68, of_95 = shares_inside(found)
     assert abs(of_68 - 0.6827) < 0.06
     assert abs(of_95 - 0.95) < 0.04
-    # Three lines tell no mean better than drifts let it be known.
-    assert np.median([each[0, 1] for each in found]) > 0.1 / np.sqrt(3)
+    # Three lines tell no mean better than drifts, and what is known beforehand, let it be known.
+    assert np.median([each[0, 1] for each in found]) > 1 / np.sqrt(3 / 0.1**2 + 1 / SPREAD["roll"] ** 2)
 
 
 @pytest.mark.study
@@ -326,6 +381,41 @@ def test_over_unknown_ground_the_truth_is_inside_what_is_stated():
     # Two standard deviations of a share of 160 estimates.
     assert abs(of_68 - 0.6827) < 0.074
     assert abs(of_95 - 0.95) < 0.035
+
+
+@pytest.mark.study
+def test_pitch_and_heading_by_doppler_alone_are_inside_what_is_stated(tmp_path):
+    """40 lines, half over level ground and half over hills, with errors of mounting and velocity; 10 s each."""
+    names, file = ("roll", "pitch", "heading", "range_bias", *DOPPLER_ERRORS), tmp_path / "line.nc"
+    prior = np.array([UNKNOWNS[name].prior * UNKNOWNS[name].si for name in names])
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng([42, seed])
+        truth = dict(zip(("roll", "pitch", "heading"), 0.5 * rng.standard_normal(3), strict=True))
+        hills = {} if seed % 2 else {"terrain": {"kind": "hills", "size_m": [420.0, 420.0], "seed": seed}}
+        flown = coherent_line((0.02 * rng.standard_normal(3)).tolist(), 70.0, 30.0, seed=seed, **hills)
+        run(prepared_with(truth, flown), recordings={"signals": file})
+        with open_recording(file, {}) as source:
+            spread = beam_nodes(source.antenna).spread
+            rates, _ = _range_rates(source, source.believed(), spread, dict(zip(names, prior, strict=True)))
+        file.unlink()
+        value = np.zeros(len(names))
+        for _ in range(3):
+            errors = InstrumentErrors.of(dict(zip(names, map(float, value), strict=True)))
+            change, excess = rates.linearised(errors, names)
+            weighted = change / rates.sigma_mps[:, None] ** 2
+            known = Knowledge(names=names, prior=prior, information=change.T @ weighted)
+            told = known.told
+            right = (excess @ weighted + known.information @ value)[told]
+            value[told] = np.linalg.solve(known.information[np.ix_(told, told)] + np.diag(prior[told] ** -2.0), right)
+        assert told.tolist() == [name in ("pitch", "heading") for name in names]
+        sigma = np.sqrt(np.diag(known.considered(told)))
+        error = np.rad2deg(value[1:3]) - [truth["pitch"], truth["heading"]]
+        found.append(np.column_stack([error, np.rad2deg(sigma[1:3]), told[1:3]]))
+    of_68, of_95 = shares_inside(found)
+    # Two standard deviations of a share of 80 estimates.
+    assert abs(of_68 - 0.6827) < 0.104
+    assert abs(of_95 - 0.95) < 0.049
 
 
 @pytest.mark.study

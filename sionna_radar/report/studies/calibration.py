@@ -90,6 +90,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "covariance": (solution.covariance / np.outer(units, units)).tolist(),
         "correlation": solution.knowledge.correlation.tolist(),
         "trade_offs": _trade_offs(result),
+        "doppler": list(result.doppler),
         "drift": _drift(result),
         "manoeuvres": [_told_by(manoeuvre) for manoeuvre in result.manoeuvres],
         "variance_factor": solution.scatter,
@@ -168,6 +169,9 @@ KEYS = {
     "datum_east": ("datum_m", 0, 1.0),
     "datum_north": ("datum_m", 1, 1.0),
     "datum_up": ("datum_m", 2, 1.0),
+    "velocity_east": ("velocity_mps", 0, 1.0),
+    "velocity_north": ("velocity_mps", 1, 1.0),
+    "velocity_up": ("velocity_mps", 2, 1.0),
     "range_bias": ("range_bias_m", None, 1.0),
     "range_scale": ("range_scale_ppm", None, 1.0),
     "time_offset": ("time_offset_s", None, 1e-3),
@@ -177,6 +181,7 @@ SIMULATED = {
     "mounting_deg": "boresight_error_deg",
     "lever_arm_m": "lever_arm_error_m",
     "datum_m": "position_constant_m",
+    "velocity_mps": "velocity_constant_mps",
     "time_offset_s": "time_offset_s",
 }
 
@@ -184,7 +189,8 @@ SIMULATED = {
 def calibration_toml(result: Calibration) -> str:
     """Return the told errors as tables: of `process --set-file`, and commented out those of a simulated flight."""
     table: dict[str, Any] = {}
-    for name, (value, _) in result.errors.items():
+    # The ground's own backscatter has no key.
+    for name, (value, _) in (each for each in result.errors.items() if each[0] in KEYS):
         key, place, factor = KEYS[name]
         if place is None:
             table[key] = value * factor
@@ -315,7 +321,7 @@ def _statements(result: Calibration) -> list[str]:
         lines = zip(row["lines"], row["sigma_of_lines"], strict=True)
         apart = ", ".join(f"{value:+.2g} ± {sigma:.2g}" for value, sigma in lines)
         drifts.append(f"{row['name']} of each line apart from that of the flight: {apart} {row['unit']}")
-    return [*drifts, *trade_off_words(result), *_manoeuvre_words(result)]
+    return [*result.doppler, *drifts, *trade_off_words(result), *_manoeuvre_words(result)]
 
 
 def _manoeuvre_words(result: Calibration) -> list[str]:
