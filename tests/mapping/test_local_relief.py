@@ -148,7 +148,10 @@ def scanned(rng, walls_along: bool) -> Heights:
     return replace(heights, order=order)
 
 
-def test_lines_left_out_are_predicted_by_the_others():
+@pytest.mark.parametrize(
+    "local", [UNIFORM, LocalRelief(0.0, 0.0, 12.0, np.tile(np.linspace(-0.6, 1.0, 5), (6, 1)))], ids=["even", "uneven"]
+)
+def test_lines_left_out_are_predicted_by_the_others(local):
     """The error over its standard deviation, as by kriging about a plane with the line really left out."""
     rng = np.random.default_rng(8)
     heights = scanned(rng, walls_along=True)
@@ -156,12 +159,13 @@ def test_lines_left_out_are_predicted_by_the_others():
     others = own[np.abs(measured.order[own] - measured.order[own[0]]) > 100]
     place = measured.place_m
     away = np.column_stack([np.ones(len(others)), place[others] - place[own[0]]])
-    total = TERRAIN.at(cdist(place[others], place[others])) + SIGMA_M**2 * np.eye(len(others))
-    to_first, zero = TERRAIN.at(cdist(place[others], place[own[:1]]))[:, 0], np.zeros((3, 3))
+    total = covariance(place[others], place[others], local) + SIGMA_M**2 * np.eye(len(others))
+    to_first, zero = covariance(place[others], place[own[:1]], local)[:, 0], np.zeros((3, 3))
     weight = np.linalg.solve(np.block([[total, away], [away.T, zero]]), np.concatenate([to_first, [1.0, 0.0, 0.0]]))
-    variance = TERRAIN.variance_m2 + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
+    before = covariance(place[own[:1]], place[own[:1]], local)[0, 0]
+    variance = before + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
     plainly = (measured.height_m[own[0]] - weight[:-3] @ measured.height_m[others]) / np.sqrt(variance)
-    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), UNIFORM)
+    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), local)
     assert found == pytest.approx(plainly, rel=1e-3)
 
 
