@@ -11,7 +11,15 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, _modes, _off_other_lines, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import (
+    UNIFORM,
+    DividedTables,
+    LocalRelief,
+    _modes,
+    _off_other_lines,
+    calm,
+    local_relief,
+)
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
@@ -125,6 +133,23 @@ def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground(
     assert np.exp(found.log_amplitude).max() * np.sqrt(short_m2) < 1.2
 
 
+def test_tables_for_all_windows_are_those_of_each_window():
+    """Between the spreads for which there are tables, too: within 0.0005 of the variance."""
+    rng = np.random.default_rng(5)
+    place, spread = rng.uniform(0, 50, (400, 2)), rng.uniform(0.3, 3.0, 400)
+    heights = Heights.at_places(place, np.zeros(400), np.full(400, SIGMA_M))
+    measured, member = (
+        replace(heights.above(np.zeros(3)), spread_m=spread),
+        rng.permuted(np.arange(400)).reshape(20, 20),
+    )
+    tables = DividedTables.of(measured, member, TERRAIN, BROKEN)
+    for own in (member[3], member[3][:1]):
+        away = cdist(place[own], place[own])
+        exact = [table.at(away) for table in BROKEN.divided(TERRAIN, 80.0, float(np.median(spread[own])), 4000)]
+        for found, expected in zip(tables.between(place[own], spread[own]), exact, strict=True):
+            np.testing.assert_allclose(found, expected, atol=5e-4 * TERRAIN.variance_m2)
+
+
 def test_modes_of_a_covariance_that_rounding_left_indefinite():
     """They are those of the least raised one, which is definite; a definite one is not touched."""
     rng = np.random.default_rng(2)
@@ -165,7 +190,8 @@ def test_lines_left_out_are_predicted_by_the_others(local):
     before = covariance(place[own[:1]], place[own[:1]], local)[0, 0]
     variance = before + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
     plainly = (measured.height_m[own[0]] - weight[:-3] @ measured.height_m[others]) / np.sqrt(variance)
-    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), local)
+    tables = DividedTables.of(measured, own[None], TERRAIN, local)
+    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), local, tables)
     assert found == pytest.approx(plainly, rel=1e-3)
 
 

@@ -65,7 +65,8 @@ HELD_OUT, MIN_OTHERS, LINE_GAP = 200, 12, 8
 # Standard deviation of a scatter that is the median of n deviations, times sqrt(n) (Rousseeuw and Croux 1993), and how
 # many of them are no chance: one tile in 160 of ground as the covariance says.
 MEDIAN_SIGMA, SURE = 1.17, 2.5
-TABLE = 400
+# Entries of tables of covariances, and how many spreads of footprints they are made for.
+TABLE, SPREADS = 1600, 16
 # Of the variance: tables of covariances are interpolated.
 JITTER = 1e-6
 
@@ -154,9 +155,10 @@ class Windows:
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief:
         """Return the local amplitudes of a terrain's short waves."""
         found = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
+        tables = DividedTables.of(measured, self.member, fitted.covariance, found)
 
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
-            return np.array([_log_likelihood(measured, own, found, fitted) for own in self.member[low:high]])
+            return np.array([_log_likelihood(measured, own, tables, fitted) for own in self.member[low:high]])
 
         likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
         overlap = self.member.size / len(np.unique(self.member))
@@ -174,11 +176,52 @@ class Windows:
         place = measured.place_m[kept]
         held_out = place[spread_indices(HELD_OUT, len(kept))]
         near = kept[KDTree(place).query(held_out, k=self.member.shape[1])[1]]
-        off = [each for own in near if (each := _off_other_lines(measured, own, fitted, relief)) is not None]
+        tables = DividedTables.of(measured, near, fitted.covariance, relief)
+        off = [each for own in near if (each := _off_other_lines(measured, own, fitted, relief, tables)) is not None]
         if not off:
             return 1.0
         scatter = 1.4826 * float(np.median(np.abs(off)))
         return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
+
+
+@dataclass(frozen=True)
+class DividedTables:
+    """Covariances of long waves and of short ones, averaged over footprints of several spreads.
+
+    spread_m: of the footprints, increasing; between them covariances are interpolated.
+    step_m, long_m2, short_m2: see `CovarianceTable`.
+    unaveraged: the covariance of short waves at places.
+    """
+
+    spread_m: Float[np.ndarray, " spread"]
+    step_m: float
+    long_m2: Float[np.ndarray, "spread entry"]
+    short_m2: Float[np.ndarray, "spread entry"]
+    unaveraged: CovarianceTable
+
+    @classmethod
+    def of(
+        cls, measured: Measured, member: Int[np.ndarray, "window member"], covariance: Covariance, relief: LocalRelief
+    ) -> "DividedTables":
+        """Return tables for windows of some heights."""
+        place = measured.place_m[member]
+        away = place - place.mean(axis=1, keepdims=True)
+        farthest = 2 * float(np.linalg.norm(away, axis=2).max()) + 1.0
+        spread = np.unique(np.quantile(measured.spread_m[member], np.linspace(0.0, 1.0, SPREADS)))
+        pairs = [relief.divided(covariance, farthest, float(each), TABLE) for each in spread]
+        long, short = (np.array([table.value_m2 for table in tables]) for tables in zip(*pairs, strict=True))
+        unaveraged = relief.divided(covariance, farthest, 0.0, TABLE)[1]
+        return cls(spread, unaveraged.step_m, long, short, unaveraged)
+
+    def between(
+        self, place_m: Float[np.ndarray, "n 2"], spread_m: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
+        """Return the covariances of long waves and of short ones between places, for the median of their spreads."""
+        at = float(np.interp(np.median(spread_m), self.spread_m, np.arange(len(self.spread_m))))
+        low, high = int(at), min(int(at) + 1, len(self.spread_m) - 1)
+        values = (own[low] + (at - low) * (own[high] - own[low]) for own in (self.long_m2, self.short_m2))
+        long, short = (CovarianceTable(self.step_m, each).between(place_m, place_m) for each in values)
+        return long, short
 
 
 def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
@@ -217,7 +260,11 @@ def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "membe
 
 
 def _off_other_lines(
-    measured: Measured, own: Int[np.ndarray, " member"], fitted: FittedCovariance, relief: LocalRelief
+    measured: Measured,
+    own: Int[np.ndarray, " member"],
+    fitted: FittedCovariance,
+    relief: LocalRelief,
+    tables: DividedTables,
 ) -> float | None:
     """Return the error of predicting the first of neighbouring heights from other scan lines, over its sigma.
 
@@ -231,33 +278,29 @@ def _off_other_lines(
     if len(rows) <= MIN_OTHERS or not line.min() < line[0] < line.max():
         return None
     place = np.ascontiguousarray(measured.place_m[rows])
-    away = place - place[0]
-    spread, farthest = float(np.median(measured.spread_m[rows])), 2 * float(np.hypot(*away.T).max()) + 1.0
     sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
     noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
-    long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
+    long, short = tables.between(place, measured.spread_m[rows])
     amplitude = relief.at(place)
     total = long + np.outer(amplitude, amplitude) * short + fitted.noise_factor * noise
     total += JITTER * fitted.covariance.variance_m2 * np.eye(len(rows))
     # With the inverse Q of the covariance of what no plane explains, the error of leaving out i is (Q h)_i / Q_ii, and
     # its variance 1 / Q_ii.
-    contrast = _contrast(away)
+    contrast = _contrast(place - place[0])
     weight = np.linalg.solve(contrast.T @ total @ contrast, contrast[0])
     return float(weight @ (contrast.T @ measured.height_m[rows]) / np.sqrt(weight @ contrast[0]))
 
 
 def _log_likelihood(
-    measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
+    measured: Measured, own: Int[np.ndarray, " member"], tables: DividedTables, fitted: FittedCovariance
 ) -> Float[np.ndarray, " value"]:
     """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights.
 
     It ends where short waves, not averaged, would have more power above a plane than was measured.
     """
     place = np.ascontiguousarray(measured.place_m[own])
-    away = place - place.mean(axis=0)
-    contrast = _contrast(away)
-    spread, farthest = float(np.median(measured.spread_m[own])), 2 * float(np.hypot(*away.T).max()) + 1.0
-    long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
+    contrast = _contrast(place - place.mean(axis=0))
+    long, short = tables.between(place, measured.spread_m[own])
     sigma = np.maximum(measured.sigma_m[own], MIN_NOISE_M)
     noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
     rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
@@ -266,8 +309,7 @@ def _log_likelihood(
     square = (vector.T @ above) ** 2
     total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)
     result: Float[np.ndarray, " value"] = -0.5 * np.sum(np.log(total) + square / total, axis=1)
-    unaveraged = relief.divided(fitted.covariance, farthest, 0.0, TABLE)[1].between(place, place)
-    largest = np.sum(above**2) / np.sum(contrast * (unaveraged @ contrast))
+    largest = np.sum(above**2) / np.sum(contrast * (tables.unaveraged.between(place, place) @ contrast))
     result[max(np.log(largest), 0.0) < LOG_SQUARES] = -np.inf
     return result
 
