@@ -252,7 +252,7 @@ def maps_of(surveys: tuple[Survey, ...], options: Mapping[str, Any] | None = Non
                     mapper = replace(source.mapper_of(points), method=build_dem_method(table), name=name)
                     made = mapper.map(points, observed.profiles, source.file.pose)
                     sigma = made.sigma.height_m if made.sigma else np.full(made.dem.grid.shape, np.nan)
-                    found[f"{survey.name}|{name}"] = {
+                    found["|".join([survey.name, name, *(str(value) for _, value in survey.settings)])] = {
                         "height": made.dem.height_m,
                         "sigma": sigma,
                         "truth": np.where(truth.lit, truth.surface.height_m, np.nan),

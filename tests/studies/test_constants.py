@@ -142,7 +142,7 @@ def surveys_of(constant: Constant, recordings: dict[str, Path]) -> tuple[Survey,
     flights, methods = MAPS[constant.room]
     settings = (("processing.ranging", RANGING[constant.module]),) if constant.module in RANGING else ()
     if constant.name == "SHARED_CELLS":
-        flights = RAINY
+        flights, methods = RAINY, ("linear",)
     if constant.name in EXTENTS and constant.room.startswith("mapping"):
         flights = (*flights, *LENGTHY)
     return tuple(Survey(name, recordings[name], methods, settings) for name in flights if name in recordings)
@@ -177,6 +177,12 @@ def test_constants(folder, recordings):
     methods = ("linear", "smooth", "refined", "stepped")
     every = tuple(
         Survey(name, path, methods if name not in RAINY else ("linear",)) for name, path in recordings.items()
+    )
+    every += tuple(
+        Survey(name, recordings[name], ("linear",), (("processing.ranging", estimator),))
+        for estimator in RANGING.values()
+        for name in CLEAR
+        if name in recordings
     )
     processes = int(os.environ.get("SIONNA_RADAR_PROCESSES", "1"))
     run_variations(folder, [(Variation("base"), every)])
