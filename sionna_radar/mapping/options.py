@@ -35,7 +35,8 @@ class SmoothParameters(Parameters):
     similar_pulses: Annotated[int, Field(strict=True, ge=1, le=1000)] = 9
     """neighbouring pulses whose echoes are alike in shape: the speckle error of a mean range is averaged over them."""
     outlier_sigmas: Positive = 4.0
-    """echoes whose mean range is farther from the surface, in standard deviations as they scatter, are left out."""
+    """echoes whose mean range is farther from the surface, in standard deviations as they scatter, are left out,
+    and so are those farther from a plane of stepped ground."""
     window_heights: Annotated[int, Field(strict=True, ge=8, le=1000)] = 40
     """neighbouring heights that tell how rough the ground is around a place."""
     tile_m: Positive = 160.0

@@ -62,7 +62,7 @@ def test_a_roof_is_where_its_echoes_come_from(sightings, slope):
     start = Plane(np.array([EAST, 0.0]), np.array([TOP + 0.3, slope, 0.0]), np.zeros((3, 3)))
     true = TOP + slope * (points.position_m[:, 0] - EAST)
     assert np.ptp(points.position_m[:, 2] - true) > 0.15
-    found = FilledBeams(points, sightings).refitted(start, inside, MAP, 2.0)
+    found = FilledBeams(points, sightings, 4.0).refitted(start, inside, MAP, 2.0)
     place = np.array([[60.0, -5.0], [66.0, 5.0]])
     np.testing.assert_allclose(found.at(place), TOP + slope * (place[:, 0] - EAST), atol=0.05)
 
@@ -72,6 +72,6 @@ def test_a_roof_that_fills_no_beam_stays(sightings):
     x, y = np.meshgrid(MAP.x_m, MAP.y_m)
     start = Plane(np.array([EAST, 0.0]), np.array([TOP + 0.3, 0.0, 0.0]), np.zeros((3, 3)))
     narrow = on_roof(x, y) & (np.abs(y) < 0.6)
-    assert FilledBeams(points, sightings).refitted(start, narrow, MAP, 2.0) is start
+    assert FilledBeams(points, sightings, 4.0).refitted(start, narrow, MAP, 2.0) is start
     none = points.rows(np.arange(0))
-    assert FilledBeams(none, sightings).refitted(start, on_roof(x, y), MAP, 2.0) is start
+    assert FilledBeams(none, sightings, 4.0).refitted(start, on_roof(x, y), MAP, 2.0) is start

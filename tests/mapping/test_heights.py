@@ -28,7 +28,7 @@ def test_a_plane_through_a_line_is_level_across_it(width_m, heading_deg):
     slopes = plane_through(place_m, height_m)[1:]
     assert slopes @ ahead == pytest.approx(0.1, abs=0.02)
     assert slopes @ across == pytest.approx(0.0, abs=1e-3)
-    plane = robust_plane(Heights.at_places(place_m, height_m - 12 * (height_m > 26), np.full(len(place_m), 0.1)))
+    plane = robust_plane(Heights.at_places(place_m, height_m - 12 * (height_m > 26), np.full(len(place_m), 0.1)), 4.0)
     assert abs(plane.coefficients[1:] @ across) < 1e-3
     away = plane.middle_m + 40.0 * across
     assert plane.sigma_m(away[None])[0] > 5.0

@@ -29,8 +29,6 @@ from sionna_radar.mapping.terrain.smoothing import TerrainModel
 # know to 8 mm, was off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
 LEVEL_SIGMA_M = 0.01
 ROUNDS = 4
-# Outlier threshold of a plane fit, in robust standard deviations.
-OUTLIER_SIGMAS = 4.0
 # A slope across a line of heights, which they do not tell: by choice, as roofs are pitched.
 UNTOLD_SLOPE_SIGMA = 0.3
 # Reject a plane whose residual exceeds this multiple of the noise.
@@ -80,10 +78,10 @@ def plane_of_echoes(
         heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach, options)
         if fits.sum() < MIN_ECHOES:
             return None
-        found = _robust(heights.rows(fits))
+        found = _robust(heights.rows(fits), 0.0, options.outlier_sigmas)
         plane, rough = found.plane, found.spread
         trend = np.array([plane.at(np.zeros((1, 2)))[0], *plane.coefficients[1:]])
-    if rough > ROUGH or _curved(heights.rows(fits), plane, rough):
+    if rough > ROUGH or _curved(heights.rows(fits), plane, rough, options.outlier_sigmas):
         return None
     return plane
 
@@ -113,7 +111,7 @@ def plane_of_points(
     deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
     cells = deep if deep.sum() >= options.min_cells(grid.spacing_m) else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
-    rough = _robust(on_cells, spread_m)
+    rough = _robust(on_cells, spread_m, options.outlier_sigmas)
     row, column, on_grid = grid.cell_of(points.position_m)
     on = on_grid & cells[row, column]
     on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
@@ -121,7 +119,8 @@ def plane_of_points(
         return rough.plane if rough.spread <= 2 * spread_m else None
     of = points.rows(np.flatnonzero(on))
     place, height = of.position_m[:, :2], of.position_m[:, 2]
-    found = _robust(Heights.at_places(place, height, np.ones(len(of))), _off_axis_m(of, beam_rad))
+    located = Heights.at_places(place, height, np.ones(len(of)))
+    found = _robust(located, _off_axis_m(of, beam_rad), options.outlier_sigmas)
     return found.plane if found.spread <= 2 * spread_m else None
 
 
@@ -131,9 +130,12 @@ def _off_axis_m(points: Points, beam_rad: float) -> float:
     return beam_rad * float(np.median(np.hypot(away[:, 0], away[:, 1])))
 
 
-def robust_plane(heights: Heights) -> Plane:
-    """Return the plane through most of some heights: a level one if a tilt explains too little."""
-    return _robust(heights).plane
+def robust_plane(heights: Heights, outlier_sigmas: float) -> Plane:
+    """Return the plane through most of some heights: a level one if a tilt explains too little.
+
+    outlier_sigmas: heights farther from it, in robust standard deviations, do not count.
+    """
+    return _robust(heights, 0.0, outlier_sigmas).plane
 
 
 def spread(values: Float[np.ndarray, " n"]) -> float:
@@ -149,17 +151,17 @@ class _Fit:
     spread: float
 
 
-def _robust(heights: Heights, least_m: float = 0.0) -> _Fit:
+def _robust(heights: Heights, least_m: float, outlier_sigmas: float) -> _Fit:
     """Return the plane through most of some heights: a level one if a tilt explains too little (Schwarz).
 
     A tilt that moves the heights by no more than `least_m`, in the root mean square, is none.
     """
-    level, tilted = _fitted(heights, 1), _fitted(heights, 3)
-    unit = max(tilted.spread, 1e-6) * OUTLIER_SIGMAS
+    level, tilted = (_fitted(heights, unknowns, outlier_sigmas) for unknowns in (1, 3))
+    unit = max(tilted.spread, 1e-6) * outlier_sigmas
 
     def misfit(fit: _Fit) -> float:
         rest = (heights.height_m - fit.plane.at(heights.place_m)) / heights.sigma_m
-        return float(np.sum(np.minimum(np.abs(rest) / unit, 1.0) ** 2)) * OUTLIER_SIGMAS**2
+        return float(np.sum(np.minimum(np.abs(rest) / unit, 1.0) ** 2)) * outlier_sigmas**2
 
     moved = tilted.plane.at(heights.place_m) - level.plane.at(heights.place_m)
     needed = 2 * np.log(len(heights)) * float(np.mean(repeats(heights.reach)))
@@ -167,7 +169,7 @@ def _robust(heights: Heights, least_m: float = 0.0) -> _Fit:
     return tilted if is_tilted else level
 
 
-def _fitted(heights: Heights, unknowns: int) -> _Fit:
+def _fitted(heights: Heights, unknowns: int, outlier_sigmas: float) -> _Fit:
     """Return the level plane, of one unknown, or the tilted one, of three, through most of some heights."""
     middle = heights.place_m.mean(axis=0)
     along = supported_directions(heights.place_m) if unknowns > 1 else np.zeros((2, 0))
@@ -178,7 +180,7 @@ def _fitted(heights: Heights, unknowns: int) -> _Fit:
         fit = np.linalg.lstsq(design[kept], value[kept], rcond=None)[0]
         rest = value - design @ fit
         rough = max(spread(rest), 1e-6)
-        kept = np.abs(rest) <= OUTLIER_SIGMAS * rough
+        kept = np.abs(rest) <= outlier_sigmas * rough
     repeated = float(np.mean(repeats(heights.reach[kept])))
     coefficients = np.concatenate([fit[:1], along @ fit[1:]])
     to_axes = np.vstack([np.eye(1, 1 + along.shape[1]), np.column_stack([np.zeros(2), along])])
@@ -188,10 +190,10 @@ def _fitted(heights: Heights, unknowns: int) -> _Fit:
     return _Fit(Plane(middle, coefficients, covariance), rough)
 
 
-def _curved(heights: Heights, plane: Plane, rough: float) -> bool:
+def _curved(heights: Heights, plane: Plane, rough: float, outlier_sigmas: float) -> bool:
     """Return True if a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
     rest = (heights.height_m - plane.at(heights.place_m)) / heights.sigma_m
-    kept = np.abs(rest) <= OUTLIER_SIGMAS * max(rough, 1.0)
+    kept = np.abs(rest) <= outlier_sigmas * max(rough, 1.0)
     x, y = (heights.place_m[kept] - plane.middle_m).T
     scale = max(float(np.hypot(x, y).max()), 1e-9)
     x, y = x / scale, y / scale
@@ -211,10 +213,11 @@ MIN_FALL = 1e-3
 
 @dataclass(frozen=True)
 class FilledBeams:
-    """Located echoes, and the beams that they were seen with."""
+    """Located echoes, and the beams that they were seen with. outlier_sigmas: see `robust_plane`."""
 
     points: Points
     sightings: Sightings
+    outlier_sigmas: float
 
     def refitted(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Plane:
         """Return the plane of a part by the echoes that it sends from what it fills of their beams.
@@ -228,7 +231,7 @@ class FilledBeams:
             heights = self._heights(found, inside, grid, step_m)
             if len(heights) < MIN_ECHOES:
                 return plane
-            found = robust_plane(heights)
+            found = robust_plane(heights, self.outlier_sigmas)
         return found
 
     def _heights(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Heights:

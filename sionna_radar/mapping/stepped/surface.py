@@ -275,7 +275,7 @@ def step_surface(
     height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
     echoes_of = height, points.position_m, step_m, grid
     doubtful = bordered.doubtful(nearer_elsewhere(*echoes_of), contradicted_by_echoes(*echoes_of))
-    beams = FilledBeams(points, sightings)
+    beams = FilledBeams(points, sightings, options.outlier_sigmas)
     for number, plane in roofs.items():
         _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
     # An error of a step is none within a part: a covariance that tells little may state more.
