@@ -6,7 +6,7 @@ A mapper knows the measured poses, the antenna and the echoes, but not the truth
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
@@ -24,7 +24,7 @@ from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.heights import Heights, Looks, looks_at, point_heights
-from sionna_radar.mapping.terrain.tiles import EachPiece, Tiles, Tiling, pieces_here
+from sionna_radar.mapping.terrain.tiles import EachPiece, MapTiles, pieces_here
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 
@@ -115,11 +115,10 @@ class DemMethod(Protocol):
 
 @runtime_checkable
 class TiledMethod(DemMethod, Protocol):
-    """A method that maps whole echoes in tiles."""
+    """A method that maps in tiles."""
 
-    @property
-    def tiling(self) -> Tiling:
-        """Function that maps a tile."""
+    def tiles(self, given: MapInputs) -> MapTiles[Any] | None:
+        """Return the tiles of a map; None where it is made at once."""
         ...
 
 
@@ -187,9 +186,7 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError([Problem("dem.method", message)])
-        sightings = self._seen(profiles, measured)
-        given = self.inputs(points, sightings, partial(self._looks, points, measured), each_piece)
-        made = self.method(given)
+        made = self.method(self._given(points, profiles, measured, each_piece))
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
@@ -210,19 +207,24 @@ class Mapper:
         steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
         return SHARED_CELLS * self.analyser.chirp.range_resolution_m * float(np.median(steep))
 
-    def tiles(self, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Tiles | None:
-        """Return the tiles in which whole echoes are mapped; None if the method has none."""
-        sightings = self._seen(profiles, measured)
-        if sightings is None or not isinstance(self.method, TiledMethod):
+    def tiles(
+        self, points: Points, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
+    ) -> MapTiles[Any] | None:
+        """Return the tiles of a map; None if the method has none."""
+        if not isinstance(self.method, TiledMethod):
             return None
-        return Tiles(sightings, self.grid, self.method.tiling)
+        return self.method.tiles(self._given(points, profiles, measured))
 
-    def _seen(
-        self, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
-    ) -> Sightings | None:
-        if profiles is None or not self.keeps_profiles:
-            return None
-        return self.sightings(profiles, measured(profiles.pulse))
+    def _given(
+        self,
+        points: Points,
+        profiles: Profiles | None,
+        measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
+        each_piece: EachPiece = pieces_here,
+    ) -> MapInputs:
+        seen = None if profiles is None or not self.keeps_profiles else profiles
+        sightings = None if seen is None else self.sightings(seen, measured(seen.pulse))
+        return self.inputs(points, sightings, partial(self._looks, points, measured), each_piece)
 
     def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
         """Return the footprint and speckle reach of each point; None without a beam of radio waves."""

@@ -17,7 +17,7 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.tiles import MakePiece, Piece, Tiles, pieces_here
+from sionna_radar.mapping.terrain.tiles import AnyPiece, MapTiles, TilePiece, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.custom_parts import CustomParts
@@ -104,22 +104,23 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
     execution: provides checkpoints and workers for the tiles of the map.
     """
 
-    def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
+    def each(tiles: MapTiles[AnyPiece]) -> Iterator[AnyPiece | None]:
         """Yield the tiles, from workers unless parts are custom."""
+        count = len(tiles)
         distributed = execution.distributed and count > 1 and not prepared.custom.described()
         if not distributed and execution.checkpoints is None:
-            yield from pieces_here(make, count, steps)
+            yield from pieces_here(tiles)
             return
         scenario = prepared.scenario.model_dump_json() if distributed else ""
         tasks = {f"tile {number} of the map": {"scenario": scenario, "tile": number} for number in range(count)}
         means = execution if distributed else Execution(checkpoints=execution.checkpoints)
-        work = tile_task if distributed else lambda task: _content_of(make(task["tile"]))
+        work = tile_task if distributed else lambda task: _content_of(tiles.piece(task["tile"]))
         shared = observed.packed() if distributed else None
-        done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True)
+        done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, tiles.steps), side_by_side=True)
         found = dict(done)
         for key in tasks:
             content = found.pop(key)
-            yield None if content == NOTHING else Piece.unpacked(content)
+            yield None if content == NOTHING else tiles.unpacked(content)
 
     return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
 
@@ -131,13 +132,14 @@ def tile_task(task: Task) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _tiles_of(scenario: str, observed: bytes) -> Tiles:
+def _tiles_of(scenario: str, observed: bytes) -> MapTiles[TilePiece]:
     """Return the tiles of a survey observed by another process, cached for the tasks of a worker."""
     survey = restored_survey(scenario, observed)
-    tiles = survey.prepared.mapper.tiles(survey.observed.profiles, survey.prepared.measured)
+    points = place(survey.observed.echoes, survey.sensor, survey.prepared.flight)
+    tiles = survey.prepared.mapper.tiles(points, survey.observed.profiles, survey.prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map
     return tiles
 
 
-def _content_of(piece: Piece | None) -> bytes:
+def _content_of(piece: TilePiece | None) -> bytes:
     return NOTHING if piece is None else piece.packed()

@@ -22,7 +22,7 @@ from sionna_radar.mapping.stepped.evidence import (
     levels_between,
     planes_around,
 )
-from sionna_radar.mapping.stepped.surface import _Surfaces, step_surface
+from sionna_radar.mapping.stepped.surface import SteppedTiles, _Surfaces, step_surface
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)
@@ -175,14 +175,14 @@ def test_what_is_in_view_behind_a_wall_is_a_triangle():
     assert np.all(lowest[:, 50] < 0)
 
 
-def test_a_box_keeps_its_walls_and_its_levels():
+@pytest.fixture(scope="module")
+def box():
     """Walls and roof are 18 dB brighter than the ground, and heard well beside the axis."""
+    return make_sightings(box_over(WIDE), 2.0, bright=lambda hit_m: np.where(hit_m[:, 2] > 0.5, 60.0, 1.0))
 
-    def bright(hit_m):
-        return np.where(hit_m[:, 2] > 0.5, 60.0, 1.0)
 
-    sightings = make_sightings(box_over(WIDE), 2.0, bright=bright)
-    found = step_surface(sightings, located(sightings), MAP, 5.0)
+def test_a_box_keeps_its_walls_and_its_levels(box):
+    found = step_surface(box, located(box), MAP, 5.0)
     surface, heard = found.surface, found.supported
     x, y = np.meshgrid(MAP.x_m, MAP.y_m)
     west, east, south, north, height = BOX
@@ -196,6 +196,43 @@ def test_a_box_keeps_its_walls_and_its_levels():
     first = np.array([MAP.x_m[np.argmax(row > height / 2)] for row in surface.height_m[rows]])
     assert np.median(np.abs(first - west)) <= 1.0
     assert np.all(np.abs(first - west) <= 3.5)
+
+
+def test_a_map_in_tiles_is_that_of_all_echoes_but_beside_seams(box):
+    """A seam crosses the roof; where there are no echoes nothing is mapped."""
+    options = STEPPED.model_copy(update={"block_m": 7.0})
+    wide = replace(MAP, columns=135)
+    tiles = SteppedTiles(box, located(box), wide, 5.0, options)
+    times = np.zeros(wide.shape, dtype=int)
+    for window in tiles.windows:
+        times[window] += 1
+    assert (times == 1).all()
+    assert {(rows.start, columns.start) for rows, columns in tiles.windows} == {
+        *product((0, 14), (0, 19, 38, 57, 77, 96, 115))
+    }
+    pieces = [tiles.piece(number) for number in range(len(tiles))]
+    for piece in pieces[:3]:
+        again = tiles.unpacked(piece.packed()).layers
+        assert all(np.array_equal(layer, again[name]) for name, layer in piece.layers.items())
+    found, whole = tiles.mapped(), step_surface(box, located(box), wide, 5.0, options)
+    assert pieces[-1] is None
+    assert not found.supported[:, 115:].any()
+    assert found.surface.height_m[:, 115:].max() == min(piece.layers["height_m"].min() for piece in pieces if piece)
+    seen = np.s_[:, : MAP.columns]
+    both = found.supported[seen] & whole.supported[seen]
+    assert both.sum() > 0.95 * whole.supported[seen].sum()
+    apart = np.abs(found.surface.height_m - whole.surface.height_m)[seen]
+    assert np.mean(apart[both] > 0.1) < 0.02
+    seam = both & on_box(*np.meshgrid(MAP.x_m, MAP.y_m)) & (np.abs(np.arange(MAP.columns) - 18.5) < 2)
+    assert seam.sum() > 40
+    assert apart[seam].max() < 0.1
+
+
+def test_a_map_of_one_tile_is_made_at_once(box):
+    (window,) = SteppedTiles(box, located(box), MAP, 5.0).windows
+    assert MAP.cut(*window) == MAP
+    found, whole = SteppedTiles(box, located(box), MAP, 5.0).mapped(), step_surface(box, located(box), MAP, 5.0)
+    assert all(np.array_equal(layer, whole.layers[name]) for name, layer in found.layers.items())
 
 
 def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):

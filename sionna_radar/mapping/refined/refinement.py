@@ -231,8 +231,13 @@ class Refined:
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         expect_steps(self.tiling.steps_over(given.grid))
-        mapped = Tiles(given.sightings, given.grid, self.tiling).mapped(given.each_piece)
+        mapped = self.tiles(given).mapped(given.each_piece)
         return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
+
+    def tiles(self, given: MapInputs) -> Tiles:
+        """Return the tiles of a map."""
+        assert given.sightings is not None
+        return Tiles(given.sightings, given.grid, self.tiling)
 
 
 EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
@@ -254,11 +259,16 @@ class Smooth:
         """Return the DEM and its uncertainty."""
         if len(given.points if given.sightings is None else given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        if given.sightings is not None:
-            expect_steps(self.tiling.steps_over(given.grid))
-            mapped = Tiles(given.sightings, given.grid, self.tiling).mapped(given.each_piece)
-            return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
-        return self._through_points(given)
+        tiles = self.tiles(given)
+        if tiles is None:
+            return self._through_points(given)
+        expect_steps(self.tiling.steps_over(given.grid))
+        mapped = tiles.mapped(given.each_piece)
+        return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
+
+    def tiles(self, given: MapInputs) -> Tiles | None:
+        """Return the tiles of a map of whole echoes; None without those."""
+        return None if given.sightings is None else Tiles(given.sightings, given.grid, self.tiling)
 
     def _through_points(self, given: MapInputs) -> Estimate:
         # The system is solved by iterations, whose number shows at the end.

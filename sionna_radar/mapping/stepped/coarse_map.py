@@ -200,7 +200,7 @@ def _blocks(sightings: Sightings, points: Points, grid: Grid, options: SteppedPa
                 continue
             base, level = _levels(here, block, sightings.profiles.cell_m, options.level_margin_m)
             span_m = float(base.min() + level[0]), float(base.max() + level[-1])
-            near = _looking_at(sightings, block, span_m, margin * grid.spacing_m)
+            near = looking_at(sightings, block, span_m, margin * grid.spacing_m)
             if near.any():
                 yield _Block(row=row, column=column, rows=rows, columns=columns, near=near, base_m=base, level_m=level)
 
@@ -261,10 +261,10 @@ def _levels(
     return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
 
 
-def _looking_at(
+def looking_at(
     sightings: Sightings, grid: Grid, span_m: tuple[float, float], margin_m: float
 ) -> Bool[np.ndarray, " pulse"]:
-    """Return True where the beam axis of each pulse passes near a grid at either of two heights."""
+    """Return True where the beam axis of each pulse passes near a grid at either of two heights, m."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in span_m:

@@ -19,9 +19,14 @@ Segmentation: within a part neighbours differ by less than a step. Where a wall 
 heights, a cell or two wide, roof and ground would be one part. So parts are first grown from cells in whose
 neighbourhood no step is (a morphological opening of the links between cells), and take in what they touch. What no
 such part touches, narrower than three cells, joins the nearest.
+
+A map longer than three blocks of levels is made in tiles, each from what its echoes and those of a strip around it say.
+They are not blended, as heights beside a step would be of neither side.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -39,9 +44,10 @@ from scipy.ndimage import (
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.columns import columns_of, packed
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import several_at_once
+from sionna_radar.foundation.threads import equal_parts, several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs
@@ -50,10 +56,12 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped.borders import contradicted_by_echoes, nearer_elsewhere, with_borders
-from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
-from sionna_radar.mapping.terrain.tiles import MIN_PULSES
+from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
+# Blocks of levels along the longest side of a tile.
+TILE_BLOCKS = 3
 # A part is raised if it is a step above this share of the adjacent cells.
 BESIDE_CELLS, MAX_OF_RING = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
@@ -248,6 +256,11 @@ class SteppedMap:
     supported: Bool[np.ndarray, "row column"]
     uncertainty: SteppedUncertainty
 
+    @property
+    def layers(self) -> dict[str, np.ndarray]:
+        """Its values in each cell, by name."""
+        return {"height_m": self.surface.height_m, "supported": self.supported, **vars(self.uncertainty)}
+
 
 def step_surface(
     sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = STEPPED
@@ -389,6 +402,86 @@ def _refit(
     sigma_m[window][inside] = found.sigma_m(place)
 
 
+@dataclass(frozen=True)
+class SteppedPiece:
+    """What is mapped of a tile: see `SteppedMap.layers`."""
+
+    layers: dict[str, np.ndarray]
+
+    def packed(self) -> bytes:
+        """Return its bytes."""
+        return packed(**self.layers)
+
+
+@dataclass(frozen=True)
+class SteppedTiles:
+    """The tiles of a stepped map: square, without common cells.
+
+    sightings, points: profiles and measured poses, and located echoes.
+    grid, gap_m, options: see `step_surface`.
+    """
+
+    sightings: Sightings
+    points: Points
+    grid: Grid
+    gap_m: float
+    options: SteppedParameters = STEPPED
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    @property
+    def steps(self) -> int:
+        """One, and none of a map of one tile, which counts steps of its own."""
+        return int(len(self) > 1)
+
+    @cached_property
+    def windows(self) -> list[tuple[slice, slice]]:
+        """Rows and columns of each tile: as few as are no longer than `TILE_BLOCKS` blocks."""
+        size = TILE_BLOCKS * self.options.block_m / self.grid.spacing_m
+        rows, columns = (equal_parts(count, int(np.ceil(count / size))) for count in self.grid.shape)
+        return [(slice(*some), slice(*others)) for some in rows for others in columns]
+
+    def piece(self, number: int) -> SteppedPiece | None:
+        """Return what is mapped of a tile; None with too few echoes."""
+        margin = round(self.options.overlap_m / self.grid.spacing_m)
+        core = self.windows[number]
+        reach = tuple(
+            slice(max(side.start - margin, 0), min(side.stop + margin, count))
+            for side, count in zip(core, self.grid.shape, strict=True)
+        )
+        cells, sightings, points = self.grid.cut(*reach), self.sightings, self.points
+        if len(self) > 1:
+            points = points.rows(np.flatnonzero(cells.cell_of(points.position_m)[2]))
+            if len(points) < MIN_PULSES:
+                return None
+            height_m, margin_m = points.position_m[:, 2], self.options.level_margin_m
+            span_m = float(height_m.min()) - margin_m, float(height_m.max()) + margin_m
+            sightings = sightings.rows(looking_at(sightings, cells, span_m, self.options.overlap_m))
+        made = step_surface(sightings, points, cells, self.gap_m, self.options)
+        own = tuple(slice(c.start - r.start, c.stop - r.start) for c, r in zip(core, reach, strict=True))
+        return SteppedPiece({name: layer[own] for name, layer in made.layers.items()})
+
+    def unpacked(self, content: bytes) -> SteppedPiece:
+        """Return the piece of some bytes."""
+        return SteppedPiece(columns_of(content))
+
+    def mapped(self, each: EachPiece = pieces_here) -> SteppedMap:
+        """Return the map of all tiles; of those with too few echoes nothing is supported."""
+        pieces: Iterable[SteppedPiece | None] = each(self)
+        made = [(window, piece.layers) for window, piece in zip(self.windows, pieces, strict=True) if piece]
+        # What is not mapped lies low and hides nothing.
+        lowest_m = min((float(own["height_m"].min()) for _, own in made), default=0.0)
+        known = ("cell_sigma_m", "other_side", "step_sigma_m")
+        layers = {name: np.zeros(self.grid.shape) for name in ("height_m", "supported", *known)}
+        layers["height_m"] += lowest_m
+        for window, own in made:
+            for name, layer in own.items():
+                layers[name][window] = layer
+        surface = Heightfield(grid=self.grid, height_m=layers["height_m"])
+        return SteppedMap(surface, layers["supported"] > 0, SteppedUncertainty(*(layers[name] for name in known)))
+
+
 class Stepped:
     """Fits a surface with steps to the whole echoes."""
 
@@ -402,9 +495,16 @@ class Stepped:
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        # Fields and planes alike: relief below the footprint is no part of either.
-        sightings = replace(given.sightings, microrelief_m=0.0)
-        stepped = step_surface(sightings, given.points, given.grid, given.max_gap_m, self.options)
+        tiles = self.tiles(given)
+        expect_steps(len(tiles) * tiles.steps)
+        stepped = tiles.mapped(given.each_piece)
         sigma_m = np.hypot(stepped.uncertainty.cell_sigma_m, given.microrelief_m)
         uncertainty = replace(stepped.uncertainty, cell_sigma_m=sigma_m)
         return Estimate.known_by(seen_part(stepped.surface, given).within(stepped.supported), uncertainty)
+
+    def tiles(self, given: MapInputs) -> SteppedTiles:
+        """Return the tiles of a map."""
+        assert given.sightings is not None
+        # Fields and planes alike: relief below the footprint is no part of either.
+        sightings = replace(given.sightings, microrelief_m=0.0)
+        return SteppedTiles(sightings, given.points, given.grid, given.max_gap_m, self.options)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -78,7 +79,7 @@ class Piece:
         return slice(row, row + rows), slice(column, column + columns)
 
     def packed(self) -> bytes:
-        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        """Return its bytes, from which `Tiles.unpacked` makes it again, bit for bit."""
         known, kriging = self.known, self.known.kriging
         return packed(
             first=self.first,
@@ -94,33 +95,49 @@ class Piece:
             **({} if known.outstanding is None else {"outstanding": known.outstanding}),
         )
 
-    @staticmethod
-    def unpacked(content: bytes) -> "Piece":
+
+@runtime_checkable
+class TilePiece(Protocol):
+    """What is mapped of a tile."""
+
+    def packed(self) -> bytes:
+        """Return its bytes, from which `MapTiles.unpacked` makes it again, bit for bit."""
+        ...
+
+
+AnyPiece = TypeVar("AnyPiece", bound=TilePiece)
+AnyPiece_co = TypeVar("AnyPiece_co", bound=TilePiece, covariant=True)
+
+
+@runtime_checkable
+class MapTiles(Protocol[AnyPiece_co]):
+    """The tiles of a map."""
+
+    @property
+    def steps(self) -> int:
+        """How many steps each takes at the most."""
+        ...
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        ...
+
+    def piece(self, number: int) -> AnyPiece_co | None:
+        """Return what is mapped of a tile; None with too few echoes."""
+        ...
+
+    def unpacked(self, content: bytes) -> AnyPiece_co:
         """Return the piece of some bytes."""
-        columns = columns_of(content)
-        west, east, south, north = columns["bounds_m"].tolist()
-        kriging = Kriging(
-            covariance=table_of(Covariance, "covariance", columns),
-            heights=table_of(Heights, "heights", columns),
-            noise_factor=columns["noise_factor"].item(),
-            local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
-        )
-        plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
-        information = table_of(Information, "information", columns)
-        bounds = (west, east, south, north)
-        known = TileUncertainty(bounds, kriging, information, plausible, columns.get("outstanding"))
-        return Piece(columns["first"], columns["weight"], columns["height_m"], known)
+        ...
 
 
-# Makes the piece of a tile, by its number; None for one with too few echoes.
-MakePiece = Callable[[int], Piece | None]
-# Has the pieces of so many tiles made, in order, each in so many steps.
-EachPiece = Callable[[MakePiece, int, int], Iterable[Piece | None]]
+# Has the pieces of all tiles made, in order.
+EachPiece = Callable[[MapTiles[Any]], Iterable[Any]]
 
 
-def pieces_here(make: MakePiece, count: int, steps: int) -> Iterable[Piece | None]:
+def pieces_here(tiles: MapTiles[AnyPiece]) -> Iterable[AnyPiece | None]:
     """Return the pieces of all tiles, several made side by side by this process."""
-    return several_at_once(make, range(count), [steps] * count)
+    return several_at_once(tiles.piece, range(len(tiles)), [tiles.steps] * len(tiles))
 
 
 @dataclass(frozen=True)
@@ -141,6 +158,11 @@ class Tiles:
 
     def __len__(self) -> int:
         return len(self._bounds)
+
+    @property
+    def steps(self) -> int:
+        """How many steps a tile takes at the most."""
+        return self.tiling.steps
 
     def piece(self, number: int) -> Piece | None:
         """Return the surface of a tile; None where there are too few echoes."""
@@ -175,11 +197,27 @@ class Tiles:
             ),
         )
 
+    def unpacked(self, content: bytes) -> Piece:
+        """Return the piece of some bytes."""
+        columns = columns_of(content)
+        west, east, south, north = columns["bounds_m"].tolist()
+        kriging = Kriging(
+            covariance=table_of(Covariance, "covariance", columns),
+            heights=table_of(Heights, "heights", columns),
+            noise_factor=columns["noise_factor"].item(),
+            local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
+        )
+        plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
+        information = table_of(Information, "information", columns)
+        bounds = (west, east, south, north)
+        known = TileUncertainty(bounds, kriging, information, plausible, columns.get("outstanding"))
+        return Piece(columns["first"], columns["weight"], columns["height_m"], known)
+
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
         """Return the blended surfaces of all tiles."""
         total, weight = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
         known: list[TileUncertainty] = []
-        for piece in each(self.piece, len(self), self.tiling.steps):
+        for piece in each(self):
             if piece is not None:
                 total[piece.window] += piece.weight * piece.height_m
                 weight[piece.window] += piece.weight
