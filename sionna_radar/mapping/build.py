@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model.model import STEEPEST_DEG, KnownCover
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
@@ -17,6 +20,8 @@ from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.scenario.registry import Builder, Facts, registers, require
 from sionna_radar.scenario.table import Table
+from sionna_radar.scene.terrains.build import cover_numbers
+from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.motion import Windblown
 
 
@@ -71,6 +76,7 @@ def build_mapper(
     *,
     measured_ground: bool,
     errors: InstrumentErrors | None = None,
+    cover: KnownCover | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -82,6 +88,7 @@ def build_mapper(
     measured_ground: whether the ground is real or from a file, with relief finer than the footprint unless `dem` says
         another one.
     errors: known ones of the instrument: those of its ranges; poses are without them.
+    cover: of the ground, where it is known.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:
@@ -100,7 +107,32 @@ def build_mapper(
         min_confidence_m=dem.min_confidence_m,
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
+        cover=cover,
     )
+
+
+# Cells of a known cover to the side of one of the DEM, and how far beyond its border beams see ground.
+COVER_CELLS, COVER_BORDER_M = 2, 20.0
+
+
+def known_cover(scenario: Scenario | None, dem: DemTable, grid: Grid) -> KnownCover | None:
+    """Return the covers of a scenario around a DEM with their levels; None if the maps are not to know them.
+
+    Raises ScenarioError where nothing says what covers the ground.
+    """
+    if dem.cover == "unknown":
+        return None
+    west, east, south, north = grid.extent_m
+    beyond = west - COVER_BORDER_M, south - COVER_BORDER_M, east + COVER_BORDER_M, north + COVER_BORDER_M
+    fine = replace(Grid.covering(*beyond, grid.spacing_m / COVER_CELLS), georeference=grid.georeference)
+    names, number = ([], None) if scenario is None else cover_numbers(scenario.terrain, fine)
+    if scenario is None or number is None or not names:
+        message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
+        raise ScenarioError([Problem("dem.cover", message)])
+    materials = build_materials({name: scenario.all_materials[name] for name in names}, scenario.radar)
+    incidence_rad = np.deg2rad(np.arange(STEEPEST_DEG + 1.0))
+    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in names]) / np.cos(incidence_rad)
+    return KnownCover(grid=fine, cover=number.astype(np.uint8), gamma=np.maximum(gamma, np.finfo(float).tiny))
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:

@@ -33,7 +33,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
+from sionna_radar.mapping.build import build_dem_method, build_mapper, known_cover, speckle_memory
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
@@ -248,9 +248,10 @@ class RecordingSource:
             gap_m = gap_m or max(2 * dem.spacing_m, _spacing_m(place_m))
         assert gap_m is not None
         scenario = self.settings if isinstance(self.settings, Scenario) else None
+        grid = dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference)
         return build_mapper(
             dem,
-            dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
+            grid,
             gap_m,
             None if isinstance(self.file, DescribedRanges) or isinstance(self.angle, ArrayEstimator) else self.antenna,
             self.detector.analyser,
@@ -259,6 +260,7 @@ class RecordingSource:
             None if scenario is None else speckle_memory(scenario),
             measured_ground=scenario is None or scenario.measured_ground,
             errors=self.errors,
+            cover=known_cover(scenario, dem, grid),
         )
 
 

@@ -19,13 +19,14 @@ Mapping begins with the mean range of each whole echo (`MeanRanges`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 from scipy.linalg import solve_banded
 
 from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, over_rows, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
@@ -37,6 +38,39 @@ PULSES_AT_ONCE = 64
 MIN_TAP = 1e-3
 # Length of rays relative to the unambiguous range.
 FOLLOWED = 1.15
+
+
+# Last incidence of the table of a cover's levels: beyond, ground returns next to nothing.
+STEEPEST_DEG = 89
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownCover:
+    """Land cover known beforehand: what of the ground is brighter, and by how much.
+
+    grid: cells of the cover, continued beyond its borders.
+    cover: number of the cover of each cell.
+    gamma: of each cover at incidences of 0 to 89 deg, sigma0 / cos(incidence); of any unit.
+    """
+
+    grid: Grid
+    cover: UInt8[np.ndarray, "row column"]
+    gamma: Float[np.ndarray, "cover degree"]
+
+    def brightness(
+        self, place_m: Float[np.ndarray, "pulse node 2"], incidence_rad: Float[np.ndarray, " pulse"]
+    ) -> Float[np.ndarray, "pulse node"]:
+        """Return the power per solid angle from places, over that of the brightest of each pulse.
+
+        incidence_rad: of each pulse's axis on level ground, at which covers are compared.
+        """
+        grid = self.grid
+        column = np.rint((place_m[..., 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
+        row = np.rint((place_m[..., 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
+        degree = np.clip(np.rint(np.rad2deg(incidence_rad)), 0, STEEPEST_DEG).astype(np.int64)
+        cover = self.cover[np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)]
+        gamma = self.gamma[cover, degree[:, None]]
+        return gamma / gamma.max(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +85,7 @@ class Sightings:
     memory: temporal decorrelation of speckle.
     microrelief_m: what is usual on such ground; see `Covariance`.
     range_bias_m, range_scale: what the radar reads beyond the true range, and of each metre of it.
+    cover: of the ground, by which parts of a footprint are brighter than others; None for one backscatter in each.
     """
 
     profiles: Profiles
@@ -65,6 +100,7 @@ class Sightings:
     microrelief_m: float = 0.0
     range_bias_m: float = 0.0
     range_scale: float = 0.0
+    cover: KnownCover | None = None
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -209,6 +245,10 @@ class EchoModel:
     def __init__(self, sightings: Sightings, surface: Heightfield, near: BeamFootprints | None = None) -> None:
         self._sightings = sightings
         self._feet = footprints(sightings, surface, near=near)
+        self._brightness = np.empty((len(sightings), 0))
+        if sightings.cover is not None:
+            incidence = np.arccos(np.clip(-sightings.pose.boresight[:, 2], 0.0, 1.0))
+            self._brightness = sightings.cover.brightness(self._feet.place_m, incidence)
 
     @property
     def footprints(self) -> BeamFootprints:
@@ -223,7 +263,8 @@ class EchoModel:
         cell_m = float(self._sightings.profiles.cell_m)
         # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
         reach = self._sightings.reach_m / cell_m - 0.5
-        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, reach, mean
+        seen = self._feet.range_m, self._feet.shift_m, self._brightness
+        on = *seen, beam.share, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
@@ -275,7 +316,7 @@ class EchoModel:
         """Return profiles, geometry and antenna as the kernels take them."""
         profiles, beam = self._sightings.profiles, self._sightings.beam
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
-        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._brightness
         return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:

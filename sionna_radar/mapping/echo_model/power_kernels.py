@@ -89,16 +89,39 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, share, lattice, cell_m, reach, mean):
+def lit_share(share, brightness, lattice):
+    """Return the power of the samples of a beam over ground of known brightness under its nodes.
+
+    brightness: of each node, bilinear between them; empty where it is unknown, and the same everywhere.
+    """
+    if len(brightness) == 0:
+        return share
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along = low_v[-1] + 2, len(low_v)
+    result = np.empty(len(share))
+    for i in range(len(low_u)):
+        first, b = low_u[i] * nodes, part_u[i]
+        for j in range(along):
+            node, a = first + low_v[j], part_v[j]
+            here = brightness[node] * (1 - a) + brightness[node + 1] * a
+            beyond = brightness[node + nodes] * (1 - a) + brightness[node + nodes + 1] * a
+            result[i * along + j] = share[i * along + j] * (here * (1 - b) + beyond * b)
+    return result
+
+
+@compiled
+@no_type_check
+def centroids(low, high, range_m, shift, brightness, share, lattice, cell_m, reach, mean):
     """Write the power-weighted mean range, up to the cell `reach`, of the echoes from `low` to `high`; NaN without."""
     nodes, samples = range_m.shape[1], len(share)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
+        lit = lit_share(share, brightness[pulse], lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:
-                power = share[k] * near[k] ** 2
+                power = lit[k] * near[k] ** 2
                 total += power
                 moment += power * cell[k]
         mean[pulse] = moment / total * cell_m if total > 0 else np.nan
