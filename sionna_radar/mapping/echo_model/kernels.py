@@ -265,9 +265,9 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     under the nodes changes with the height there; hit: room for the power on the cells.
     """
     first, _, _, _, _, cell_m = data
-    range_m, shift, per_height, brightness = geometry
+    range_m, shift, per_height, ground = geometry
     share, lattice, response = antenna
-    share = lit_share(share, brightness[pulse], lattice)
+    share = lit_share(pulse, share, ground, lattice)
     cell, near, inverse = samples
     half = len(response) // 2
     pad = half + BEYOND

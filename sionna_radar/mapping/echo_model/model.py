@@ -57,20 +57,11 @@ class KnownCover:
     cover: UInt8[np.ndarray, "row column"]
     gamma: Float[np.ndarray, "cover degree"]
 
-    def brightness(
-        self, place_m: Float[np.ndarray, "pulse node 2"], incidence_rad: Float[np.ndarray, " pulse"]
-    ) -> Float[np.ndarray, "pulse node"]:
-        """Return the power per solid angle from places, over that of the brightest of each pulse.
-
-        incidence_rad: of each pulse's axis on level ground, at which covers are compared.
-        """
-        grid = self.grid
-        column = np.rint((place_m[..., 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
-        row = np.rint((place_m[..., 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
+    def levels(self, incidence_rad: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse cover"]:
+        """Return the power per solid angle from each cover at incidences, over that of the brightest."""
         degree = np.clip(np.rint(np.rad2deg(incidence_rad)), 0, STEEPEST_DEG).astype(np.int64)
-        cover = self.cover[np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)]
-        gamma = self.gamma[cover, degree[:, None]]
-        return gamma / gamma.max(axis=1, keepdims=True)
+        gamma = self.gamma[:, degree].T
+        return np.ascontiguousarray(gamma / gamma.max(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,10 +236,6 @@ class EchoModel:
     def __init__(self, sightings: Sightings, surface: Heightfield, near: BeamFootprints | None = None) -> None:
         self._sightings = sightings
         self._feet = footprints(sightings, surface, near=near)
-        self._brightness = np.empty((len(sightings), 0))
-        if sightings.cover is not None:
-            incidence = np.arccos(np.clip(-sightings.pose.boresight[:, 2], 0.0, 1.0))
-            self._brightness = sightings.cover.brightness(self._feet.place_m, incidence)
 
     @property
     def footprints(self) -> BeamFootprints:
@@ -263,7 +250,7 @@ class EchoModel:
         cell_m = float(self._sightings.profiles.cell_m)
         # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
         reach = self._sightings.reach_m / cell_m - 0.5
-        seen = self._feet.range_m, self._feet.shift_m, self._brightness
+        seen = self._feet.range_m, self._feet.shift_m, self._ground()
         on = *seen, beam.share, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
@@ -316,8 +303,17 @@ class EchoModel:
         """Return profiles, geometry and antenna as the kernels take them."""
         profiles, beam = self._sightings.profiles, self._sightings.beam
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
-        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._brightness
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._ground()
         return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
+
+    def _ground(self) -> tuple[object, ...]:
+        """Return the known cover and its levels as the kernels take them."""
+        cover, boresight = self._sightings.cover, self._sightings.pose.boresight
+        if cover is None:
+            return self._feet.place_m, np.empty((0, 0), dtype=np.uint8), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+        # Covers are compared at the axis' incidence on level ground.
+        level = cover.levels(np.arccos(np.clip(-boresight[:, 2], 0.0, 1.0)))
+        return self._feet.place_m, cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m, level
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""

@@ -89,35 +89,43 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def lit_share(share, brightness, lattice):
-    """Return the power of the samples of a beam over ground of known brightness under its nodes.
+def lit_share(pulse, share, ground, lattice):
+    """Return the power of the samples of a beam, times the known backscatter of the ground at each.
 
-    brightness: of each node, bilinear between them; empty where it is unknown, and the same everywhere.
+    ground: where the nodes of all pulses meet it, its cover by cells of a grid with their west, south and spacing, and
+        the level of each cover for each pulse; of no covers where one backscatter is taken for all of a footprint.
     """
-    if len(brightness) == 0:
+    place, cover, west, south, spacing, level = ground
+    if level.shape[1] == 0:
         return share
     low_u, part_u, low_v, part_v = lattice
-    nodes, along = low_v[-1] + 2, len(low_v)
-    result = np.empty(len(share))
+    nodes, along, result = low_v[-1] + 2, len(low_v), np.empty(len(share))
+    rows, columns = cover.shape
     for i in range(len(low_u)):
-        first, b = low_u[i] * nodes, part_u[i]
+        b = part_u[i]
         for j in range(along):
-            node, a = first + low_v[j], part_v[j]
-            here = brightness[node] * (1 - a) + brightness[node + 1] * a
-            beyond = brightness[node + nodes] * (1 - a) + brightness[node + nodes + 1] * a
-            result[i * along + j] = share[i * along + j] * (here * (1 - b) + beyond * b)
+            a, k = part_v[j], low_u[i] * nodes + low_v[j]
+            corner = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+            x = y = 0.0
+            for c in range(4):
+                node = k + c % 2 + c // 2 * nodes
+                x += corner[c] * place[pulse, node, 0]
+                y += corner[c] * place[pulse, node, 1]
+            column, row = int(np.rint((x - west) / spacing)), int(np.rint((y - south) / spacing))
+            own = cover[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
+            result[i * along + j] = share[i * along + j] * level[pulse, own]
     return result
 
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, brightness, share, lattice, cell_m, reach, mean):
+def centroids(low, high, range_m, shift, ground, share, lattice, cell_m, reach, mean):
     """Write the power-weighted mean range, up to the cell `reach`, of the echoes from `low` to `high`; NaN without."""
     nodes, samples = range_m.shape[1], len(share)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
-        lit = lit_share(share, brightness[pulse], lattice)
+        lit = lit_share(pulse, share, ground, lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:
