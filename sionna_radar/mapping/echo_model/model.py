@@ -57,11 +57,23 @@ class KnownCover:
     cover: UInt8[np.ndarray, "row column"]
     gamma: Float[np.ndarray, "cover degree"]
 
-    def levels(self, incidence_rad: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse cover"]:
-        """Return the power per solid angle from each cover at incidences, over that of the brightest."""
-        degree = np.clip(np.rint(np.rad2deg(incidence_rad)), 0, STEEPEST_DEG).astype(np.int64)
-        gamma = self.gamma[:, degree].T
+    def levels(self, axis: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse cover"]:
+        """Return the power per solid angle from each cover over that of the brightest, for axes that meet level ground.
+
+        One incidence for all of a footprint: within one cover gamma stays constant.
+        """
+        degree = np.rint(np.rad2deg(np.arccos(np.clip(-axis[:, 2], 0.0, 1.0)))).astype(np.int64)
+        gamma = self.gamma[:, np.minimum(degree, STEEPEST_DEG)].T
         return np.ascontiguousarray(gamma / gamma.max(axis=1, keepdims=True))
+
+    def brightness(
+        self, place_m: Float[np.ndarray, "pulse node 2"], axis: Float[np.ndarray, "pulse 3"]
+    ) -> Float[np.ndarray, "pulse node"]:
+        """Return the level of the cover at places, those of each pulse for its axis."""
+        grid = self.grid
+        cell = np.rint((place_m - [grid.west_m, grid.south_m]) / grid.spacing_m).astype(np.int64)
+        column, row = np.clip(cell[..., 0], 0, grid.columns - 1), np.clip(cell[..., 1], 0, grid.rows - 1)
+        return np.take_along_axis(self.levels(axis), self.cover[row, column].astype(np.int64), axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,9 +323,8 @@ class EchoModel:
         cover, boresight = self._sightings.cover, self._sightings.pose.boresight
         if cover is None:
             return self._feet.place_m, np.empty((0, 0), dtype=np.uint8), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
-        # Covers are compared at the axis' incidence on level ground.
-        level = cover.levels(np.arccos(np.clip(-boresight[:, 2], 0.0, 1.0)))
-        return self._feet.place_m, cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m, level
+        cells = cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m
+        return self._feet.place_m, *cells, cover.levels(boresight)
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""
