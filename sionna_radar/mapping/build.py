@@ -10,7 +10,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import STEEPEST_DEG, KnownCover
+from sionna_radar.mapping.echo_model.model import KnownCover
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
@@ -130,7 +130,7 @@ def known_cover(scenario: Scenario | None, dem: DemTable, grid: Grid) -> KnownCo
         message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
         raise ScenarioError([Problem("dem.cover", message)])
     materials = build_materials({name: scenario.all_materials[name] for name in names}, scenario.radar)
-    incidence_rad = np.deg2rad(np.arange(STEEPEST_DEG + 1.0))
+    incidence_rad = np.deg2rad(np.arange(90.0))
     gamma = np.stack([materials[name].sigma0(incidence_rad) for name in names]) / np.cos(incidence_rad)
     return KnownCover(grid=fine, cover=number.astype(np.uint8), gamma=np.maximum(gamma, np.finfo(float).tiny))
 

@@ -40,17 +40,13 @@ MIN_TAP = 1e-3
 FOLLOWED = 1.15
 
 
-# Last incidence of the table of a cover's levels: beyond, ground returns next to nothing.
-STEEPEST_DEG = 89
-
-
 @dataclass(frozen=True, kw_only=True)
 class KnownCover:
     """Land cover known beforehand: what of the ground is brighter, and by how much.
 
     grid: cells of the cover, continued beyond its borders.
     cover: number of the cover of each cell.
-    gamma: of each cover at incidences of 0 to 89 deg, sigma0 / cos(incidence); of any unit.
+    gamma: of each cover at incidences of 0 deg, 1 deg and so on, sigma0 / cos(incidence); of any unit.
     """
 
     grid: Grid
@@ -63,7 +59,7 @@ class KnownCover:
         One incidence for all of a footprint: within one cover gamma stays constant.
         """
         degree = np.rint(np.rad2deg(np.arccos(np.clip(-axis[:, 2], 0.0, 1.0)))).astype(np.int64)
-        gamma = self.gamma[:, np.minimum(degree, STEEPEST_DEG)].T
+        gamma = self.gamma[:, np.minimum(degree, self.gamma.shape[1] - 1)].T
         return np.ascontiguousarray(gamma / gamma.max(axis=1, keepdims=True))
 
     def brightness(
