@@ -76,7 +76,7 @@ def build_mapper(
     *,
     measured_ground: bool,
     errors: InstrumentErrors | None = None,
-    cover: KnownCover | None = None,
+    ground: Scenario | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -88,7 +88,9 @@ def build_mapper(
     measured_ground: whether the ground is real or from a file, with relief finer than the footprint unless `dem` says
         another one.
     errors: known ones of the instrument: those of its ranges; poses are without them.
-    cover: of the ground, where it is known.
+    ground: the scenario whose covers `dem.cover` may know, in local metres; None if there is none.
+
+    Raises ScenarioError, InputFileError as `known_cover`.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:
@@ -107,7 +109,7 @@ def build_mapper(
         min_confidence_m=dem.min_confidence_m,
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
-        cover=cover,
+        cover=None if dem.cover == "unknown" else known_cover(ground, grid),
     )
 
 
@@ -115,13 +117,11 @@ def build_mapper(
 COVER_CELLS, COVER_BORDER_M = 2, 20.0
 
 
-def known_cover(scenario: Scenario | None, dem: DemTable, grid: Grid) -> KnownCover | None:
-    """Return the covers of a scenario around a DEM with their levels; None if the maps are not to know them.
+def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
+    """Return the covers of a scenario in local metres around a DEM, with their levels.
 
-    Raises ScenarioError where nothing says what covers the ground.
+    Raises ScenarioError where nothing says what covers the ground, InputFileError for covers that cannot be read.
     """
-    if dem.cover == "unknown":
-        return None
     west, east, south, north = grid.extent_m
     beyond = west - COVER_BORDER_M, south - COVER_BORDER_M, east + COVER_BORDER_M, north + COVER_BORDER_M
     spacing_m = grid.spacing_m / COVER_CELLS
@@ -130,10 +130,12 @@ def known_cover(scenario: Scenario | None, dem: DemTable, grid: Grid) -> KnownCo
     if scenario is None or number is None or not names:
         message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
         raise ScenarioError([Problem("dem.cover", message)])
-    materials = build_materials({name: scenario.all_materials[name] for name in names}, scenario.radar)
+    own, of_name = np.unique(names, return_inverse=True)
+    materials = build_materials({name: scenario.all_materials[name] for name in own}, scenario.radar)
     incidence_rad = np.deg2rad(np.arange(90.0))
-    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in names]) / np.cos(incidence_rad)
-    return KnownCover(grid=fine, cover=number.astype(np.uint8), gamma=np.maximum(gamma, np.finfo(float).tiny))
+    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in own]) / np.cos(incidence_rad)
+    cover = of_name[number].astype(np.uint16)
+    return KnownCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:

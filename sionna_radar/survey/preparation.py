@@ -28,7 +28,7 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.world import LogCapture, World
-from sionna_radar.mapping.build import build_mapper, known_cover, speckle_memory
+from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
@@ -482,10 +482,9 @@ def _map(
 ) -> Mapper:
     """Return the mapper; ScenarioError for a grid that is too large, or a method without the profiles it requires."""
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flight.flown, radar.scan)
-    grid = dem_grid(local.dem.spacing_m, _mapped_extent_m(local, flight), max_gap_m, world.scene.georeference)
     mapper = build_mapper(
         local.dem,
-        grid,
+        dem_grid(local.dem.spacing_m, _mapped_extent_m(local, flight), max_gap_m, world.scene.georeference),
         max_gap_m,
         # The points of an array lie at single places.
         radar.antenna if local.sensor not in ("lidar", "mimo") else None,
@@ -494,7 +493,7 @@ def _map(
         custom.dem_method,
         speckle_memory(local),
         measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
-        cover=known_cover(local, local.dem, grid),
+        ground=local,
     )
     _check_profiles(local, mapper, custom)
     return mapper

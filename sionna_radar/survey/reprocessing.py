@@ -33,7 +33,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.build import build_dem_method, build_mapper, known_cover, speckle_memory
+from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
@@ -46,6 +46,7 @@ from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, 
 from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
+from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe, place
 from sionna_radar.survey.recordings.described import (
     WHOLE_CELLS,
@@ -248,10 +249,9 @@ class RecordingSource:
             gap_m = gap_m or max(2 * dem.spacing_m, _spacing_m(place_m))
         assert gap_m is not None
         scenario = self.settings if isinstance(self.settings, Scenario) else None
-        grid = dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference)
         return build_mapper(
             dem,
-            grid,
+            dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
             None if isinstance(self.file, DescribedRanges) or isinstance(self.angle, ArrayEstimator) else self.antenna,
             self.detector.analyser,
@@ -260,7 +260,7 @@ class RecordingSource:
             None if scenario is None else speckle_memory(scenario),
             measured_ground=scenario is None or scenario.measured_ground,
             errors=self.errors,
-            cover=known_cover(scenario, dem, grid),
+            ground=None if scenario is None or dem.cover == "unknown" else in_local_frame(scenario),
         )
 
 
@@ -551,9 +551,7 @@ def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[C
     """Return records of pulses from a recording that has been closed since."""
     with open_recording(source.path, source.overrides, source.parts) as again:
         sensor = again.build_sensor()
-        if isinstance(sensor, RangeReadings):
-            return []
-        return sensor.sweeps.record_chirps(again.flight.pulses(index))
+        return [] if isinstance(sensor, RangeReadings) else sensor.sweeps.record_chirps(again.flight.pulses(index))
 
 
 def mean_spectrum(source: RecordingSource) -> RangeSpectrum:

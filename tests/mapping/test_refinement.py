@@ -153,7 +153,7 @@ def test_maps_that_know_the_cover_see_past_it(method):
     def bright(x_m, y_m):
         return (x_m + 0.5 * y_m) // 6 % 2 == 0
 
-    on_cells = bright(fine.x_m[None], fine.y_m[:, None]).astype(np.uint8)
+    on_cells = bright(fine.x_m[None], fine.y_m[:, None]).astype(np.uint16)
     cover = KnownCover(grid=fine, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
     lit = make_sightings(over(WIDE, hills), bright=lambda place: np.where(bright(*place.T[:2]), 1.0, 0.01))
 

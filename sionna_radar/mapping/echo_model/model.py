@@ -19,7 +19,7 @@ Mapping begins with the mean range of each whole echo (`MeanRanges`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt16
 from scipy.linalg import solve_banded
 
 from sionna_radar.detection.echoes import Profiles
@@ -50,7 +50,7 @@ class KnownCover:
     """
 
     grid: Grid
-    cover: UInt8[np.ndarray, "row column"]
+    cover: UInt16[np.ndarray, "row column"]
     gamma: Float[np.ndarray, "cover degree"]
 
     def levels(self, axis: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse cover"]:
@@ -318,7 +318,7 @@ class EchoModel:
         """Return the known cover and its levels as the kernels take them."""
         cover, boresight = self._sightings.cover, self._sightings.pose.boresight
         if cover is None:
-            return self._feet.place_m, np.empty((0, 0), dtype=np.uint8), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+            return self._feet.place_m, np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
         cells = cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m
         return self._feet.place_m, *cells, cover.levels(boresight)
 
