@@ -125,7 +125,8 @@ def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
     west, east, south, north = grid.extent_m
     beyond = west - COVER_BORDER_M, south - COVER_BORDER_M, east + COVER_BORDER_M, north + COVER_BORDER_M
     spacing_m = grid.spacing_m / COVER_CELLS
-    fine = replace(Grid.covering(*beyond, spacing_m, (spacing_m / 2, spacing_m / 2)), georeference=grid.georeference)
+    corner_m = west + spacing_m / 2, south + spacing_m / 2
+    fine = replace(Grid.covering(*beyond, spacing_m, corner_m), georeference=grid.georeference)
     names, number = ([], None) if scenario is None else cover_numbers(scenario.terrain, fine)
     if scenario is None or number is None or not names:
         message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
