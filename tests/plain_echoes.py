@@ -119,8 +119,21 @@ class PlainEchoes:
         inside = whole & (cell > first - self._beyond) & (cell < last + self._beyond)
         before = float(beam.share[whole & (cell <= first - self._beyond)].sum())
         cell = cell[inside] - origin
-        power = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
+        share = beam.share * self._levels(pulse)
+        power = share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
         return _Spread(np.flatnonzero(inside), cell, power, sample_range[inside] ** 2, before)
+
+    def _levels(self, pulse: int):
+        """Return the power of the ground under each sample over that of the brightest cover."""
+        cover = self._sightings.cover
+        if cover is None:
+            return 1.0
+        incidence_deg = np.degrees(np.arccos(-self._sightings.pose.boresight[pulse, 2]))
+        level = cover.gamma[:, round(incidence_deg)] / cover.gamma[:, round(incidence_deg)].max()
+        x, y = (self._sightings.beam.between @ self._feet.place_m[pulse]).T
+        column = [int(np.argmin(np.abs(cover.grid.x_m - each))) for each in x]
+        row = [int(np.argmin(np.abs(cover.grid.y_m - each))) for each in y]
+        return level[cover.cover[row, column]]
 
     def _mean(self, spread: _Spread, cells: int):
         """Return the profile of the samples at unit level."""

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model.model import KnownCover
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
@@ -17,6 +20,8 @@ from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.scenario.registry import Builder, Facts, registers, require
 from sionna_radar.scenario.table import Table
+from sionna_radar.scene.terrains.build import cover_numbers
+from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.motion import Windblown
 
 
@@ -71,6 +76,7 @@ def build_mapper(
     *,
     measured_ground: bool,
     errors: InstrumentErrors | None = None,
+    ground: Scenario | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -82,6 +88,9 @@ def build_mapper(
     measured_ground: whether the ground is real or from a file, with relief finer than the footprint unless `dem` says
         another one.
     errors: known ones of the instrument: those of its ranges; poses are without them.
+    ground: the scenario whose covers `dem.cover` may know, in local metres; None if there is none.
+
+    Raises ScenarioError, InputFileError as `known_cover`.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:
@@ -100,7 +109,34 @@ def build_mapper(
         min_confidence_m=dem.min_confidence_m,
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
+        cover=None if dem.cover == "unknown" else known_cover(ground, grid),
     )
+
+
+# Cells of a known cover to the side of one of the DEM, and how far beyond its border beams see ground.
+COVER_CELLS, COVER_BORDER_M = 2, 20.0
+
+
+def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
+    """Return the covers of a scenario in local metres around a DEM, with their levels.
+
+    Raises ScenarioError where nothing says what covers the ground, InputFileError for covers that cannot be read.
+    """
+    west, east, south, north = grid.extent_m
+    beyond = west - COVER_BORDER_M, south - COVER_BORDER_M, east + COVER_BORDER_M, north + COVER_BORDER_M
+    spacing_m = grid.spacing_m / COVER_CELLS
+    corner_m = west + spacing_m / 2, south + spacing_m / 2
+    fine = replace(Grid.covering(*beyond, spacing_m, corner_m), georeference=grid.georeference)
+    names, number = ([], None) if scenario is None else cover_numbers(scenario.terrain, fine)
+    if scenario is None or number is None or not names:
+        message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
+        raise ScenarioError([Problem("dem.cover", message)])
+    own, of_name = np.unique(names, return_inverse=True)
+    materials = build_materials({name: scenario.all_materials[name] for name in own}, scenario.radar)
+    incidence_rad = np.deg2rad(np.arange(90.0))
+    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in own]) / np.cos(incidence_rad)
+    cover = of_name[number].astype(np.uint16)
+    return KnownCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:

@@ -20,7 +20,7 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
-from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.echo_model.model import KnownCover, Sightings
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.heights import Heights, Looks, looks_at, point_heights
@@ -135,6 +135,7 @@ class Mapper:
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     uncertain: see `MapInputs`.
     range_bias_m, range_scale: errors of the radar that are known; see `Sightings`.
+    cover: of the ground, where it is known; see `Sightings`.
     """
 
     method: DemMethod
@@ -151,6 +152,7 @@ class Mapper:
     uncertain: bool = True
     range_bias_m: float = 0.0
     range_scale: float = 0.0
+    cover: KnownCover | None = None
 
     @property
     def keeps_profiles(self) -> bool:
@@ -273,6 +275,7 @@ class Mapper:
             microrelief_m=self.microrelief_m,
             range_bias_m=self.range_bias_m,
             range_scale=self.range_scale,
+            cover=self.cover,
         )
 
 

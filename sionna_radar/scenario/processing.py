@@ -221,6 +221,10 @@ class DemTable(Table):
     smooth."""
     min_confidence_m: Positive | None = None
     """cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is."""
+    cover: Literal["unknown", "known"] = "unknown"
+    """whether a map of whole echoes knows the land cover, as from a map of it: "known" takes the scenario's covers and
+    the backscatter of their materials, so that of a beam over two covers the brighter part tells its own height.
+    "linear" does not use it, nor does "smooth" through rain."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
     """surfaces seen at a greater incidence count as shadow."""
 

@@ -493,6 +493,7 @@ def _map(
         custom.dem_method,
         speckle_memory(local),
         measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
+        ground=local,
     )
     _check_profiles(local, mapper, custom)
     return mapper

@@ -46,6 +46,7 @@ from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, 
 from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
+from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe, place
 from sionna_radar.survey.recordings.described import (
     WHOLE_CELLS,
@@ -259,6 +260,7 @@ class RecordingSource:
             None if scenario is None else speckle_memory(scenario),
             measured_ground=scenario is None or scenario.measured_ground,
             errors=self.errors,
+            ground=None if scenario is None or dem.cover == "unknown" else in_local_frame(scenario),
         )
 
 
@@ -549,9 +551,7 @@ def _chirps(source: RecordingSource, index: Int[np.ndarray, " pulse"]) -> list[C
     """Return records of pulses from a recording that has been closed since."""
     with open_recording(source.path, source.overrides, source.parts) as again:
         sensor = again.build_sensor()
-        if isinstance(sensor, RangeReadings):
-            return []
-        return sensor.sweeps.record_chirps(again.flight.pulses(index))
+        return [] if isinstance(sensor, RangeReadings) else sensor.sweeps.record_chirps(again.flight.pulses(index))
 
 
 def mean_spectrum(source: RecordingSource) -> RangeSpectrum:

@@ -10,7 +10,7 @@ from sightings import make_sightings
 from sionna_radar.detection.echoes import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, footprints
+from sionna_radar.mapping.echo_model.model import EchoModel, KnownCover, footprints
 from sionna_radar.mapping.refined.curvature import _by_nodes, curvature_on_cells
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -53,7 +53,16 @@ def in_rain(in_clear_air):
     return replace(in_clear_air, profiles=replace(in_clear_air.profiles, volume=volume))
 
 
-@pytest.mark.parametrize("air", ["in_clear_air", "in_rain"])
+@pytest.fixture(scope="module")
+def over_covers(in_rain):
+    """In rain over two covers in strips, which of them is brighter depends on the incidence."""
+    grid = Grid(west_m=20.0, south_m=-40.0, spacing_m=0.5, columns=160, rows=160)
+    strips = ((grid.x_m[None] + 0.4 * grid.y_m[:, None]) // 3 % 2).astype(np.uint16)
+    gamma = np.stack([np.full(90, 0.1), np.geomspace(20.0, 2e-4, 90)])
+    return replace(in_rain, cover=KnownCover(grid=grid, cover=strips, gamma=gamma))
+
+
+@pytest.mark.parametrize("air", ["in_clear_air", "in_rain", "over_covers"])
 def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request):
     sightings = request.getfixturevalue(air)
     looks = LOOKS * np.linspace(1, 2, len(sightings))
@@ -80,9 +89,17 @@ def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface
     np.testing.assert_allclose(operator(linear, surface.grid)(heights), expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_mean_ranges_are_those_of_the_plain_model(in_clear_air, surface):
-    expected = PlainEchoes(in_clear_air, surface).centroid_m()
-    np.testing.assert_allclose(EchoModel(in_clear_air, surface).centroid_m(), expected, rtol=1e-12)
+@pytest.mark.parametrize("ground", ["in_clear_air", "over_covers"])
+def test_mean_ranges_are_those_of_the_plain_model(ground, surface, request):
+    sightings = request.getfixturevalue(ground)
+    expected = PlainEchoes(sightings, surface).centroid_m()
+    np.testing.assert_allclose(EchoModel(sightings, surface).centroid_m(), expected, rtol=1e-12)
+
+
+def test_one_cover_is_as_none(in_clear_air, surface):
+    one = KnownCover(grid=WIDE, cover=np.ones(WIDE.shape, dtype=np.uint16), gamma=np.outer([1.0, 7.0], np.ones(90)))
+    covered = EchoModel(replace(in_clear_air, cover=one), surface).centroid_m()
+    np.testing.assert_array_equal(covered, EchoModel(in_clear_air, surface).centroid_m())
 
 
 def test_a_pulse_alone_gives_the_same_bits_as_among_others(in_rain, surface):

@@ -8,14 +8,16 @@ import pytest
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, Sightings, mean_ranges
+from sionna_radar.mapping.echo_model.model import EchoModel, KnownCover, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import MapInputs
+from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refined.refinement import Smooth, refine
+from sionna_radar.mapping.refined.refinement import Smooth, refine, refining, smoothing
 from sionna_radar.mapping.seen import seen_cells
 from sionna_radar.mapping.terrain.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.smoothing import smooth
+from sionna_radar.mapping.terrain.tiles import Tiles, pieces_here
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -139,6 +141,29 @@ def test_refinement_beats_points_on_the_axis(hilly):
     plain = np.sqrt(np.mean((axis[:, 2] - hills(axis[:, 0], axis[:, 1])) ** 2))
     assert refined < 0.1
     assert refined < 0.4 * plain
+
+
+@pytest.mark.parametrize("method", [smoothing, refining])
+def test_maps_that_know_the_cover_see_past_it(method):
+    """Strips 20 dB apart, by brute force: the mean range of a beam over two of them is the brighter one's."""
+    x, y = np.meshgrid(GRID.x_m, GRID.y_m)
+    inside = (x > 50) & (x < 80) & (np.abs(y) < 20)
+    fine = Grid(west_m=0.0, south_m=-60.0, spacing_m=0.25, columns=600, rows=480)
+
+    def bright(x_m, y_m):
+        return (x_m + 0.5 * y_m) // 6 % 2 == 0
+
+    on_cells = bright(fine.x_m[None], fine.y_m[:, None]).astype(np.uint16)
+    cover = KnownCover(grid=fine, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
+    lit = make_sightings(over(WIDE, hills), bright=lambda place: np.where(bright(*place.T[:2]), 1.0, 0.01))
+
+    def rms_m(sightings, tiling):
+        surface = Tiles(sightings, GRID, tiling).mapped(pieces_here).surface
+        return np.sqrt(np.mean((surface.height_m - hills(x, y))[inside] ** 2))
+
+    known = rms_m(replace(lit, cover=cover), method(SMOOTH))
+    assert known < 0.2
+    assert known < 0.2 * rms_m(lit, smoothing(SMOOTH))
 
 
 def test_shadows_stay_empty(hilly):

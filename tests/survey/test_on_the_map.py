@@ -19,6 +19,7 @@ from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.map_positions import in_local_frame
+from sionna_radar.survey.reprocessing import process
 from worlds import load_ground
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.
@@ -116,6 +117,17 @@ def test_positions_on_the_map_come_to_lie_where_they_are(tmp_path: Path, coordin
     np.testing.assert_allclose(local.buildings[0].position_m + origin, BOX, **tolerance)
     np.testing.assert_allclose(local.targets[0].position_m + origin, BOX, **tolerance)
     assert in_local_frame(local) == local
+
+
+def test_a_recorded_flight_on_the_map_knows_its_covers(tmp_path: Path) -> None:
+    scenario = placed_scenario(write_file(tmp_path / "in.tif"), "lonlat", "EPSG:4326")
+    known = scenario.dem.model_copy(update={"cover": "known", "method": "smooth", "method_parameters": None})
+    flown = run(scenario.model_copy(update={"dem": known}), recordings={"signals": tmp_path / "beats.nc"})
+    cover = flown.prepared.mapper.cover
+    assert cover is not None
+    inside = cover.cover[cover.grid.cell_of(np.array([[-10.0, -30.0], [15.0, 0.0], [-20.0, 20.0]]))[:2]]
+    assert inside[1] not in (inside[0], inside[2])
+    np.testing.assert_array_equal(process(tmp_path / "beats.nc").dem.height_m, flown.dem.height_m)
 
 
 def test_a_survey_flies_from_its_start_on_the_map(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from sionna_radar.mapping.echo_model.power_kernels import (
     beam_samples,
     echo_level,
     in_double,
+    lit_share,
     moved_power,
     pull_of_cells,
     spread_power,
@@ -175,7 +176,7 @@ def volume_in_front(low, high, data, clutter, geometry, antenna, result):
     """
     first, start, _, _, _, cell_m = data
     volume_power, drift, sigma = clutter
-    range_m, shift, per_height = geometry
+    range_m, shift, per_height, _ = geometry
     share, lattice, response = antenna
     cell, near, inverse = np.empty(len(share)), np.empty(len(share)), np.empty(range_m.shape[1])
     scale, half = np.empty(len(inverse)), len(response) // 2
@@ -264,8 +265,9 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     under the nodes changes with the height there; hit: room for the power on the cells.
     """
     first, _, _, _, _, cell_m = data
-    range_m, shift, per_height = geometry
+    range_m, shift, per_height, ground = geometry
     share, lattice, response = antenna
+    share = lit_share(pulse, share, ground, lattice)
     cell, near, inverse = samples
     half = len(response) // 2
     pad = half + BEYOND
@@ -300,8 +302,8 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
     """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
-    in_front: see `volume_in_front`; empty where there is no volume. geometry: see `meet`. antenna: samples of the
-        beam's power, the nodes around each and their weights, and the response of the window.
+    in_front: see `volume_in_front`; empty where there is no volume. geometry: see `meet` and `lit_share`.
+    antenna: samples of the beam's power, the nodes around each and their weights, and the response of the window.
     results: and of how many rows the factor keeps one, where there is room for the rows of each pulse, and for
         those that the factor keeps.
     """

@@ -19,13 +19,14 @@ Mapping begins with the mean range of each whole echo (`MeanRanges`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, UInt16
 from scipy.linalg import solve_banded
 
 from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, over_rows, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
@@ -40,6 +41,38 @@ FOLLOWED = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)
+class KnownCover:
+    """Land cover known beforehand: what of the ground is brighter, and by how much.
+
+    grid: cells of the cover, continued beyond its borders.
+    cover: number of the cover of each cell.
+    gamma: of each cover at incidences of 0 deg, 1 deg and so on, sigma0 / cos(incidence); of any unit.
+    """
+
+    grid: Grid
+    cover: UInt16[np.ndarray, "row column"]
+    gamma: Float[np.ndarray, "cover degree"]
+
+    def levels(self, axis: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse cover"]:
+        """Return the power per solid angle from each cover over that of the brightest, for axes that meet level ground.
+
+        One incidence for all of a footprint: within one cover gamma stays constant.
+        """
+        degree = np.rint(np.rad2deg(np.arccos(np.clip(-axis[:, 2], 0.0, 1.0)))).astype(np.int64)
+        gamma = self.gamma[:, np.minimum(degree, self.gamma.shape[1] - 1)].T
+        return np.ascontiguousarray(gamma / gamma.max(axis=1, keepdims=True))
+
+    def brightness(
+        self, place_m: Float[np.ndarray, "pulse node 2"], axis: Float[np.ndarray, "pulse 3"]
+    ) -> Float[np.ndarray, "pulse node"]:
+        """Return the level of the cover at places, those of each pulse for its axis."""
+        grid = self.grid
+        cell = np.rint((place_m - [grid.west_m, grid.south_m]) / grid.spacing_m).astype(np.int64)
+        column, row = np.clip(cell[..., 0], 0, grid.columns - 1), np.clip(cell[..., 1], 0, grid.rows - 1)
+        return np.take_along_axis(self.levels(axis), self.cover[row, column].astype(np.int64), axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sightings:
     """Input of the mapping: the profiles of some pulses and the measured pose of each.
 
@@ -51,6 +84,7 @@ class Sightings:
     memory: temporal decorrelation of speckle.
     microrelief_m: what is usual on such ground; see `Covariance`.
     range_bias_m, range_scale: what the radar reads beyond the true range, and of each metre of it.
+    cover: of the ground, by which parts of a footprint are brighter than others; None for one backscatter in each.
     """
 
     profiles: Profiles
@@ -65,6 +99,7 @@ class Sightings:
     microrelief_m: float = 0.0
     range_bias_m: float = 0.0
     range_scale: float = 0.0
+    cover: KnownCover | None = None
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -223,7 +258,8 @@ class EchoModel:
         cell_m = float(self._sightings.profiles.cell_m)
         # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
         reach = self._sightings.reach_m / cell_m - 0.5
-        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, reach, mean
+        seen = self._feet.range_m, self._feet.shift_m, self._ground()
+        on = *seen, beam.share, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
@@ -275,8 +311,16 @@ class EchoModel:
         """Return profiles, geometry and antenna as the kernels take them."""
         profiles, beam = self._sightings.profiles, self._sightings.beam
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
-        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._ground()
         return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
+
+    def _ground(self) -> tuple[object, ...]:
+        """Return the known cover and its levels as the kernels take them."""
+        cover, boresight = self._sightings.cover, self._sightings.pose.boresight
+        if cover is None:
+            return self._feet.place_m, np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+        cells = cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m
+        return self._feet.place_m, *cells, cover.levels(boresight)
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""

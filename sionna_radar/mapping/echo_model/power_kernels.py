@@ -89,16 +89,47 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, share, lattice, cell_m, reach, mean):
+def lit_share(pulse, share, ground, lattice):
+    """Return the power of the samples of a beam, times the known backscatter of the ground at each.
+
+    ground: where the nodes of all pulses meet it, its cover by cells of a grid with their west, south and spacing, and
+        the level of each cover for each pulse; of no covers where one backscatter is taken for all of a footprint.
+    """
+    place, cover, west, south, spacing, level = ground
+    if level.shape[1] == 0:
+        return share
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along, result = low_v[-1] + 2, len(low_v), np.empty(len(share))
+    rows, columns = cover.shape
+    for i in range(len(low_u)):
+        b = part_u[i]
+        for j in range(along):
+            a, k = part_v[j], low_u[i] * nodes + low_v[j]
+            corner = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+            x = y = 0.0
+            for c in range(4):
+                node = k + c % 2 + c // 2 * nodes
+                x += corner[c] * place[pulse, node, 0]
+                y += corner[c] * place[pulse, node, 1]
+            column, row = int(np.rint((x - west) / spacing)), int(np.rint((y - south) / spacing))
+            own = cover[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
+            result[i * along + j] = share[i * along + j] * level[pulse, own]
+    return result
+
+
+@compiled
+@no_type_check
+def centroids(low, high, range_m, shift, ground, share, lattice, cell_m, reach, mean):
     """Write the power-weighted mean range, up to the cell `reach`, of the echoes from `low` to `high`; NaN without."""
     nodes, samples = range_m.shape[1], len(share)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
+        lit = lit_share(pulse, share, ground, lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:
-                power = share[k] * near[k] ** 2
+                power = lit[k] * near[k] ** 2
                 total += power
                 moment += power * cell[k]
         mean[pulse] = moment / total * cell_m if total > 0 else np.nan

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, predicted_means
+from sionna_radar.mapping.echo_model.model import KnownCover, MeanRanges, Sightings, footprints, predicted_means
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
@@ -106,6 +106,11 @@ def heights_over(
     known = np.isfinite(predicted) & np.isfinite(on_axis)
     on_axis_m = echoes.range_m - np.where(known, predicted - on_axis, 0.0)
     heights = _heights(sightings, echoes, pose.position_m + on_axis_m[:, None] * axis, reach, options)
+    on_place_m = surface.at(*heights.place_m.T)
+    if sightings.cover is not None and sightings.profiles.volume is None:
+        place_m, footprint_m = _bright_parts(sightings, sightings.cover, surface)
+        place_m[~known], footprint_m[~known] = heights.place_m[~known], heights.footprint_m[~known]
+        heights = replace(heights, place_m=place_m, footprint_m=footprint_m)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
@@ -113,7 +118,21 @@ def heights_over(
     fits = known & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
     if fits.mean() < 0.5:
         fits = known
-    return replace(heights, height_m=heights.height_m + mean - surface.at(*heights.place_m.T)), fits
+    return replace(heights, height_m=heights.height_m + mean - on_place_m), fits
+
+
+def _bright_parts(
+    sightings: Sightings, cover: KnownCover, surface: Heightfield
+) -> tuple[Float[np.ndarray, "pulse 2"], Float[np.ndarray, "pulse 2 2"]]:
+    """Return the centre of the power of each footprint over a known cover, and its axes; see `Heights`."""
+    beam, feet = sightings.beam, footprints(sightings, surface)
+    power = (beam.between.T @ beam.share) * np.isfinite(feet.range_m)
+    power *= cover.brightness(feet.place_m, sightings.pose.boresight)
+    power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    centre_m = np.einsum("pn,pnk->pk", power, feet.place_m)
+    off_m = feet.place_m - centre_m[:, None]
+    square, axis = np.linalg.eigh(np.einsum("pn,pnk,pnl->pkl", power, off_m, off_m))
+    return centre_m, np.sqrt(np.maximum(square, 0.0))[..., None] * axis.transpose(0, 2, 1)
 
 
 def _heights(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_at
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -70,8 +70,15 @@ def covers_on(terrain: TerrainParameters, grid: Grid) -> dict[str, Bool[np.ndarr
 
     Raises ScenarioError, InputFileError as `landscape_of_heights`, and where one of terrain and grid has no map.
     """
+    names, number = cover_numbers(terrain, grid)
+    name = np.array(names)[number]
+    return {str(own): name == own for own in (np.unique(name) if names else ())}
+
+
+def cover_numbers(terrain: TerrainParameters, grid: Grid) -> tuple[list[str], Int[np.ndarray, "row column"]]:
+    """Return the materials of a terrain's covers, and the number of the one in each cell; else as `covers_on`."""
     if not isinstance(terrain, CoveredTerrain) or (cover := cover_of(terrain)).bare:
-        return {}
+        return [], np.empty((0, 0), dtype=np.int64)
     frame, place = map_frame(terrain), grid.georeference
     if (frame is None) != (place is None):
         message = "the covers and the DEM are in different coordinates; give a DEM of this scenario"
@@ -80,8 +87,7 @@ def covers_on(terrain: TerrainParameters, grid: Grid) -> dict[str, Bool[np.ndarr
     if frame is not None and place is not None:
         point_m = point_m + place.origin_m[:2] - frame.origin_m
     names, owner = materials_at(cover, point_m, None if frame is None else frame.georeference())
-    name = np.array(names)[owner].reshape(grid.shape)
-    return {str(own): name == own for own in np.unique(name)}
+    return names, owner.reshape(grid.shape)
 
 
 def landscape_of_heights(
