@@ -7,10 +7,15 @@ is still unknown about a height z, or about a mean of heights, is (Rasmussen and
 
 It depends on where the echoes are and how uncertain, not on what they say. A block of cells takes it from the echoes in
 and around it; those farther off tell it nothing more.
+
+Heights are those above a plane through all echoes, which is known no better than these tell (universal kriging, Chiles
+and Delfiner 2012, section 3.4). An error of the plane remains in the map as far as echoes do not tell of the terrain
+above it: by the share of var z that is unknown, next to nothing over hills, all of it over level ground.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -66,24 +71,39 @@ class Kriging:
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
-        near = self._near(place_m, MAX_OF_A_WINDOW)
+        near, middle_m = self._near(place_m, MAX_OF_A_WINDOW), place_m.mean(axis=0, keepdims=True)
         place_m, share, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
-        before = float(share @ self._between(place_m, place_m, spread) @ share)
-        if len(near) == 0:
-            return float(np.sqrt(before))
-        root, between = self._known(near, place_m, spread)
-        told = solve_lower(root, between @ share)
-        return float(np.sqrt(max(before - told @ told, 0.0)))
+        before = unknown = float(share @ self._between(place_m, place_m, spread) @ share)
+        if len(near) > 0:
+            root, between = self._known(near, place_m, spread)
+            told = solve_lower(root, between @ share)
+            unknown = max(before - float(told @ told), 0.0)
+        return float(np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(middle_m)[0]))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
-        before = self._before(place_m)
+        before = unknown = self._before(place_m)
         near = self._near(place_m, MAX_ECHOES)
-        if len(near) == 0:
-            return np.sqrt(before)
-        root, between = self._known(near, place_m)
-        told = solve_lower(root, between)
-        return np.sqrt(np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before))
+        if len(near) > 0:
+            root, between = self._known(near, place_m)
+            told = solve_lower(root, between)
+            unknown = np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before)
+        return np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(place_m))
+
+    def _plane_m2(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        """Return the variance of the height of the plane through all measured heights at some places."""
+        middle, known = self._plane
+        design = np.column_stack([np.ones(len(place_m)), place_m - middle])
+        return np.einsum("ni,ij,nj->n", design, known, design)
+
+    @cached_property
+    def _plane(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
+        """Return the middle of the heights, and the covariance of the plane there and of its slopes."""
+        middle = self.heights.place_m.mean(axis=0)
+        design = np.column_stack([np.ones(len(self.heights)), self.heights.place_m - middle])
+        # The plane is taken from mean ranges, also where whole echoes tell more of the terrain than these.
+        variance_m2 = self.heights.variance_m2(max(self.noise_factor, 1.0))
+        return middle, np.linalg.pinv(design.T / variance_m2 @ design)
 
     def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
         """Return the heights in and around some places, the nearest of them."""
