@@ -415,7 +415,7 @@ class SteppedPiece:
 
 @dataclass(frozen=True)
 class SteppedTiles:
-    """The tiles of a stepped map: square, without common cells.
+    """The tiles of a stepped map, without common cells.
 
     sightings, points: profiles and measured poses, and located echoes.
     grid, gap_m, options: see `step_surface`.
