@@ -181,7 +181,8 @@ def build_ground(
         raise ScenarioError([Problem("terrain", message)])
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
     surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
-    return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces))
+    bare = len(surfaces) == len(land.surfaces)
+    return Ground(land=land, surfaces=surfaces, caster=(land.caster if bare else None) or RayCaster(surfaces))
 
 
 def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:

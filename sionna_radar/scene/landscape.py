@@ -48,6 +48,7 @@ class Landscape:
     may_overhang: whether there may be air under some of it.
     posting_m: posting of the source file or array, below which it has no detail; None without a source, or with
         synthetic detail.
+    caster: rays against the surfaces, where their heights already need one.
     """
 
     surfaces: tuple[Surface, ...]
@@ -59,6 +60,7 @@ class Landscape:
     heights: Raster | None = None
     may_overhang: bool = False
     posting_m: float | None = None
+    caster: RayCaster | None = None
 
 
 def covered_landscape(raster: Raster, cover: GroundCover, georeference: Georeference | None = None) -> Landscape:

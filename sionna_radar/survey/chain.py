@@ -101,6 +101,7 @@ def _recorders(
 def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Recorder]) -> Survey:
     """Observe, place, map and compare."""
     sensor, observed = observe(prepared, execution, recorders)
+    chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
     with stage("mapping"), timed("map"):
         _make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
@@ -126,7 +127,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
             prepared.local.processing.doppler_correction,
         ),
         uncertainty=estimate.uncertainty,
-        chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
+        chirp=chirp,
         warnings=survey_warnings(prepared, observed, points, comparison.lit_error, estimate),
         sensor=sensor,
         saturation=_saturation(prepared, observed),

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Int32
 from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter, minimum_filter
 from scipy.spatial import KDTree
 
@@ -273,13 +273,13 @@ class _Block:
         beyond_m = BEYOND_CELLS * self._columns.spacing
         sides = self._columns.part.shape
 
-        def some(low: int, high: int) -> Int[np.ndarray, "2 entry"]:
+        def some(low: int, high: int) -> Int32[np.ndarray, "2 entry"]:
             into = np.empty((2, ENTRIES * (high - low)), dtype=np.int64)
             used = crossed(self._columns, self._views, beyond_m, *into, low, high)
             if used > into.shape[1]:
                 into = np.empty((2, used), dtype=np.int64)
                 crossed(self._columns, self._views, beyond_m, *into, low, high)
-            return into[:, :used]
+            return into[:, :used].astype(np.int32)
 
         cell, pulse = np.concatenate(list(in_threads(some, parts(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
         order = np.argsort(cell, kind="stable")
@@ -289,7 +289,7 @@ class _Block:
         for place in (cell // sides[1], cell % sides[1]) if len(begin) else ():
             spread = np.maximum.reduceat(place, begin) - np.minimum.reduceat(place, begin)
             widest = max(widest, int(spread.max()))
-        return Crossing(first, pulse[order], widest + 4 * BEYOND_CELLS)
+        return Crossing(first, pulse[order].astype(np.int64), widest + 4 * BEYOND_CELLS)
 
     def _sweep(
         self,

@@ -225,7 +225,11 @@ def _block(
     chosen = _highest_good(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     apart = int(np.ceil(options.step_levels))
-    below, above, depth, rise = margins(against, total, chosen, apart)
+    # Row by row: several arrays of all cells and levels would be the largest of a map.
+    of_rows = [
+        margins(c[None], t[None], level[None], apart) for c, t, level in zip(against, total, chosen, strict=True)
+    ]
+    below, above, depth, rise = map(np.concatenate, zip(*of_rows, strict=True))
     spacing_m = float(level_m[1] - level_m[0])
     return base_m + level_m[chosen], supported, below, above, depth * spacing_m, rise * spacing_m
 

@@ -11,10 +11,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.scene.landscape import Heights, Landscape
+from sionna_radar.foundation.progress import release_memory
+from sionna_radar.raytracer.backend import load_mitsuba, release_arrays
+from sionna_radar.scene.landscape import Landscape
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
@@ -105,11 +107,15 @@ def _kept(sionna_materials: dict[str, Any], carrier_hz: float, channel: Channel)
 def city_landscape(city: str, chosen: Mapping[str, str | None], carrier_hz: float, channel: Channel) -> Landscape:
     """Return one of Sionna's cities."""
     surfaces, materials = load_city(city, chosen, carrier_hz, channel)
-    ground_m = _under_city(surfaces)
-    return Landscape(surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(materials))
-
-
-def _under_city(surfaces: tuple[Surface, ...]) -> Heights:
+    # Sionna's own scene is gone by now, but its memory (a tenth of what a survey of a city takes) is still cached.
+    release_arrays()
+    release_memory()
     caster = RayCaster(surfaces)
     bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
-    return lambda point: caster.from_below(point, bottom)
+
+    def ground_m(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        return caster.from_below(place_m, bottom)
+
+    return Landscape(
+        surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(materials), caster=caster
+    )

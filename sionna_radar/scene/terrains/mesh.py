@@ -85,6 +85,7 @@ def mesh(ground: MeshGround, cover: GroundCover) -> Landscape:
         ground_material=cover.material,
         georeference=georeference,
         may_overhang=True,
+        caster=caster,
     )
 
 

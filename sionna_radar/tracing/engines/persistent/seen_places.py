@@ -39,18 +39,27 @@ class SeenPlaces:
 
     @staticmethod
     def room_for(count: int) -> "SeenPlaces":
-        """Return a table to be written into."""
-        single = np.float32
+        """Return a table to be written into.
+
+        Its columns share one array, so large that only what is written of it takes memory.
+        """
+        single, signed = np.float32, np.int32
+        each = (np.float64, np.complex64, np.uint32, single, single, single, single, single, single, signed, signed)
+        ends = np.cumsum([0, *(count * np.dtype(one).itemsize for one in each)])
+        memory = np.empty(ends[-1], dtype=np.uint8)
+        parts = [memory[low:high].view(one) for low, high, one in zip(ends, ends[1:], each, strict=False)]
+        hit_m = memory[ends[3] : ends[6]].view(single).reshape(3, count)
+        range_m, factor, row, _, _, _, range_rate_mps, cosine, solid_angle_sr, surface, face = parts
         return SeenPlaces(
-            row=np.empty(count, dtype=np.uint32),
-            hit_m=np.empty((3, count), dtype=single),
-            range_m=np.empty(count),
-            range_rate_mps=np.empty(count, dtype=single),
-            cosine=np.empty(count, dtype=single),
-            solid_angle_sr=np.empty(count, dtype=single),
-            surface=np.empty(count, dtype=np.int32),
-            face=np.empty(count, dtype=np.int32),
-            factor=np.empty(count, dtype=np.complex64),
+            row=row,
+            hit_m=hit_m,
+            range_m=range_m,
+            range_rate_mps=range_rate_mps,
+            cosine=cosine,
+            solid_angle_sr=solid_angle_sr,
+            surface=surface,
+            face=face,
+            factor=factor,
         )
 
     def first(self, count: int) -> "SeenPlaces":
