@@ -380,7 +380,7 @@ def test_control_characters_of_names_reach_no_terminal(cli, small, tmp_path):
 
 def test_workers_that_are_lost_are_no_bad_input(cli, small, tmp_path, monkeypatch):
     def lost(*_, **__):
-        raise WorkersLostError("the dask scheduler is gone")  # noqa: EM101
+        raise WorkersLostError("the dask scheduler is gone")
 
     monkeypatch.setattr("sionna_radar.execution.cluster.open_workers", lost)
     done = cli("sweep", small, "--vary", "seed=1,2", "-q", "-o", tmp_path / "out")
