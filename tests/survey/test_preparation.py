@@ -51,19 +51,6 @@ def test_a_prepared_survey_flies_as_its_scenario_does_and_as_often_as_wanted():
         assert_same(survey, flown)
 
 
-def test_custom_parts_are_given_before_the_survey_is_prepared():
-    prepared = prepare(HILLS)
-    with pytest.raises(TypeError, match="has its parts already; give them to `prepare`"):
-        run(prepared, parts=CustomParts(scan=prepared.flight.scan))
-
-
-def test_custom_parts_fly_the_same_prepared_or_not():
-    scan = build_scan(ScanTable(mode="conical", incidence_deg=30.0))
-    survey = run(prepare(HILLS, CustomParts(scan=scan)))
-    assert_same(survey, run(HILLS, parts=CustomParts(scan=scan)))
-    assert list(survey.replaced) == ["radar.scan"]
-
-
 @pytest.fixture
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Types go unchecked, as outside the tests: the package's own check must stop what is no part."""

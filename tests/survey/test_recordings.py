@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 
 import h5py
 import numpy as np
@@ -15,7 +14,7 @@ import xarray as xr
 from rich.console import Console
 
 from packed_pages import array_of, numbers_of
-from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
+from sionna_radar import RadarError, ScenarioError, load_scenario, prepare, process, run, to_toml
 from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import attempt, name_of, named
@@ -348,9 +347,3 @@ def test_a_damaged_recording_ends_in_one_error_or_a_result(flown, number, tmp_pa
     except RadarError as error:
         sound = "a.nc" in f"{error}"
     assert sound
-
-
-def test_parameters_of_a_scenario_come_back(flown):
-    survey, files = flown
-    with xr.open_dataset(files["signals"], engine="h5netcdf") as file:
-        assert parse_scenario(tomllib.loads(file.scenario.item())) == survey.scenario
