@@ -88,19 +88,6 @@ def test_an_ideal_filter_lets_nothing_fold():
 CORNER_HZ = 30e3
 
 
-def echoes_at(range_m, gain) -> Paths:
-    count = len(range_m)
-    return Paths(
-        pulse=np.zeros(count, np.int64),
-        delay_s=2 * np.array(range_m) / 299_792_458.0,
-        gain=np.array(gain, dtype=complex),
-        range_rate_mps=np.zeros(count),
-        incidence_rad=np.zeros(count),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, np.int64),
-    )
-
-
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_the_response_is_butterworths(order):
     high_pass = HighPass(corner_hz=CORNER_HZ, order=order)
@@ -119,7 +106,7 @@ def test_the_response_is_butterworths(order):
 def test_an_echo_is_weakened_and_turned_and_calibrated_back(sampling, sweep):
     chirp, high_pass = make_chirp(sampling=sampling, sweep=sweep), HighPass(corner_hz=CORNER_HZ, order=2)
     cell = 60
-    paths = echoes_at([cell * chirp.range_resolution_m], [2e-3 * np.exp(0.4j)])
+    paths = points_at(cell * chirp.range_resolution_m, 2e-3 * np.exp(0.4j))
     plain = SpectrumAnalyser(chirp, "hann", 1)
     before = plain.amplitude(synthesise(paths, make_pulses(1), chirp))[0, cell]
     beat = synthesise(high_pass.filtered(paths, chirp), make_pulses(1), chirp)
@@ -166,7 +153,7 @@ def test_it_spares_the_converter_and_changes_no_calibrated_spectrum():
         ready = prepare(survey(**filtered))
         pulses = ready.flight.pulses(np.arange(20))
         paths = ready.sensor_inputs().tracer().trace(pulses)
-        leak = echoes_at([0.6] * len(pulses), [3e-5] * len(pulses))
+        leak = points_at([0.6] * len(pulses), 3e-5)
         object.__setattr__(leak, "pulse", pulses.index)
         for name, seen in (("rain", paths), ("leakage", Paths.concatenate([leak, paths]))):
             beat = ready.receiver.beat(seen, pulses)

@@ -109,6 +109,8 @@ def test_pixels_are_those_of_the_survey_bit_for_bit(flown, folder, name):
     raster = getattr(flown, name)
     with rasterio.open(folder / f"{name}.tif") as file:
         pixels = file.read(1)
+        assert (file.dtypes, file.compression.name) == (("float32",), "deflate")
+        assert np.isnan(file.nodata)
         assert file.bounds.left == pytest.approx(raster.grid.extent_m[0] + flown.georeference.origin_m[0], abs=1e-6)
         assert file.bounds.top == pytest.approx(raster.grid.extent_m[3] + flown.georeference.origin_m[1], abs=1e-6)
     np.testing.assert_array_equal(pixels, (raster.height_m[::-1] + offset_m).astype(np.float32))
