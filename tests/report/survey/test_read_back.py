@@ -197,8 +197,7 @@ def test_without_pyarrow_one_error_before_the_flight(monkeypatch, cli, small, tm
     from sionna_radar.report.files import points_table
 
     monkeypatch.setattr(points_table, "find_spec", lambda name: None)
-    done = cli("run", small, "-o", tmp_path / "out", "--points", "parquet", "-q")
-    assert done.returncode == 2
+    done = cli("run", small, "-o", tmp_path / "out", "--points", "parquet", "-q", code=2)
     assert "sionna-radar[parquet]" in done.stderr
     assert not (tmp_path / "out").exists()
 
