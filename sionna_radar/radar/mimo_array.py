@@ -39,8 +39,6 @@ from sionna_radar.radar.antenna import Cut, lobe_samples
 
 # Elements closer than this share of a wavelength are one: 1 deg of phase is 0.003.
 SAME_WAVELENGTHS = 1e-3
-# Spacings of a filled row: its beams repeat outside of the visible directions.
-FILLED_WAVELENGTHS = 0.5
 # Two-way power of the main lobe in which the phase between receivers must not wrap.
 UNAMBIGUOUS = 1e-2
 # Zeros beyond the visible cosines, in lengths of the cut, so that the transform does not wrap around.
