@@ -26,6 +26,15 @@ def plain_sum(paths: Paths, index: np.ndarray, chirp) -> np.ndarray:
     return out if chirp.sampling == "iq" else np.sqrt(2) * out.real
 
 
+def mover_beats(chirp, middle_s: np.ndarray, range_m: float, rate_mps: float, power: float = 1.0) -> np.ndarray:
+    """Return the beats of a mover in chirps around times, from the phase of its delay at every sample."""
+    time_s = chirp.sample_time_s
+    delay_s = 2 * (range_m + rate_mps * (middle_s[:, None] + time_s)) / C
+    swept = chirp.slope_hz_s * time_s * delay_s - chirp.slope_hz_s * delay_s**2 / 2
+    phase = 2 * np.pi * chirp.direction * (chirp.carrier_hz * delay_s + swept)
+    return np.sqrt(power) * (np.exp(1j * phase) if chirp.sampling == "iq" else np.sqrt(2) * np.cos(phase))
+
+
 def relative_error(measured: np.ndarray, expected: np.ndarray) -> float:
     """Largest error of a sample over the root mean square of its pulse."""
     level = np.sqrt(np.mean(np.abs(expected) ** 2, axis=1, keepdims=True))
