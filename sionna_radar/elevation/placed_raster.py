@@ -211,7 +211,8 @@ def apply_affine(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Apply an affine transform to points (affine 3 warns about `*`, affine 2 has no `@`)."""
     a, b, c, d, e, f = tuple(transform)[:6]
-    return a * x + b * y + c, d * x + e * y + f
+    with np.errstate(over="ignore", invalid="ignore"):  # of an absurd one: it overlaps nothing
+        return a * x + b * y + c, d * x + e * y + f
 
 
 def in_crs_of(

@@ -1,5 +1,6 @@
 """Reading of a radiation pattern from a file of any known format, detected from its content, and its antenna."""
 
+import csv
 import logging
 from pathlib import Path
 
@@ -84,7 +85,7 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
         if matches(text):
             try:
                 return parse(text)
-            except (ValueError, OverflowError) as error:
+            except (ValueError, OverflowError, csv.Error) as error:
                 raise InputFileError(f"{name}: {error}") from error
     first_line = text.split("\n", 1)[0].strip()
     raise InputFileError(f"{name}: unknown pattern format; its first line is {first_line[:60]!r}; {REMEDY}")
