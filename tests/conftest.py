@@ -55,7 +55,6 @@ def pencil() -> Antenna:
 class Done:
     """What a command left behind."""
 
-    returncode: int
     stdout: str
     stderr: str
 
@@ -64,12 +63,15 @@ class Done:
 def cli(monkeypatch, capsys) -> Callable[..., Done]:
     """The command line in this process, which has the heavy libraries loaded already."""
 
-    def call(*arguments: object) -> Done:
+    def call(*arguments: object, code: int | None = 0) -> Done:
+        """Run a command that ends as wanted; one that is refused (2) says one error."""
         monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
             main()
         captured = capsys.readouterr()
-        return Done(stop.value.code or 0, captured.out, captured.err)
+        assert code in (None, stop.value.code or 0), captured.err
+        assert code != 2 or (captured.err.count("error:") == 1 and "Traceback" not in captured.err)
+        return Done(captured.out, captured.err)
 
     return call
 
