@@ -20,6 +20,17 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
+# A radar whose echoes its noise reaches.
+WEAK = {
+    "radar.snr_db": None,
+    "radar.transmit_power_dbm": -12.0,
+    "radar.noise_figure_db": 15.0,
+    "radar.samples_per_chirp": 512,
+    "radar.bandwidth_hz": 250e6,
+    "terrain.spacing_m": 4.0,
+    "tracing.paths_per_pulse": 128,
+    "platform.length_m": 10.0,
+}
 # A scenario file that is flown in a second.
 SMALL = """
 seed = 5

@@ -5,6 +5,7 @@ import pytest
 
 from beams import make_antenna, make_chirp
 from flights import make_pulses
+from receivers import echoes_of_all
 from sionna_radar import load_scenario
 from sionna_radar.detection.angle.row import (
     cosine_variance,
@@ -21,8 +22,6 @@ from sionna_radar.mapping.points import locate
 from sionna_radar.radar.build import build_receivers
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.mixer import receiver_paths
-from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.warnings import direction_warnings
@@ -70,14 +69,7 @@ def surfaces(*cosines, count=400):
 
 
 def found_by(found, paths, noise_w=1e-13):
-    chirp = found.detector.analyser.chirp
-    receiver = Receiver(sweeps=(chirp,), transmit_power_w=1.0, noise_power_w=noise_w, seed=4)
-    sides = [
-        receiver.beat(receiver_paths(paths, PULSES, found.array, channel), PULSES, channel)
-        for channel in range(1, len(found.axes) + 1)
-    ]
-    echoes = found.find([receiver.beat(paths, PULSES), *sides], PULSES.index, PULSES.measured)
-    return found.detector.correct(echoes, PULSES.index, PULSES.measured)
+    return echoes_of_all(found, paths, PULSES, noise_w)
 
 
 def near(echoes):
