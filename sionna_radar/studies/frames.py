@@ -109,7 +109,8 @@ def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
     analyser = _analyser(prepared, chirps)
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     start = _first(prepared, chirps, frames)
-    cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
+    cfar = _ring(scenario, folded, looks=chirps // folded.chirps)
+    clutter = ClutterMap(weight=WEIGHT, false_alarm_probability=cfar.false_alarm_probability)
     radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     with stage("frames", frames):
@@ -237,10 +238,6 @@ def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
         stride=analyser.zero_padding,
         looks=looks,
     )
-
-
-def _clutter(scenario: Scenario) -> ClutterMap:
-    return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
 
 
 def _targets(

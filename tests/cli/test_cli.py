@@ -90,12 +90,9 @@ def test_all_problems_are_told_at_once(cli, small):
     assert all(key in done.stderr for key in ("radar.beam", "platform.speed_mps", "seed", "3 problems"))
 
 
-def missing_dem(tmp_path):
-    return tmp_path / "none.tif"
-
-
 @pytest.mark.parametrize(
-    ("make", "word"), [(bad_dem, "broken.tif"), (without_crs, "terrain.crs"), (missing_dem, "none.tif")]
+    ("make", "word"),
+    [(bad_dem, "broken.tif"), (without_crs, "terrain.crs"), (lambda folder: folder / "none.tif", "none.tif")],
 )
 def test_bad_elevation_file(cli, make, word, tmp_path):
     path = make(tmp_path)

@@ -9,15 +9,10 @@ from beams import make_chirp
 from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import CfarTable, ProcessingTable
 
 KINDS = ("CA", "GO", "SO", "OS")
 INDEPENDENT = np.array([1.0])
-
-
-def sampled_chirp(samples, sampling) -> Chirp:
-    return Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=samples, sampling=sampling)
 
 
 def make_cfar(kind, training=16, pfa=1e-3, guard=2, **values) -> Cfar:
@@ -112,7 +107,7 @@ def test_noise_levels_follow_the_definition(kind, stride, bins):
 def false_alarms(sampling: str, zero_padding: int, guard: int, training: int, chirps: int):
     """Count false alarms in pure noise at a wanted 1e-3: for each kind, (alarms, cells) of middle and edges."""
     samples = 512 if sampling == "real" else 256  # 256 range cells either way
-    chirp = sampled_chirp(samples=samples, sampling=sampling)
+    chirp = make_chirp(samples=samples, sampling=sampling)
     detectors = {}
     for kind in KINDS:
         table = CfarTable(kind=kind, guard=guard, training=training, false_alarm_probability=1e-3)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from side_looking import make_flight
+from side_looking import make_flight, uniform_cut
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, ground_pixels, whole_beam
 from sionna_radar.imaging.sar import PULSES_AT_ONCE, BackProjection, SarImage
 from sionna_radar.imaging.strip import azimuth_resolution_m, ground_range_resolution_m, half_power_width
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
@@ -80,11 +80,6 @@ def test_resolution_is_the_theorys(caster, width_deg, weighting, window):
     assert along == pytest.approx(azimuth_resolution_m(aperture, flight.chirp.wavelength_m), rel=0.03)
     # A wide aperture sharpens range a little too: its depth of focus comes near a range cell.
     assert across == pytest.approx(ground_range_resolution_m(flight.chirp, "hann", np.pi / 4), rel=0.10)
-
-
-def uniform_cut(length_m: float, wavelength_m: float) -> Cut:
-    """Return the cut of a uniformly lit aperture: sin(pi d u / lambda) / (pi d u / lambda)."""
-    return Cut(np.sinc(length_m / wavelength_m * np.linspace(-1.0, 1.0, 20_001)))
 
 
 def test_a_uniform_aperture_resolves_half_its_length(caster):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from side_looking import make_flight
+from side_looking import make_flight, uniform_cut
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.imaging.aperture import Aperture
 from sionna_radar.imaging.strip import (
@@ -113,10 +113,6 @@ CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=1000.0, samples=256)
 WAVELENGTH = CHIRP.wavelength_m
 
 
-def uniform(length_m: float) -> Cut:
-    return Cut(np.sinc(length_m / WAVELENGTH * np.linspace(-1.0, 1.0, 40_001)))
-
-
 # Harris 1978, "On the use of windows", Table 1: 3.0 dB bandwidths 0.89, 1.44 and 1.30 bins.
 @pytest.mark.parametrize(("name", "bins"), [("boxcar", 0.8859), ("hann", 1.4406), ("hamming", 1.303)])
 def test_window_factors(name, bins):
@@ -130,14 +126,16 @@ def test_range_resolution():
 
 def test_flat_weight_over_the_beam_is_half_the_antenna():
     length = 0.05
-    aperture = Aperture(width_rad=2 * np.arcsin(WAVELENGTH / length / 2), azimuth=uniform(length), weighting="flat")
+    aperture = Aperture(
+        width_rad=2 * np.arcsin(WAVELENGTH / length / 2), azimuth=uniform_cut(length, WAVELENGTH), weighting="flat"
+    )
     assert azimuth_resolution_m(aperture, WAVELENGTH) == pytest.approx(0.8859 * length / 2, rel=1e-3)
 
 
 def test_the_whole_two_way_beam_of_a_uniform_aperture_gives_a_triangle():
     """The taper convolved with itself at 2 x: 1 - 2 |x| / d, down to sqrt(1/2) at (1 - sqrt(1/2)) d / 2."""
     length = 0.25
-    aperture = Aperture(width_rad=2.0, azimuth=uniform(length))
+    aperture = Aperture(width_rad=2.0, azimuth=uniform_cut(length, WAVELENGTH))
     assert azimuth_resolution_m(aperture, WAVELENGTH) == pytest.approx((1 - np.sqrt(0.5)) * length, rel=5e-3)
 
 
