@@ -1,6 +1,7 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
 import gc
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -66,6 +67,7 @@ def cli(monkeypatch, capsys) -> Callable[..., Done]:
     def call(*arguments: object, code: int | None = 0) -> Done:
         """Run a command that ends as wanted; one that is refused (2) says one error."""
         monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
+        monkeypatch.setattr(logging.getLogger("sionna_radar"), "handlers", [])  # those of before are closed
         with pytest.raises(SystemExit) as stop:
             main()
         captured = capsys.readouterr()
