@@ -11,7 +11,8 @@ import numpy as np
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.instrument import UNKNOWNS, believed_motion
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, believed_motion
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import Solution, solve, solve_over_unknown_ground
 from sionna_radar.mapping.echo_model.model import mean_ranges
@@ -83,15 +84,35 @@ def vars_of(prepared: Prepared) -> dict[str, Any]:
     return {name: getattr(prepared, name) for name in Prepared.__dataclass_fields__}
 
 
-def echoes_of(prepared: Prepared, lines: int = 3) -> WholeEchoes:
-    """Observe a survey, and return the whole echoes of its first lines."""
+def straight(position_m: np.ndarray, speed_mps: float, axes: np.ndarray, time_s: np.ndarray) -> BelievedMotion:
+    """Return the motion of a line that is flown east without a turn."""
+    count = len(position_m)
+    velocity_mps = np.tile([speed_mps, 0.0, 0.0], (count, 1))
+    return BelievedMotion(
+        pose=Pose(position_m=position_m, velocity_mps=velocity_mps, R_world_antenna=np.tile(axes, (count, 1, 1))),
+        time_s=time_s,
+        R_mount_antenna=np.tile(np.eye(3), (count, 1, 1)),
+        turn_rad_s=np.zeros((count, 3)),
+        acceleration_mps2=np.zeros((count, 3)),
+        line=np.zeros(count, dtype=np.int64),
+    )
+
+
+def every_echo_of(prepared: Prepared) -> WholeEchoes:
+    """Observe a survey, and return its whole echoes."""
     _, observed = observe(prepared, Execution())
     profiles = observed.profiles
     motion = believed_motion(prepared.flight.pulses(np.arange(len(prepared))), prepared.flight.scan)
     motion = motion.rows(profiles.pulse)
     sightings = prepared.mapper.sightings(profiles, motion.pose)
     reach = sightings.repeated(mean_ranges(sightings).range_m)
-    echoes = WholeEchoes(sightings=sightings, motion=motion, reach=reach)
+    return WholeEchoes(sightings=sightings, motion=motion, reach=reach)
+
+
+def echoes_of(prepared: Prepared, lines: int = 3) -> WholeEchoes:
+    """Observe a survey, and return the whole echoes of its first lines."""
+    echoes = every_echo_of(prepared)
+    motion = echoes.motion
     flown = np.flatnonzero(np.bincount(motion.line) > 50)[:lines]
     return echoes.rows(motion.within_lines & np.isin(motion.line, flown))
 

@@ -1,18 +1,33 @@
 """Tasks of the tests, which workers import by the name of this module."""
 
+import json
 import logging
 import os
 import signal
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.execution.workers import document_bytes
+from sionna_radar.execution.workers import SHARED, Failure, Task, Work, attempt, document_bytes, name_of, named
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import network_allowed
 from sionna_radar.foundation.threads import cores
+
+
+class LikeWorkers:
+    """Does tasks as workers would, the last first: functions by their names, tasks as JSON."""
+
+    count = 2
+
+    def __init__(self) -> None:
+        self.tasks: list[Task] = []
+
+    def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
+        for number, task in reversed(list(enumerate(tasks))):
+            self.tasks.append(task)
+            yield number, attempt(named(name_of(work)), {**json.loads(json.dumps(task)), SHARED: shared})
 
 
 def look(task: Mapping[str, Any]) -> bytes:

@@ -1,12 +1,14 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
 import gc
+import logging
 import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from hypothesis import settings
 
@@ -54,7 +56,6 @@ def pencil() -> Antenna:
 class Done:
     """What a command left behind."""
 
-    returncode: int
     stdout: str
     stderr: str
 
@@ -63,12 +64,16 @@ class Done:
 def cli(monkeypatch, capsys) -> Callable[..., Done]:
     """The command line in this process, which has the heavy libraries loaded already."""
 
-    def call(*arguments: object) -> Done:
+    def call(*arguments: object, code: int | None = 0) -> Done:
+        """Run a command that ends as wanted; one that is refused (2) says one error."""
         monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
+        monkeypatch.setattr(logging.getLogger("sionna_radar"), "handlers", [])  # those of before are closed
         with pytest.raises(SystemExit) as stop:
             main()
         captured = capsys.readouterr()
-        return Done(stop.value.code or 0, captured.out, captured.err)
+        assert code in (None, stop.value.code or 0), captured.err
+        assert code != 2 or (captured.err.count("error:") == 1 and "Traceback" not in captured.err)
+        return Done(captured.out, captured.err)
 
     return call
 
@@ -85,6 +90,12 @@ def small(tmp_path_factory) -> Path:
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Results without pictures, which take longer to draw than all else to write, and have tests of their own."""
     monkeypatch.setattr("sionna_radar.report.survey.products.draw_all", lambda *_: [])
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Types go unchecked, as outside the tests: the package's own checks must stop what is wrong."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.fixture

@@ -39,17 +39,20 @@ def direct_beat(
     return beat
 
 
-def points_at(range_m: object, gain: object = 1.0, rate_mps: object = 0.0, pulse: object = 0) -> Paths:
-    """Return paths of points at ranges."""
+def points_at(
+    range_m: object, gain: object = 1.0, rate_mps: object = 0.0, pulse: object = 0, **columns: np.ndarray
+) -> Paths:
+    """Return paths of points at ranges, with other columns than those of upright ground where given."""
     far, gains, rates, pulses = np.broadcast_arrays(np.asarray(range_m, dtype=float), gain, rate_mps, pulse)
     far, gains, rates, pulses = (np.atleast_1d(a) for a in (far, gains, rates, pulses))
     count = len(far)
-    return Paths(
-        pulse=pulses.astype(np.int64),
-        delay_s=2 * far / C,
-        gain=gains.astype(complex),
-        range_rate_mps=rates.astype(float),
-        incidence_rad=np.zeros(count),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, np.int64),
-    )
+    usual = {
+        "pulse": pulses.astype(np.int64),
+        "delay_s": 2 * far / C,
+        "gain": gains.astype(complex),
+        "range_rate_mps": rates.astype(float),
+        "incidence_rad": np.zeros(count),
+        "hit_m": np.zeros((count, 3)),
+        "surface": np.zeros(count, np.int64),
+    }
+    return Paths(**(usual | columns))

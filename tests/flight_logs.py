@@ -97,8 +97,6 @@ def write_gpx(path: Path, flight: Flown) -> Path:
 
 # ------------------------------------------------------------------------------------------ ULog
 
-UlogTopic = tuple[str, np.ndarray]
-
 
 def ulog_bytes(topics: Mapping[str, Mapping[str, tuple[str, np.ndarray]]]) -> bytes:
     """Return a ULog of topics, each a table of C types and columns that begins with the timestamp."""

@@ -1,25 +1,11 @@
-"""Beat signals by the plain sum of the exact phase, sample by sample and path by path, and paths to make them of."""
+"""Beat signals by the plain sum of the exact phase, sample by sample and path by path."""
 
 import numpy as np
 
+from direct_receiver import C, points_at
 from sionna_radar.tracing.paths import Paths
 
-C = 299_792_458.0
 SWEEPS = [(sweep, sampling) for sweep in ("up", "down") for sampling in ("real", "iq")]
-
-
-def make_paths(pulse, range_m, rate_mps, gain) -> Paths:
-    pulse, range_m, rate, gain = np.broadcast_arrays(pulse, np.asarray(range_m, dtype=float), rate_mps, gain)
-    count = len(range_m)
-    return Paths(
-        pulse=np.array(pulse, dtype=int),
-        delay_s=2 * range_m / C,
-        gain=np.array(gain, dtype=complex),
-        range_rate_mps=np.array(rate, dtype=float),
-        incidence_rad=np.zeros(count),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, dtype=int),
-    )
 
 
 def plain_sum(paths: Paths, index: np.ndarray, chirp) -> np.ndarray:
@@ -40,6 +26,15 @@ def plain_sum(paths: Paths, index: np.ndarray, chirp) -> np.ndarray:
     return out if chirp.sampling == "iq" else np.sqrt(2) * out.real
 
 
+def mover_beats(chirp, middle_s: np.ndarray, range_m: float, rate_mps: float, power: float = 1.0) -> np.ndarray:
+    """Return the beats of a mover in chirps around times, from the phase of its delay at every sample."""
+    time_s = chirp.sample_time_s
+    delay_s = 2 * (range_m + rate_mps * (middle_s[:, None] + time_s)) / C
+    swept = chirp.slope_hz_s * time_s * delay_s - chirp.slope_hz_s * delay_s**2 / 2
+    phase = 2 * np.pi * chirp.direction * (chirp.carrier_hz * delay_s + swept)
+    return np.sqrt(power) * (np.exp(1j * phase) if chirp.sampling == "iq" else np.sqrt(2) * np.cos(phase))
+
+
 def relative_error(measured: np.ndarray, expected: np.ndarray) -> float:
     """Largest error of a sample over the root mean square of its pulse."""
     level = np.sqrt(np.mean(np.abs(expected) ** 2, axis=1, keepdims=True))
@@ -50,4 +45,4 @@ def random_paths(seed: int, count: int, pulses: int, rates: tuple[float, float])
     random = np.random.default_rng(seed)
     gain = random.normal(size=count) + 1j * random.normal(size=count)
     pulse = np.sort(random.integers(10, 10 + pulses, count))
-    return make_paths(pulse, random.uniform(25, 120, count), random.uniform(*rates, count), 1e-6 * gain)
+    return points_at(random.uniform(25, 120, count), 1e-6 * gain, random.uniform(*rates, count), pulse)

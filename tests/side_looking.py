@@ -6,7 +6,7 @@ import numpy as np
 
 from sionna_radar.flight.frames import R_WORLD_NED, conical_from_antenna
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
 
@@ -43,3 +43,8 @@ def make_flight(
     values = {"carrier_hz": 77e9, "bandwidth_hz": 500e6, "rate_hz": rate_hz, "samples": 256, "sampling": "iq"}
     azimuth, elevation = (taylor_cut(float(np.deg2rad(w)), -20.0) for w in (azimuth_deg, elevation_deg))
     return Flight(chirp=Chirp(**(values | chirp)), antenna=Antenna(azimuth, elevation))
+
+
+def uniform_cut(length_m: float, wavelength_m: float) -> Cut:
+    """Return the cut of a uniformly lit aperture: sin(pi d u / lambda) / (pi d u / lambda)."""
+    return Cut(np.sinc(length_m / wavelength_m * np.linspace(-1.0, 1.0, 40_001)))

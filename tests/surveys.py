@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from scenario_keys import with_keys
+from seen_points import seen_points
 from sionna_radar.accuracy.truth import compare_dem
 from sionna_radar.flight.build import flight_plan, plan_track
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
@@ -19,6 +20,17 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
+# A radar whose echoes its noise reaches.
+WEAK = {
+    "radar.snr_db": None,
+    "radar.transmit_power_dbm": -12.0,
+    "radar.noise_figure_db": 15.0,
+    "radar.samples_per_chirp": 512,
+    "radar.bandwidth_hz": 250e6,
+    "terrain.spacing_m": 4.0,
+    "tracing.paths_per_pulse": 128,
+    "platform.length_m": 10.0,
+}
 # A scenario file that is flown in a second.
 SMALL = """
 seed = 5
@@ -86,15 +98,14 @@ def ground_points(schedule: PulseSchedule, grid: Grid, rng: np.random.Generator)
     west, east, south, north = grid.extent_m
     inside = (position[:, 0] > west) & (position[:, 0] < east)
     inside &= (position[:, 1] > south) & (position[:, 1] < north)
-    count = int(inside.sum())
-    return Points(
+    count, range_m = int(inside.sum()), range_m[inside]
+    return seen_points(
+        position[inside],
+        origin[inside],
         pulse=np.flatnonzero(inside),
-        number=np.zeros(count, dtype=np.int64),
-        position_m=position[inside],
-        origin_m=origin[inside],
-        range_m=range_m[inside],
+        range_m=range_m,
         range_sigma_m=np.full(count, 0.25),
-        power=1e-12 * rng.exponential(size=count) * (50 / range_m[inside]) ** 4,
+        power=1e-12 * rng.exponential(size=count) * (50 / range_m) ** 4,
         echo_snr_db=rng.uniform(12, 40, count),
     )
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from direct_receiver import points_at
+from flights import make_pulses
 from sionna_radar import load_scenario, run
 from sionna_radar.accuracy.illumination import half_footprint_m, near_buildings, shadowed
-from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.build import build_antenna, build_chirp
 from sionna_radar.scenario.radar import AntennaTable
@@ -15,7 +16,6 @@ from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.survey.observed_survey import observe_survey
-from sionna_radar.tracing.paths import Paths
 
 
 def test_fig_5_half_power_width_and_side_lobe():
@@ -64,18 +64,7 @@ def test_fig_11_doppler_of_a_simulated_beat(speed_mps, angle_deg, shift_hz, shif
 
 def spectral_peak_hz(chirp, range_rate_mps):
     """Frequency of a receding scatterer's beat, 60 m away, by the phase that it turns per sample."""
-    pose = Pose(position_m=np.zeros((1, 3)), velocity_mps=np.zeros((1, 3)), R_world_antenna=np.eye(3)[None])
-    pulses = Pulses(index=np.arange(1), time_s=np.zeros(1), scan_rad=np.zeros(1), true=pose, measured=pose)
-    path = Paths(
-        pulse=np.zeros(1, dtype=np.int64),
-        delay_s=np.array([2 * 60.0 / 299_792_458.0]),
-        gain=np.ones(1, dtype=np.complex64),
-        range_rate_mps=np.array([range_rate_mps]),
-        incidence_rad=np.zeros(1),
-        hit_m=np.array([[60.0, 0.0, 0.0]]),
-        surface=np.zeros(1, dtype=np.int64),
-    )
-    beat = synthesise(path, pulses, chirp)[0] * np.hanning(chirp.samples)
+    beat = synthesise(points_at(60.0, 1.0, range_rate_mps), make_pulses(), chirp)[0] * np.hanning(chirp.samples)
     padded = 64 * chirp.samples
     power = np.abs(np.fft.rfft(beat, padded))
     peak = int(np.argmax(power))

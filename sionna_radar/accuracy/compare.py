@@ -71,8 +71,7 @@ def difference(dem: Raster, truth: Raster) -> Raster:
     Raises ValueError where their grids differ.
     """
     if dem.grid != truth.grid:
-        message = f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other"
-        raise ValueError(message)
+        raise ValueError(f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other")
     return Raster(grid=dem.grid, height_m=dem.height_m - truth.height_m, quantity="height error")
 
 

@@ -293,11 +293,10 @@ def _check_at(
     inside = np.isfinite(height_m)
     error_m = (height_m - reference.height_m)[inside]
     if len(error_m) < OFFSET_CHECKPOINTS:
-        message = (
+        raise InputFileError(
             f"{KEY} = {name}: {len(error_m)} of {len(inside)} places lie on filled cells of the DEM; "
             f"give at least {OFFSET_CHECKPOINTS}"
         )
-        raise InputFileError(message)
     place_m, own_m = reference.place_m[inside], reference.sigma_m[inside]
     shift = _trend_of(error_m, place_m, _middle_m(dem.grid))
     _warn_of(shift, name, apply_shift)
@@ -474,14 +473,12 @@ def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSur
     if isinstance(reference, Checkpoints):
         inside = int(grid.cell_of(reference.place_m)[2].sum())
         if inside < OFFSET_CHECKPOINTS:
-            message = (
+            raise InputFileError(
                 f"{KEY} = {shown(path)}: {inside} of {len(reference.place_m)} places lie within the DEM; "
                 f"give at least {OFFSET_CHECKPOINTS}, x and y in its coordinates"
             )
-            raise InputFileError(message)
     elif not reference.on(grid).filled.any():
-        message = f"{KEY} = {shown(path)}: has no height within the DEM; give one of its ground"
-        raise InputFileError(message)
+        raise InputFileError(f"{KEY} = {shown(path)}: has no height within the DEM; give one of its ground")
     return reference
 
 
@@ -546,14 +543,12 @@ def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
     lines, table = read_numbers(path, f"{KEY} =", columns, REMEDY, further="ignored")
     given = np.column_stack(table)
     if (negative := np.flatnonzero(given[:, 3] < 0)).size:
-        message = f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more"
-        raise InputFileError(message)
+        raise InputFileError(f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more")
     if (empty := np.flatnonzero((given[:, 2] == UNDECLARED_NODATA) | (np.abs(given[:, 2]) > MAX_HEIGHT_M))).size:
-        message = (
+        raise InputFileError(
             f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {given[empty[0], 2]:g}, no height on Earth "
             f"({len(empty)} of {len(given)} lines); leave such lines out"
         )
-        raise InputFileError(message)
     position_m = given[:, :3] - np.array(_origin_m(grid))
     return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=given[:, 3])
 
@@ -578,8 +573,7 @@ def _base_m(grid: Grid) -> float:
 def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     """Return the CRS of a file; InputFileError if only one of file and DEM has one."""
     if wkt is None and grid.georeference is not None:
-        message = f"{named}: has no CRS, and the DEM has one; add it with gdal_translate -a_srs, or las2las"
-        raise InputFileError(message)
+        raise InputFileError(f"{named}: has no CRS, and the DEM has one; add it with gdal_translate -a_srs, or las2las")
     if wkt is not None and grid.georeference is None:
         message = f"{named}: has a CRS, and the DEM is in local metres; give a file in the same metres without a CRS"
         raise InputFileError(message)
@@ -588,8 +582,7 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     try:
         crs = CRS.from_wkt(wkt)
     except CRSError as error:
-        message = f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}") from error
     own, other = vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), vertical_datum(crs)
     if own and other and own != other:
         warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"

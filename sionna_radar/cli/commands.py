@@ -441,7 +441,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
         return [float(part) for part in text.split(",")]
     except ValueError as error:
         message = f"{text!r} are not numbers; give some, separated by commas"
-        raise ScenarioError([Problem(option, message)], "command line") from error
+        raise ScenarioError.of(option, message, "command line") from error
 
 
 @command(*SCENARIO)
@@ -469,8 +469,7 @@ def image(
         if is_recording(Path(session.scenario)):
             return image_recording(session.scenario, session.overrides, ground_m=ground_height)
         if ground_height is not None:
-            message = "is of a recording; a scenario has its terrain"
-            raise ScenarioError([Problem("--ground-height", message)], "command line")
+            raise ScenarioError.of("--ground-height", "is of a recording; a scenario has its terrain", "command line")
         return run_images(session.load())
 
     session.produce(

@@ -22,7 +22,7 @@ from sionna_radar.cli.session import (
     command,
 )
 from sionna_radar.execution.checkpoints import abandoned, staged
-from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
+from sionna_radar.foundation.errors import OutputError, ScenarioError
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
@@ -63,9 +63,9 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
             kind, name = Path(text).stem if Path(text).stem in KINDS else "signals", text
         if kind not in KINDS or (separator and not name.endswith((".nc", ".bin") if kind == "cube" else ".nc")):
             message = f"{text!r} is not recorded; give {', '.join(KINDS)}, or one of them with =FILE.nc"
-            raise ScenarioError([Problem("--record", message)], "command line")
+            raise ScenarioError.of("--record", message, "command line")
         if kind in files or kind in inside:
-            raise ScenarioError([Problem("--record", f"{kind} are wanted twice; give them once")], "command line")
+            raise ScenarioError.of("--record", f"{kind} are wanted twice; give them once", "command line")
         if name:
             files[kind] = Path(name)
         else:
@@ -80,12 +80,11 @@ def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
     known: tuple[SampleType, ...] = get_args(SampleType)
     if text != known[0] and not {"signals", "cube"} & set(kinds):
         message = f"{text!r} has no effect without --record signals (or cube); add it, or leave this out"
-        raise ScenarioError([Problem("--record-as", message)], "command line")
+        raise ScenarioError.of("--record-as", message, "command line")
     for name in known:
         if text == name:
             return name
-    message = f"{text!r} is unknown; give one of {', '.join(known)}"
-    raise ScenarioError([Problem("--record-as", message)], "command line")
+    raise ScenarioError.of("--record-as", f"{text!r} is unknown; give one of {', '.join(known)}", "command line")
 
 
 @contextmanager

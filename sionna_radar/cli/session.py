@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
-from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError, named_after
+from sionna_radar.foundation.errors import BackendError, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, regular_file, shown
 from sionna_radar.report.files.contents import PointsFile
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
@@ -234,7 +234,7 @@ def _choose_backend(name: str | None) -> str | None:
         try:
             use_backend(name)
         except BackendError as error:
-            raise ScenarioError([Problem("--backend", str(error))], "command line") from error
+            raise ScenarioError.of("--backend", str(error), "command line") from error
     return name
 
 

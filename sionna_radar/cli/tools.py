@@ -20,7 +20,7 @@ from sionna_radar.cli.session import (
     log_to_stderr,
     progress_shown,
 )
-from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
+from sionna_radar.foundation.errors import OutputError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def plan(
         return
     if area is None or sampling is None:
         missing = "--area" if area is None else "--sampling"
-        raise ScenarioError([Problem(missing, "is missing; add it, or --calibration")], "command line")
+        raise ScenarioError.of(missing, "is missing; add it, or --calibration", "command line")
     PLAN_FILE.check(output)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
@@ -105,7 +105,7 @@ def _plan_calibration(base: str | None, output: Path, area: str | None, sampling
 
     if base is None or area is not None or sampling is not None:
         key, remedy = ("--base", "is needed") if base is None else ("--calibration", "takes no --area and --sampling")
-        raise ScenarioError([Problem(key, f"{remedy}: ground, radar and height are the base's")], "command line")
+        raise ScenarioError.of(key, f"{remedy}: ground, radar and height are the base's", "command line")
     files = [output.with_name(f"{output.stem}_{part}{output.suffix}") for part in ("low", "high")]
     for file in files:
         PLAN_FILE.check(file)
@@ -271,9 +271,7 @@ def fit_materials_command(
     from sionna_radar.survey.preparation import prepare
 
     if levels is not None and recording is not None:
-        raise ScenarioError(
-            [Problem("--recording", "gives levels, as --levels does; give one of them")], "command line"
-        )
+        raise ScenarioError.of("--recording", "gives levels, as --levels does; give one of them", "command line")
     priors, given = parse_deviations("--prior", prior or []), None if levels is None else Levels.from_csv(levels)
     loaded = session.load()
     session.produce(
@@ -316,8 +314,7 @@ def init(
         with path.open("x", encoding="utf-8", newline="\n") as new:
             new.write(text)
     except FileExistsError as error:
-        message = f"{path} exists already; name another file"
-        raise OutputError(message) from error
+        raise OutputError(f"{path} exists already; name another file") from error
     except (OSError, ValueError) as error:
         message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
         raise OutputError(message) from error
@@ -366,7 +363,7 @@ def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None
     from sionna_radar.scenario.terrain import RasterTerrain
 
     if over is not None and terrain is not None:
-        raise ScenarioError([Problem("--terrain", "contradicts --over; give the one or the other")], "command line")
+        raise ScenarioError.of("--terrain", "contradicts --over; give the one or the other", "command line")
     if terrain is not None:
         return RasterTerrain(path=terrain)
     return load_scenario(over).terrain if over is not None else None
@@ -426,7 +423,7 @@ def compare(
     if any(is_study(folder) for folder in folders):
         if output is not None or reference is not None:
             option = "--reference" if output is None else "-o"
-            raise ScenarioError([Problem(option, "is for folders of `run`; leave it out for studies")], "command line")
+            raise ScenarioError.of(option, "is for folders of `run`; leave it out for studies", "command line")
         print_studies(folders)
         return
     directory = check_output(output, MARKER) if output else None

@@ -14,7 +14,7 @@ from sionna_radar.detection.expected_ground import ExpectedGround, rough_surface
 from sionna_radar.detection.ranging.estimators import RangeEstimator, TrackerRange
 from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.radar.antenna import Antenna, two_way_spread
 from sionna_radar.radar.chirp import Chirp
@@ -46,7 +46,7 @@ def build_angle_estimator(
     if frames is not None:
         if detector.analyser.chirp.gate_s:
             message = "is not for frames of an array; set 0, or take single chirps of one receiver"
-            raise ScenarioError([Problem("radar.gate_delay_us", message)])
+            raise ScenarioError.of("radar.gate_delay_us", message)
         return frames.to(
             ArrayEstimator,
             analyser=replace(detector.analyser, zero_padding=1),
@@ -126,7 +126,7 @@ def build_detector(
     shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
     if table.guard < shared[-1]:
         message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
-        raise ScenarioError([Problem("processing.cfar.guard", message)])
+        raise ScenarioError.of("processing.cfar.guard", message)
     cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     return processing.to(

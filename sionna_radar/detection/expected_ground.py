@@ -91,8 +91,7 @@ def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightf
             np.abs(row - (source.height - 1) / 2) <= source.height / 2
         )
         if not covered.any():
-            message = f"{KEY} = {path}: does not overlap the survey; check its position and CRS"
-            raise InputFileError(message)
+            raise InputFileError(f"{KEY} = {path}: does not overlap the survey; check its position and CRS")
         column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
         left, top = int(column[covered].min()), int(row[covered].min())
         width, height = (
@@ -100,8 +99,7 @@ def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightf
             for c, start, size in ((column, left, source.width), (row, top, source.height))
         )
         if width * height > MAX_CELLS_READ:
-            message = f"{KEY} = {path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it"
-            raise InputFileError(message)
+            raise InputFileError(f"{KEY} = {path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it")
         stored = source.read(1, window=Window(left, top, width, height), masked=True)
     height_m = np.full(len(x), np.nan)
     cells = stored.astype(np.float64).filled(np.nan)
@@ -110,8 +108,7 @@ def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightf
     height_m[covered] = bilinear(cells, row[covered] - top, column[covered] - left)
     valid = np.isfinite(height_m)
     if not valid.any():
-        message = f"{KEY} = {path}: has no heights under the survey; fill its voids, or give another raster"
-        raise InputFileError(message)
+        raise InputFileError(f"{KEY} = {path}: has no heights under the survey; fill its voids, or give another raster")
     # In voids the ground is expected at the mean height: a rough height is enough.
     height_m = np.where(valid, height_m, float(height_m[valid].mean())) - (place.origin_m[2] if place else 0.0)
     return Heightfield(grid=grid, height_m=height_m.reshape(grid.shape))

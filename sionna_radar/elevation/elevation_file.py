@@ -57,10 +57,10 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
         message = (
             f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
         )
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     if spacing > min(east - west, north - south):
         message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     anchor = (0.0, 0.0)
     if not source.is_reprojected:
         x, y = source.local_of(np.zeros(1), np.zeros(1))
@@ -190,8 +190,7 @@ def _check_content(dataset: Any, path: Path | str) -> None:
     elif dataset.transform.is_degenerate:
         problem = "has cells of zero size; repair its geotransform with gdal_translate -a_ullr"
     if problem:
-        message = f"terrain.path = {shown(path)} {problem}"
-        raise InputFileError(message)
+        raise InputFileError(f"terrain.path = {shown(path)} {problem}")
 
 
 def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:

@@ -24,7 +24,7 @@ from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 
 from sionna_radar.elevation.placed_raster import PlacedRaster
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 
 logger = logging.getLogger("sionna_radar")
@@ -147,7 +147,7 @@ def treat_holes(raster: Raster, holes: Literal["keep", "fill", "refuse"]) -> Ras
             f"'refuse' finds {count:,} cells without data ({share:.2%}), the first at ({x:.1f}, {y:.1f}) m; fill them "
             "in the file, move the flight, or set 'fill' or 'keep'"
         )
-        raise ScenarioError([Problem("terrain.holes", message)])
+        raise ScenarioError.of("terrain.holes", message)
     heights = np.where(raster.filled, raster.height_m, 0.0).astype(np.float32)
     reach = float(max(raster.grid.shape))
     filled = fillnodata(heights, mask=raster.filled, max_search_distance=reach, smoothing_iterations=0)
@@ -187,7 +187,7 @@ def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) 
             f"cells of {grid.spacing_m:g} m have no room for detail below the file's {post_m:.3g} m; set "
             f"terrain.spacing_m = {post_m / 4:.2g} or less"
         )
-        raise ScenarioError([Problem("terrain.roughen", message)])
+        raise ScenarioError.of("terrain.roughen", message)
     kernel = _kernel(grid.spacing_m / post_m, hurst)
     reach = len(kernel) // 2
     # Cells are counted from the map's origin, so that neighbouring windows agree.

@@ -18,7 +18,7 @@ from pyproj.database import query_utm_crs_info
 from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_part, middle_of, reproject
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
 
@@ -67,7 +67,7 @@ def check_lonlat(lon_deg: float, lat_deg: float) -> None:
     """Raise ScenarioError, for `terrain.centre_lonlat_deg`, if it is not a valid position."""
     if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90):
         message = f"({lon_deg:g}, {lat_deg:g}) is not a longitude and latitude in degrees; give them in this order"
-        raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+        raise ScenarioError.of("terrain.centre_lonlat_deg", message)
 
 
 def metric_crs(lon_deg: float, lat_deg: float) -> CRS:
@@ -140,7 +140,7 @@ def stated_crs(name: str) -> CRS:
         return CRS.from_user_input(name)
     except ProjError as error:
         message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32631'"
-        raise ScenarioError([Problem("terrain.crs", message)]) from error
+        raise ScenarioError.of("terrain.crs", message) from error
 
 
 def map_part(whole: CRS) -> CRS:
@@ -148,7 +148,7 @@ def map_part(whole: CRS) -> CRS:
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
-        raise ScenarioError([Problem("terrain.crs", message)])
+        raise ScenarioError.of("terrain.crs", message)
     return crs
 
 
@@ -158,7 +158,7 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
         return stated_crs(name)
     if dataset.crs is None or not dataset.crs.to_wkt():
         message = "missing, and the file has no CRS; give the CRS of the file, such as 'EPSG:32631'"
-        raise ScenarioError([Problem("terrain.crs", message)])
+        raise ScenarioError.of("terrain.crs", message)
     return CRS.from_wkt(dataset.crs.to_wkt())
 
 
@@ -174,7 +174,7 @@ def _centre_lonlat(
     latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
     if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
         message = f"{crs.name!r} does not contain the {label} ({x:g}, {y:g}); give the CRS of the file"
-        raise ScenarioError([Problem("terrain.crs", message)])
+        raise ScenarioError.of("terrain.crs", message)
     return lon, lat
 
 

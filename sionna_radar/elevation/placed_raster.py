@@ -16,7 +16,7 @@ from pyproj import CRS, Transformer
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError, ProjError
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference
 
 logger = logging.getLogger("sionna_radar")
@@ -75,7 +75,7 @@ def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: s
                 f"{stated_crs!r} has heights in {axis.unit_name}, but the file's band is in {dataset.units[0]}; "
                 "say which is right with terrain.height_unit"
             )
-            raise ScenarioError([Problem("terrain.vertical_crs", message)])
+            raise ScenarioError.of("terrain.vertical_crs", message)
     else:
         unit_m = band_unit_m or _unstated(dataset, crs)
     sign = -1 if axis and axis.direction == "down" else 1
@@ -93,10 +93,10 @@ def _stated(name: str) -> CRS:
         crs = CRS.from_user_input(name)
     except CRSError as error:
         message = f"{name!r} is not a coordinate reference system; {remedy}"
-        raise ScenarioError([Problem("terrain.vertical_crs", message)]) from error
+        raise ScenarioError.of("terrain.vertical_crs", message) from error
     if not crs.is_vertical or crs.is_compound:
         message = f"{crs.name!r} is not a vertical CRS; {remedy}, and the horizontal one as terrain.crs"
-        raise ScenarioError([Problem("terrain.vertical_crs", message)])
+        raise ScenarioError.of("terrain.vertical_crs", message)
     return crs
 
 
@@ -211,7 +211,8 @@ def apply_affine(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Apply an affine transform to points (affine 3 warns about `*`, affine 2 has no `@`)."""
     a, b, c, d, e, f = tuple(transform)[:6]
-    return a * x + b * y + c, d * x + e * y + f
+    with np.errstate(over="ignore", invalid="ignore"):  # of an absurd one: it overlaps nothing
+        return a * x + b * y + c, d * x + e * y + f
 
 
 def in_crs_of(
@@ -228,18 +229,18 @@ def in_crs_of(
                 f"the raster is in {source.crs.to_string()}, but the terrain is not georeferenced; remove the "
                 "raster's CRS, so that its coordinates are local metres, or use a georeferenced terrain"
             )
-            raise ScenarioError([Problem(key, message)])
+            raise ScenarioError.of(key, message)
         return x, y
     if source.crs is None:
         message = "the raster has no CRS, but the terrain is georeferenced; add one with gdal_translate -a_srs"
-        raise ScenarioError([Problem(key, message)])
+        raise ScenarioError.of(key, message)
     local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
     raster_crs = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
     if not (raster_crs.is_projected or raster_crs.is_geographic):
         message = (
             f"the raster's CRS, {raster_crs.name!r}, is neither projected nor geographic; give the raster one that is"
         )
-        raise ScenarioError([Problem(key, message)])
+        raise ScenarioError.of(key, message)
     east, north = georeference.origin_m[:2]
     try:
         return reproject(local, raster_crs, x + east, y + north)
@@ -247,4 +248,4 @@ def in_crs_of(
         message = (
             f"the terrain's CRS, {local.name!r}, cannot be transformed to the raster's, {raster_crs.name!r} ({error})"
         )
-        raise ScenarioError([Problem(key, message)]) from error
+        raise ScenarioError.of(key, message) from error

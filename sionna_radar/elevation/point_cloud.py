@@ -111,16 +111,14 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
             crs = header.parse_crs(prefer_wkt=True)
             low, high = np.array(header.mins, dtype=float), np.array(header.maxs, dtype=float)
         if points < 3:
-            message = f"{name}: has {points} points, too few for a surface; {REMEDY} with more"
-            raise InputFileError(message)
+            raise InputFileError(f"{name}: has {points} points, too few for a surface; {REMEDY} with more")
         if points > MAX_POINTS or (not header.are_points_compressed and start + stored > size):
             message = f"{name}: claims {points:,} points, more than its {size:,} bytes can hold; get the whole file"
             raise InputFileError(message)
         if header.are_points_compressed:
             _check_chunks(path, start, size, points, name)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
-            message = f"{name}: its header has no valid bounds; write it anew, for example with PDAL"
-            raise InputFileError(message)
+            raise InputFileError(f"{name}: its header has no valid bounds; write it anew, for example with PDAL")
         wkt = crs.to_wkt() if crs is not None else None
         yield CloudFile(reader=reader, name=name, points=points, low=low, high=high, crs_wkt=wkt)
 
@@ -161,8 +159,7 @@ def _check_chunks(path: Path, start: int, size: int, points: int, name: str) -> 
         head = file.read(8)
     chunks = int.from_bytes(head[4:8], "little")
     if not start < table_start <= size - 8 or len(head) < 8 or chunks > min(size, points):
-        message = f"{name}: its table of compressed chunks is damaged; get the whole file"
-        raise InputFileError(message)
+        raise InputFileError(f"{name}: its table of compressed chunks is damaged; get the whole file")
 
 
 @contextmanager
@@ -174,8 +171,7 @@ def _errors(name: str) -> Iterator[None]:
         raise
     except BaseException as error:  # the decompressor's panics do not derive from Exception
         reason = (str(error) or type(error).__name__).splitlines()[0][:200]
-        message = f"{name} cannot be read as a point cloud ({reason}); {REMEDY}"
-        raise InputFileError(message) from None
+        raise InputFileError(f"{name} cannot be read as a point cloud ({reason}); {REMEDY}") from None
 
 
 def gridded(

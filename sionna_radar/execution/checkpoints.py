@@ -143,8 +143,7 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
         message = f"output = {directory} is being written by another run; wait for it or name another folder"
         raise OutputError(message) from error
     except OSError as error:
-        message = f"output = {directory} cannot be written ({error.strerror}); name another folder"
-        raise OutputError(message) from error
+        raise OutputError(f"output = {directory} cannot be written ({error.strerror}); name another folder") from error
     parts, begun = Checkpoints(folder), False
     try:
         _take_over(parts, directory, json.loads(json.dumps(run)), resume)
@@ -186,8 +185,7 @@ def _take_over(parts: Checkpoints, directory: Path, run: dict[str, Any], resume:
         message = f"{kept}a run with another {', '.join(different)}; name another folder, or remove {parts.folder}"
         raise OutputError(message)
     if not resume:
-        message = f"{kept}this run, which was interrupted; go on with --resume, or remove {parts.folder}"
-        raise OutputError(message)
+        raise OutputError(f"{kept}this run, which was interrupted; go on with --resume, or remove {parts.folder}")
 
 
 def _remove(folder: Path, directory: Path | None = None) -> None:

@@ -37,7 +37,7 @@ from sionna_radar.execution.workers import (
     named,
     versions,
 )
-from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
+from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import tune_heaps
@@ -101,8 +101,7 @@ def open_workers(
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        message = "workers need dask; install it with `pip install 'sionna-radar[cluster]'`"
-        raise WorkerError(message) from error
+        raise WorkerError("workers need dask; install it with `pip install 'sionna-radar[cluster]'`") from error
     # Dask's connection messages concern cluster operators, and some arrive after the run; its loggers have their own
     # levels.
     for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
@@ -231,8 +230,7 @@ def _wait_for_first(client: "Client") -> None:
 def _host_and_port(address: str) -> tuple[str, int]:
     found = urlsplit(address)
     if found.scheme != "tcp" or not found.hostname or not found.port:
-        message = "this is no such address"
-        raise ValueError(message)
+        raise ValueError("this is no such address")
     return found.hostname, found.port
 
 
@@ -257,7 +255,7 @@ class DaskWorkers:
         try:
             return len(self.client.nthreads())
         except OSError as error:
-            raise WorkersLostError("the dask scheduler is gone") from error  # noqa: EM101
+            raise WorkersLostError("the dask scheduler is gone") from error
 
     def check(self) -> None:
         """Raise WorkerError unless all workers have the required package versions."""
@@ -322,7 +320,7 @@ class DaskWorkers:
                 return finished.get(timeout=TICK_S)
             except queue.Empty:
                 if self.client.status not in ("running", "connecting"):
-                    raise WorkersLostError("the dask scheduler is gone") from None  # noqa: EM101
+                    raise WorkersLostError("the dask scheduler is gone") from None
                 if not told and monotonic() - since > WARN_AFTER_S:
                     told = True
                     if not self._worker_count():
@@ -334,7 +332,7 @@ def _result(future: "Future") -> bytes | Failure:
     from distributed import KilledWorker
 
     if future.status in ("cancelled", "lost"):
-        raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")  # noqa: EM101
+        raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")
     if future.status == "error":
         error = future.exception()
         if isinstance(error, KilledWorker):
@@ -405,4 +403,4 @@ class _Log(logging.Handler):
 
 
 def _refuse(field: str, message: str) -> None:
-    raise ScenarioError([Problem(field, message)], "command line")
+    raise ScenarioError.of(field, message, "command line")

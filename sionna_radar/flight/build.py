@@ -18,7 +18,7 @@ from sionna_radar.flight.route import PlannedRoute, Route, SurveyLines, lines_tr
 from sionna_radar.flight.scan import ElectronicScan, RotatingScan, Scan, SideLookingScan
 from sionna_radar.flight.trajectory import Course, FlightPlan, Track, Trajectory
 from sionna_radar.flight.turns import rounded_track
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.bases import NavigationParameters, ScanParameters
 from sionna_radar.scenario.parts import NAVIGATIONS, SCANS
 from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable, Platform, WindTable
@@ -175,7 +175,7 @@ def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_h
             "'from_log' needs platform.log with a covariance, innovations or sigma columns, and there are none; give "
             "kind = 'errors' with the errors themselves"
         )
-        raise ScenarioError([Problem("platform.navigation.kind", message)])
+        raise ScenarioError.of("platform.navigation.kind", message)
     start, end = trajectory.cruise_s()
     position, velocity, attitude = table.correlation_s
     return LoggedErrors(

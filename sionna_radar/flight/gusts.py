@@ -27,7 +27,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from sionna_radar.flight.trajectory import Trajectory
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 
 DRAG_S, DAMPING = 5.0, 0.7
@@ -174,7 +174,7 @@ def in_wind(trajectory: Trajectory, wind: Wind, height_m: float, speed_mps: floa
         message = (
             f"gusts are drawn for {MAX_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
         )
-        raise ScenarioError([Problem("platform.wind", f"{message}; shorten it")])
+        raise ScenarioError.of("platform.wind", f"{message}; shorten it")
     toward = wind.from_rad + np.pi
     along = np.array([np.sin(toward), np.cos(toward)])
     left = np.array([-along[1], along[0]])

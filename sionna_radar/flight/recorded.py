@@ -26,7 +26,7 @@ from sionna_radar.flight.logs.cleaning import CleanLog, Finding, clean
 from sionna_radar.flight.logs.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 
 # A gap in the attitudes: least ratio to the median step, and least length.
@@ -218,7 +218,7 @@ class RecordedRoute:
                 "choose a part with log_start_s and log_stop_s, move it with log_shift = 'to_terrain' or by metres, or "
                 "enlarge the terrain"
             )
-            raise ScenarioError([Problem(KEY, message)])
+            raise ScenarioError.of(KEY, message)
         offset_m, heights = self._raised(ground_m, position, ground, origin_height_m)
         clearance = position[:, 2] + offset_m - ground
         if clearance.min() <= 0:
@@ -228,7 +228,7 @@ class RecordedRoute:
                 f"({heights}); check the datum of its heights: set log_height, or raise it with log_shift; take-off "
                 "and landing are left out with log_start_s and log_stop_s"
             )
-            raise ScenarioError([Problem(KEY, message)])
+            raise ScenarioError.of(KEY, message)
         altitude_m = float(np.median(clearance))
         return Flight(
             trajectory=self.trajectory(offset_m),
@@ -263,7 +263,7 @@ class RecordedRoute:
                 f"({self.takeoff_m[0]:.1f}, {self.takeoff_m[1]:.1f}) m; give the height in metres of the first place "
                 "that is flown, or enlarge the terrain"
             )
-            raise ScenarioError([Problem("platform.log_height", message)])
+            raise ScenarioError.of("platform.log_height", message)
         return takeoff_ground_m - self.takeoff_m[2] + vertical_shift_m, "its first position taken as on the ground"
 
     def trajectory(self, offset_m: float) -> Trajectory:
@@ -336,13 +336,12 @@ def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedR
     log = read_log(part.path, KEY, part.columns)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
-        message = (
+        raise InputFileError(
             f"{KEY} = {shown(part.path)}: its clock does not advance: no position is later than the first; sort it"
         )
-        raise InputFileError(message)
     if part.start_s >= last_s:
         message = f"{part.start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
-        raise ScenarioError([Problem("platform.log_start_s", message)])
+        raise ScenarioError.of("platform.log_start_s", message)
     moved = part.shift == "to_terrain"
     metric = _placed(log, None if moved else frame, part.path)
     log_part = clean(metric, part.start_s, part.stop_s, part.gap_s)
@@ -365,7 +364,7 @@ def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedR
             f"is {farthest / 1000:,.0f} km from the terrain's middle; is it a log of this place? Move it with "
             "log_shift = 'to_terrain'"
         )
-        raise ScenarioError([Problem(KEY, message)])
+        raise ScenarioError.of(KEY, message)
     if route.duration_s <= 0:
         message = f"{KEY} {shown(part.path)}: its positions and attitudes have no time in common; give another part"
         raise InputFileError(message)
@@ -381,7 +380,7 @@ def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, path: P
             "has longitude and latitude, and the terrain is on no map; set log_shift = 'to_terrain', or "
             "terrain.centre_lonlat_deg"
         )
-        raise ScenarioError([Problem(KEY, message)])
+        raise ScenarioError.of(KEY, message)
     try:
         return in_metres(log, map_frame)
     except ProjError as error:
@@ -392,8 +391,7 @@ def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, path: P
 def _refuse(findings: tuple[Finding, ...], path: Path) -> None:
     if findings:
         count_note = f" (and {len(findings) - 1:,} more)" if len(findings) > 1 else ""
-        message = f"{KEY} {shown(path)}: at {findings[0].time_s:.2f} s: {findings[0].message}{count_note}"
-        raise InputFileError(message)
+        raise InputFileError(f"{KEY} {shown(path)}: at {findings[0].time_s:.2f} s: {findings[0].message}{count_note}")
 
 
 def _shift(part: LogPart, positions: Positions) -> Float[np.ndarray, " 3"]:

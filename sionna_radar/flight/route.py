@@ -12,7 +12,7 @@ import numpy as np
 from sionna_radar.flight.gusts import Wind, in_wind
 from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, Heights, plan_trajectory
 from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, shortest_way
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 
 Place = tuple[float, float, float]
 
@@ -196,4 +196,4 @@ class PlannedRoute:
             x, y = points[off_ground][0]
             key, remedy = self.off_ground
             message = f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; {remedy}, or enlarge the terrain"
-            raise ScenarioError([Problem(f"platform.{key}", message)])
+            raise ScenarioError.of(f"platform.{key}", message)

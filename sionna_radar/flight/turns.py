@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from scipy.constants import g as gravity
 
 from sionna_radar.flight.trajectory import Trajectory
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 
 # A turn back on itself has no arc between its legs.
 MAX_TURN_RAD = np.deg2rad(175.0)
@@ -119,7 +119,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
     if np.any(np.abs(turn) > MAX_TURN_RAD):
         corner = int(np.argmax(np.abs(turn))) + 1
         message = f"waypoint {corner} turns back, which no arc does; add a waypoint beside it"
-        raise ScenarioError([Problem("platform.waypoints_m", message)])
+        raise ScenarioError.of("platform.waypoints_m", message)
     tangent = np.concatenate([[0.0], radius_m * np.tan(np.abs(turn) / 2), [0.0]])
     straight = length - tangent[:-1] - tangent[1:]
     if np.any(straight < 0):
@@ -130,7 +130,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
             f"leg {leg + 1}, which has {length[leg]:.3g}; give at most {0.99 * fit_m:.3g} m (bank more, or fly "
             "slower), or move the waypoints"
         )
-        raise ScenarioError([Problem("platform.turn_radius_m", message)])
+        raise ScenarioError.of("platform.turn_radius_m", message)
     segments: list[TurnSegment] = []
     corner_m = (float(waypoints_m[0, 0]), float(waypoints_m[0, 1]))
     for leg in range(len(length)):

@@ -53,6 +53,11 @@ class ScenarioError(RadarError, ValueError):
         self.source = source
         super().__init__(str(self))
 
+    @classmethod
+    def of(cls, field: str, message: str, source: str = UNNAMED) -> "ScenarioError":
+        """Return the error of a single problem."""
+        return cls([Problem(field, message)], source)
+
     def __str__(self) -> str:
         lines = [f"{self.source}: {len(self.problems)} problem{'s' * (len(self.problems) != 1)}"]
         return "\n".join(lines + [f"  {problem}" for problem in self.problems])

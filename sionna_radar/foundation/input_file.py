@@ -52,15 +52,12 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_
     try:
         found = path.stat()
     except (ValueError, OSError) as error:  # ValueError: a NUL, or characters that the file system cannot encode
-        message = f"{name} {shown(path)} {why_not(error)}; {remedy}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{name} {shown(path)} {why_not(error)}; {remedy}") from error
     if not stat.S_ISREG(found.st_mode):
         kind = "a directory" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
-        message = f"{name} {shown(path)} is {kind}, not a regular file; {remedy}"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)} is {kind}, not a regular file; {remedy}")
     if found.st_size > most_bytes:
-        message = f"{name} {shown(path)} has {found.st_size:,} bytes, more than {most_bytes:,}; {remedy}"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)} has {found.st_size:,} bytes, more than {most_bytes:,}; {remedy}")
     return found.st_size
 
 
@@ -83,11 +80,9 @@ def read_text(path: Path, name: str, remedy: str) -> str:
     Raises InputFileError as `read_bytes` does, and if the file is not text.
     """
     try:
-        text = read_bytes(path, name, remedy).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
+        return read_bytes(path, name, remedy).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
-        message = f"{name} {shown(path)} is not text; save it in UTF-8"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{name} {shown(path)} is not text; save it in UTF-8") from error
 
 
 def read_numbers(
@@ -125,8 +120,7 @@ def read_numbers(
             raise InputFileError(message)
         rows.append(values)
     if not rows:
-        message = f"{name} {shown(path)}: has no row of numbers; {remedy}"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)}: has no row of numbers; {remedy}")
     return [number for number, _ in body], list(zip(*rows, strict=True))
 
 
@@ -147,25 +141,21 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except RecursionError:
-        message = "tables or lists are nested too deeply"
-        raise ValueError(message) from None
+        raise ValueError("tables or lists are nested too deeply") from None
     except ValueError as error:
         if isinstance(error, tomllib.TOMLDecodeError):
             raise
-        message = "a whole number has thousands of digits"
-        raise ValueError(message) from error
+        raise ValueError("a whole number has thousands of digits") from error
     level: list[Any] = [data]
     for _ in range(DEEPEST_NESTING):
         inner = [v for node in level for v in (node.values() if isinstance(node, dict) else node)]
         for value in inner:
             if isinstance(value, int) and not MIN_WHOLE <= value <= MAX_WHOLE:
-                message = f"the whole number {shown(value)} does not fit 64 bits"
-                raise ValueError(message)
+                raise ValueError(f"the whole number {shown(value)} does not fit 64 bits")
         level = [value for value in inner if isinstance(value, dict | list)]
         if not level:
             return data
-    message = f"tables or lists are nested more than {DEEPEST_NESTING} deep"
-    raise ValueError(message)
+    raise ValueError(f"tables or lists are nested more than {DEEPEST_NESTING} deep")
 
 
 def why_not(error: ValueError | OSError) -> str:

@@ -170,10 +170,9 @@ class Raster:
         """
         table = np.asarray(height_m)
         if table.ndim != 2 or table.size == 0 or table.dtype.kind not in "fiu":
-            message = (
+            raise ValueError(
                 f"height_m = {table.dtype} of shape {table.shape}; give a table of heights (row, column) in metres"
             )
-            raise ValueError(message)
         if not 0 < spacing_m < math.inf:
             message = f"spacing_m = {spacing_m:g} is refused; give the distance of cell centres in metres, above 0"
             raise ValueError(message)
@@ -202,8 +201,7 @@ class Raster:
         named = f"raster = {shown(path)}"
         with open_raster(path, "raster") as file:
             if file.crs and (file.crs.is_geographic or not math.isclose(file.crs.linear_units_factor[1], 1.0)):
-                message = f"{named} counts in {file.crs.units_factor[0]}, not in metres; {REMEDY}"
-                raise InputFileError(message)
+                raise InputFileError(f"{named} counts in {file.crs.units_factor[0]}, not in metres; {REMEDY}")
             cells = read_square_cells(file, named, REMEDY, MAX_READ_CELLS)
         return Raster.from_array(cells.height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m)
 
@@ -248,8 +246,7 @@ class Raster:
 
         path, place, metadata = Path(path), self.grid.georeference, metadata or {}
         if path.exists():
-            message = f"{shown(path)} exists already; name another file, or remove it"
-            raise OutputError(message)
+            raise OutputError(f"{shown(path)} exists already; name another file, or remove it")
         crs_wkt, pixels = place.crs_wkt if place else None, self.map_height_m[::-1].astype(np.float32)
         try:
             write_pixels(path, pixels, self.grid.transform, crs_wkt, description or self.quantity, self.unit, metadata)

@@ -92,8 +92,7 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
         raise
     except (RasterioError, CRSError, ProjError, OSError) as error:
         reason = str(error.__cause__ or error).splitlines()[0]
-        message = f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}") from error
 
 
 def _reached(address: str, name: str) -> str:
@@ -114,11 +113,9 @@ def require_cells(dataset: Any, named: str, wanted: str) -> None:
     named: the file, for messages; wanted: the expected content and the remedy.
     """
     if dataset.count == 0 or np.dtype(dataset.dtypes[0]).kind not in "iuf":
-        message = f"{named}: has no band of {wanted}"
-        raise InputFileError(message)
+        raise InputFileError(f"{named}: has no band of {wanted}")
     if dataset.transform.is_degenerate:
-        message = f"{named}: has cells of zero size; repair its geotransform with gdal_translate -a_ullr"
-        raise InputFileError(message)
+        raise InputFileError(f"{named}: has cells of zero size; repair its geotransform with gdal_translate -a_ullr")
 
 
 def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) -> SquareCells:
@@ -132,8 +129,7 @@ def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) ->
     turn = dataset.transform
     square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
     if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
-        message = f"{named} has no square cells with north up; {remedy}"
-        raise InputFileError(message)
+        raise InputFileError(f"{named} has no square cells with north up; {remedy}")
     if dataset.width * dataset.height > most_cells:
         message = f"{named} has {dataset.width:,} x {dataset.height:,} cells, more than {most_cells:,}; {remedy}"
         raise InputFileError(message)
@@ -172,11 +168,10 @@ def _check_size(dataset: Any, file_bytes: int, name: str) -> None:
         # Complex integers have no NumPy type; 16 bytes is the maximum for a cell.
         block = 16 * math.prod(dataset.block_shapes[0])
         if block > MAX_BLOCK_BYTES:
-            message = (
+            raise InputFileError(
                 f"{name} is stored in blocks of {block:,} bytes, more than {MAX_BLOCK_BYTES:,}; "
                 "store it in tiles, with gdal_translate -co TILED=YES"
             )
-            raise InputFileError(message)
 
 
 # Pixels along the side of a tile; overviews halve a raster until it fits into one.

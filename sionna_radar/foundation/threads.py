@@ -9,7 +9,7 @@ from contextvars import copy_context
 from functools import cache
 from typing import TypeVar
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.progress import advance, steps_done
 
 Result = TypeVar("Result")
@@ -109,7 +109,7 @@ def given_threads() -> int | None:
         return None
     if not text.isdecimal() or int(text) < 1:
         message = f"{text!r} is not a number of threads; give 1 or more, or unset it"
-        raise ScenarioError([Problem(THREADS_VARIABLE, message)], "environment")
+        raise ScenarioError.of(THREADS_VARIABLE, message, "environment")
     return int(text)
 
 

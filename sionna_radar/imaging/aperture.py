@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.signal import get_window
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import FOLDING, Antenna, Cut, lobe_samples
 from sionna_radar.radar.chirp import Chirp
 
@@ -87,7 +87,7 @@ def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture, rate_hz: fl
             f"for the phase along the track; raise it to {np.ceil(needed_hz):.0f}, lower platform.speed_mps, or narrow "
             f"the focused {np.rad2deg(aperture.width_rad):.3g} deg"
         )
-        raise ScenarioError([Problem("radar.chirp_rate_hz", message)])
+        raise ScenarioError.of("radar.chirp_rate_hz", message)
 
 
 @dataclass(frozen=True, kw_only=True)

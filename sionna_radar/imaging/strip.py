@@ -29,7 +29,7 @@ from scipy.signal import get_window
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, ground_pixels
 from sionna_radar.radar.antenna import Cut
 from sionna_radar.radar.chirp import Chirp
@@ -86,8 +86,7 @@ def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " 
     low = power < power[peak] / 2
     left, right = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
     if len(left) == 0 or len(right) == 0:
-        message = "the response does not fall to half its peak inside the axis; widen it"
-        raise ValueError(message)
+        raise ValueError("the response does not fall to half its peak inside the axis; widen it")
     i, j = int(left[-1]), peak + int(right[0])
     begin = np.interp(power[peak] / 2, power[i : i + 2], place[i : i + 2])
     end = np.interp(-power[peak] / 2, -power[j - 1 : j + 1], place[j - 1 : j + 1])
@@ -223,7 +222,7 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
             f"the radar transmits over {strip.length_m:.1f} m, less than the beam length of {2 * margin:.1f} m at "
             f"the far edge of the strip; raise it above {2 * margin:.1f}, or narrow the antenna's beam"
         )
-        raise ScenarioError([Problem("platform.length_m", message)])
+        raise ScenarioError.of("platform.length_m", message)
     flattest = float(np.arctan2(strip.far_m, strip.clearance_m))
     along = azimuth_resolution_m(aperture, chirp.wavelength_m) / PIXELS_PER_WIDTH
     across = ground_range_resolution_m(chirp, window_name, flattest) / PIXELS_PER_WIDTH
@@ -233,7 +232,7 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
             f"a track of {strip.length_m:.0f} m needs {pixels:,.0f} pixels of {1e3 * along:.0f} mm x "
             f"{1e3 * across:.0f} mm, more than {MAX_PIXELS:,}; shorten it"
         )
-        raise ScenarioError([Problem("platform.length_m", message)])
+        raise ScenarioError.of("platform.length_m", message)
     return strip.pixels(np.arange(margin, strip.length_m - margin, along), np.arange(strip.near_m, strip.far_m, across))
 
 
@@ -304,8 +303,7 @@ class SideLooking:
             No pulse was added.
         """
         if not self._rows:
-            message = "no pulses to image; add some"
-            raise ValueError(message)
+            raise ValueError("no pulses to image; add some")
         count = max(self._rows) + 1
         power = np.full((count, len(self._analyser.range_m)), np.nan)
         height = np.full(count, np.nan)

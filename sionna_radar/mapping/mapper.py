@@ -15,7 +15,7 @@ from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.echoes import Profiles
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
@@ -187,13 +187,12 @@ class Mapper:
         """
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
-            raise ScenarioError([Problem("dem.method", message)])
+            raise ScenarioError.of("dem.method", message)
         made = self.method(self._given(points, profiles, measured, each_piece))
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
-            message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
-            raise PluginError(message)
+            raise PluginError(f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}")
         # A method of one's own may return rasters on an equal grid, without its place on the map.
         estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
         if estimate.sigma is not None:
@@ -304,7 +303,7 @@ def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georef
             f"{spacing_m:g} m makes {cells:.3g} cells of {east - west:.0f} x {north - south:.0f} m, more than "
             f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
         )
-        raise ScenarioError([Problem("dem.spacing_m", message)])
+        raise ScenarioError.of("dem.spacing_m", message)
     centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
     grid = replace(Grid.covering(west, south, east, north, spacing_m, centre_m), georeference=place)
     border = 2 * closing_cells(max_gap_m, spacing_m)
@@ -313,5 +312,5 @@ def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georef
             f"gaps of {max_gap_m:.3g} m (without the key: as wide as the beams lie apart) are {border:,} cells of "
             f"{spacing_m:g} m wide; give a smaller one, or raise dem.spacing_m"
         )
-        raise ScenarioError([Problem("dem.max_gap_m", message)])
+        raise ScenarioError.of("dem.max_gap_m", message)
     return grid

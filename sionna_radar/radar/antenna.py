@@ -351,8 +351,7 @@ def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray,
     Angles outside the measurement get the power of the nearest end. Raises ValueError if the angles do not increase.
     """
     if np.any(np.diff(angle_rad) <= 0):
-        message = "angle_rad must increase from sample to sample; sort the cut"
-        raise ValueError(message)
+        raise ValueError("angle_rad must increase from sample to sample; sort the cut")
     finest = float(np.min(np.diff(angle_rad)))
     u = np.linspace(-1.0, 1.0, 2 * int(np.ceil(8 / finest)) + 1)
     level_db = np.interp(np.arcsin(u), angle_rad, power_db - np.max(power_db))

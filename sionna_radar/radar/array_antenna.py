@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 from scipy.optimize import brentq
 
 from sionna_radar.flight.scan import Scan
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.numerics import taylor, to_db
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -34,10 +34,10 @@ def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
     pattern = antenna.transmit
     if not isinstance(pattern, ArrayPattern):
         message = "'electronic' steers an array; set radar.antenna.kind = 'array', or another mode"
-        raise ScenarioError([Problem("radar.scan.mode", message)])
+        raise ScenarioError.of("radar.scan.mode", message)
     if pattern.azimuth_rad or pattern.elevation_rad:
         message = "the electronic scan steers the beam itself; remove it, or tilt the face by radar.scan.incidence_deg"
-        raise ScenarioError([Problem("radar.antenna.steer_deg", message)])
+        raise ScenarioError.of("radar.antenna.steer_deg", message)
     return tuple(steered(antenna, float(angle)) for angle in azimuth)
 
 
@@ -61,8 +61,7 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
         message = f"{name}: has {len(left):,} elements, or a number beyond 1e6; give at most {MAX_ELEMENTS:,} elements"
         raise InputFileError(message)
     if len(np.unique(np.round(np.column_stack([left, up]), 3), axis=0)) < len(left):
-        message = f"{name}: has several elements at one place; give each its own, in wavelengths"
-        raise InputFileError(message)
+        raise InputFileError(f"{name}: has several elements at one place; give each its own, in wavelengths")
     return np.column_stack([left, up]), 10 ** (amplitude_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
 
 

@@ -133,8 +133,7 @@ def steered(antenna: Antenna, azimuth_rad: float, elevation_rad: float = 0.0) ->
     Raises TypeError for an antenna that is not an array.
     """
     if not isinstance(antenna.transmit, ArrayPattern):
-        message = "only an array can be steered; give radar.antenna.kind = 'array'"
-        raise TypeError(message)
+        raise TypeError("only an array can be steered; give radar.antenna.kind = 'array'")
     transmit, receive = antenna.transmit, antenna.receive
     return antenna_of(
         replace(transmit, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad),

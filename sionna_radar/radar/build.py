@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.antenna import Antenna, Pattern, Squint, antenna_of, reach_of_power, two_way_spread
@@ -69,12 +69,12 @@ def squinting(
     key, rad_per_hz = "radar.antenna.squint_deg_per_ghz", float(np.deg2rad(table.squint_deg_per_ghz)) * 1e-9
     if not antenna.separable:
         message = f"{table.squint_deg_per_ghz:g} is of antennas of two cuts, such as kind = 'taylor'; set 0"
-        raise ScenarioError([Problem(key, message)])
+        raise ScenarioError.of(key, message)
     if (widths := abs(rad_per_hz) * sweeps[0].bandwidth_hz / antenna.beamwidths_rad[0]) > WIDEST_SQUINT:
         message = (
             f"{table.squint_deg_per_ghz:g} turns the beam by {widths:.3g} of its widths, more than {WIDEST_SQUINT:g}"
         )
-        raise ScenarioError([Problem(key, f"{message}; lower it, or radar.bandwidth_hz")])
+        raise ScenarioError.of(key, f"{message}; lower it, or radar.bandwidth_hz")
     squint = Squint.of(antenna, rad_per_hz, sweeps[0].bandwidth_hz)
     return squint.mean, tuple(replace(sweep, squint=squint) for sweep in sweeps)
 
@@ -101,7 +101,7 @@ def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
     if table.kind == "monopulse":
         if not antenna.separable:
             message = "'monopulse' splits an antenna of two cuts into halves; set 'interferometer', or another antenna"
-            raise ScenarioError([Problem("radar.second_receiver.kind", message)])
+            raise ScenarioError.of("radar.second_receiver.kind", message)
         cuts = {axis: (antenna.azimuth, antenna.elevation)[axis - 1] for axis in axes}
     reach, spread = reach_of_power(antenna, UNAMBIGUOUS), two_way_spread(antenna)
     for axis in axes:
@@ -116,7 +116,7 @@ def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
                 f"{baseline:g} wraps the phase inside the main lobe, which reaches "
                 f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {max_wavelengths:.3g}"
             )
-            raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
+            raise ScenarioError.of("radar.second_receiver.baseline_wavelengths", message)
         unit = (np.arange(3) == axis) * (0.0 if cuts else wavelength_m)
         for multiple in range(1, (table.receivers or 2) if in_row else 2):
             place_m.append(multiple * baseline * unit)
@@ -210,10 +210,10 @@ def array_antenna(table: ArrayAntennaTable) -> Antenna:
     size = np.ptp(positions, axis=0) + 0.5
     if size.max() > LARGEST_WAVELENGTHS:
         message = f"{size.max():.0f} wavelengths are more than {LARGEST_WAVELENGTHS:g}; give fewer or closer elements"
-        raise ScenarioError([Problem("radar.antenna", message)])
+        raise ScenarioError.of("radar.antenna", message)
     if abs(weights.sum()) < 0.1 * np.abs(weights).sum():
         message = "its weights nearly cancel toward the normal of its face; remove the steering from its phases"
-        raise ScenarioError([Problem("radar.antenna", message)])
+        raise ScenarioError.of("radar.antenna", message)
     element: Pattern = ElementPattern(table.element_exponent)
     if table.element_pattern is not None:
         element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)

@@ -34,13 +34,11 @@ import scipy.fft
 import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import Cut, lobe_samples
 
 # Elements closer than this share of a wavelength are one: 1 deg of phase is 0.003.
 SAME_WAVELENGTHS = 1e-3
-# Spacings of a filled row: its beams repeat outside of the visible directions.
-FILLED_WAVELENGTHS = 0.5
 # Two-way power of the main lobe in which the phase between receivers must not wrap.
 UNAMBIGUOUS = 1e-2
 # Zeros beyond the visible cosines, in lengths of the cut, so that the transform does not wrap around.
@@ -252,7 +250,7 @@ def channel_response(
         if rows and (len(rows) not in (1, turns) or any(len(row) != receivers for row in rows)):
             message = f"has rows of {[len(row) for row in rows]}; give {receivers} receivers in one row"
             message += f", or in each of {turns} rows, for the transmitters in turn" if turns > 1 else ""
-            raise ScenarioError([Problem(f"recording.channel_{key}", message)])
+            raise ScenarioError.of(f"recording.channel_{key}", message)
         tables.append(np.tile(rows or np.zeros((1, receivers)), (chirps // max(len(rows), 1), 1)))
     return (10 ** (tables[0] / 20) * np.exp(1j * np.deg2rad(tables[1])))[..., None]
 

@@ -118,11 +118,10 @@ def check_samples(step_rad: float) -> int:
     """Return the number of elevation rows of a sphere sampled every `step_rad`; ValueError above `MAX_SAMPLES`."""
     rows = int(np.ceil(np.pi / step_rad)) + 1
     if rows * (2 * rows - 1) > MAX_SAMPLES:
-        message = (
+        raise ValueError(
             f"samples every {np.rad2deg(step_rad):.3g} deg over the sphere are more than {MAX_SAMPLES:,}; "
             "thin the pattern out to 0.05 deg"
         )
-        raise ValueError(message)
     return rows
 
 

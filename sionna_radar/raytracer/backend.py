@@ -101,11 +101,10 @@ def find_llvm() -> LlvmLibrary:
     if own:
         version = _llvm_version(own)
         if version is None:
-            message = (
+            raise BackendError(
                 f"{LLVM_VARIABLE} = {own} is not a libLLVM of version {OLDEST_LLVM} or newer; "
                 f"unset it or {REMEDIES.get(platform.system(), 'install LLVM')}"
             )
-            raise BackendError(message)
         return LlvmLibrary(own, version, f"environment variable {LLVM_VARIABLE}")
     wheels = _wheel_libraries()
     for path in wheels:
@@ -182,11 +181,10 @@ def load_mitsuba() -> Any:
     if backend == "llvm":
         library = find_llvm()
         if "drjit" in sys.modules and os.environ.get(LLVM_VARIABLE) is None and library.origin != "system":
-            message = (
+            raise BackendError(
                 f"Dr.Jit was imported before its libLLVM was selected; set {LLVM_VARIABLE}={library.path}, "
                 "or import drjit, mitsuba and sionna only after sionna_radar has built a scene"
             )
-            raise BackendError(message)
         os.environ[LLVM_VARIABLE] = library.path
     import mitsuba
 
@@ -294,8 +292,7 @@ def describe_backend() -> BackendReport:
     sphere = mi.load_dict({"type": "scene", "sphere": {"type": "sphere"}})
     hit = sphere.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 3), mi.Vector3f(0, 0, -1)))
     if abs(float(hit.t[0]) - 2.0) > 1e-5:
-        message = f"the ray tracer hit a unit sphere at {float(hit.t[0])} instead of 2; reinstall mitsuba"
-        raise BackendError(message)
+        raise BackendError(f"the ray tracer hit a unit sphere at {float(hit.t[0])} instead of 2; reinstall mitsuba")
     on_cpu = mi.variant().startswith("llvm")
     return BackendReport(
         variant=mi.variant(),

@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
-from sionna_radar.foundation.errors import UNNAMED, InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import is_address, regular_file, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, give_way, read_toml, resolve_paths
 from sionna_radar.scenario.presets import PRESETS
@@ -32,8 +32,7 @@ def scenes_directory() -> Path:
     for candidate in (package / "scenes", package.parent / "scenes"):
         if candidate.is_dir():
             return candidate
-    message = f"the shipped scenarios are missing beside {package}; install the package again"
-    raise InputFileError(message)
+    raise InputFileError(f"the shipped scenarios are missing beside {package}; install the package again")
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -91,11 +90,10 @@ def find_scenario(path_or_name: str | Path) -> Path:
     except (OSError, ValueError) as error:
         if str(path_or_name) in shipped:
             return shipped[str(path_or_name)]
-        message = (
+        raise InputFileError(
             f"{shown(path)}: no such scenario file (it {why_not(error)}), and no shipped scenario of that name; "
             f"give a path to a TOML file or one of {', '.join(shipped)}.{nearest(str(path_or_name), list(shipped))}"
-        )
-        raise InputFileError(message) from error
+        ) from error
     if path.is_dir() and str(path_or_name) in shipped:
         return shipped[str(path_or_name)]
     return path
@@ -157,8 +155,7 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
     try:
         return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True) if defaults else scenario.differing())
     except (PydanticSerializationError, ValueError) as error:
-        message = f"the scenario holds a value that TOML cannot: {error}"
-        raise TypeError(message) from error
+        raise TypeError(f"the scenario holds a value that TOML cannot: {error}") from error
 
 
 # Tables of a scenario by the ending of the file that they name.
@@ -189,10 +186,9 @@ def scenario_from(sources: Sequence[str], folder: Path) -> str:
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
             )
-            raise ScenarioError([Problem("--from", message)], "command line")
+            raise ScenarioError.of("--from", message, "command line")
         if table in tables:
-            message = f"{source!r} is a second [{table}]; give one"
-            raise ScenarioError([Problem("--from", message)], "command line")
+            raise ScenarioError.of("--from", f"{source!r} is a second [{table}]; give one", "command line")
         tables[table] = given
     if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
         tables["platform"]["log_shift"] = "to_terrain"

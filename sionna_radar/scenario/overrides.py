@@ -80,7 +80,7 @@ def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator or not key.strip():
-            raise ScenarioError([Problem("--set", f"{shown(assignment)} is not KEY=VALUE")], "command line")
+            raise ScenarioError.of("--set", f"{shown(assignment)} is not KEY=VALUE", "command line")
         overrides[key.strip()] = parse_value(key.strip(), text)
     return overrides
 
@@ -94,8 +94,7 @@ def parse_value(key: str, text: str) -> Any:
         return None
     try:
         if len(text) > LONGEST_ASSIGNMENT:
-            message = f"the text has {len(text):,} characters"
-            raise ValueError(message)
+            raise ValueError(f"the text has {len(text):,} characters")
         return parse_toml(f"value = {text}")["value"]
     except ValueError as error:
         if _is_a_word(text):
@@ -116,8 +115,7 @@ def read_toml(path: Path, name: str, remedy: str) -> dict[str, Any]:
     try:
         return parse_toml(text)
     except ValueError as error:
-        message = f"{shown(path)}: not valid TOML: {error}; correct the file at that place"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{shown(path)}: not valid TOML: {error}; correct the file at that place") from error
 
 
 def read_overrides(path: Path) -> dict[str, Any]:
@@ -137,8 +135,7 @@ def read_overrides(path: Path) -> dict[str, Any]:
 def _flatten(table: Mapping[str, Any], prefix: str, flat: dict[str, Any], path: Path) -> None:
     for key, value in table.items():
         if "." in key:
-            message = f"{shown(path)}: {shown(key)} has a dot in its name and cannot be merged; rename it"
-            raise InputFileError(message)
+            raise InputFileError(f"{shown(path)}: {shown(key)} has a dot in its name and cannot be merged; rename it")
         if isinstance(value, dict) and value:
             _flatten(value, f"{prefix}{key}.", flat, path)
         else:
@@ -187,7 +184,7 @@ def _list_item(node: Any, name: str, key: str) -> Any:
     try:
         return node[int(name)]
     except (ValueError, IndexError, TypeError) as error:
-        raise ScenarioError([Problem(shown(key)[1:-1], f"{shown(name)} is not an entry there")], "overrides") from error
+        raise ScenarioError.of(shown(key)[1:-1], f"{shown(name)} is not an entry there", "overrides") from error
 
 
 def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS
@@ -366,14 +366,14 @@ def refuse_gate(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
     if radar.gate_delay_us > 0:
         message = f"{radar.gate_delay_us:g}: {what} takes ranges from zero on; set 0, and more samples_per_chirp"
-        raise ScenarioError([Problem("radar.gate_delay_us", message)])
+        raise ScenarioError.of("radar.gate_delay_us", message)
 
 
 def refuse_squint(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a beam that squints where `what` needs one that stands still over a sweep."""
     if radar.antenna.squint_deg_per_ghz != 0:
         message = f"{radar.antenna.squint_deg_per_ghz:g}: {what} takes a beam that stands still over a sweep; set 0"
-        raise ScenarioError([Problem("radar.antenna.squint_deg_per_ghz", message)])
+        raise ScenarioError.of("radar.antenna.squint_deg_per_ghz", message)
 
 
 def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
@@ -385,7 +385,7 @@ def refuse_average(processing: ProcessingTable, what: str) -> None:
     """Raise ScenarioError for averaged chirps where `what` needs single ones."""
     if processing.average.chirps > 1:
         message = f"{processing.average.chirps}: {what} knows single chirps alone; set 1"
-        raise ScenarioError([Problem("processing.average.chirps", message)])
+        raise ScenarioError.of("processing.average.chirps", message)
 
 
 NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": "row"}

@@ -333,8 +333,7 @@ class SecondReceiverTable(Table):
             yield "receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'"
         for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):
             if self.kind == "monopulse":
-                message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
-                yield name, message
+                yield name, f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
 
 
 Place2 = tuple[Annotated[Real, Field(ge=-500, le=500)], Annotated[Real, Field(ge=-500, le=500)]]
@@ -390,8 +389,7 @@ class ArrayTable(Table):
             for number, place in enumerate(rounded):
                 if place in rounded[:number]:
                     first = rounded.index(place)
-                    message = f"elements {first} and {number} are both at {list(places[number])}; move or remove one"
-                    yield name, message
+                    yield name, f"elements {first} and {number} are both at {list(places[number])}; move or remove one"
         channels = len(self.transmitters_wavelengths) * len(self.receivers_wavelengths)
         if channels > MAX_CHANNELS:
             yield "receivers_wavelengths", f"{channels} channels are more than {MAX_CHANNELS}; give fewer"

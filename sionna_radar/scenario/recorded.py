@@ -226,7 +226,7 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
     try:
         data = parse_toml(text)
     except ValueError as error:
-        raise ScenarioError([Problem("scenario", f"is not TOML: {error}; record it again")], source) from error
+        raise ScenarioError.of("scenario", f"is not TOML: {error}; record it again", source) from error
     apply_overrides(data, overrides)
     return parse_scenario(data, source)
 

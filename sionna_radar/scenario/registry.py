@@ -150,14 +150,12 @@ class Registry:
             message = f"{self.kind} {shown(name)}: not a name; give letters, digits and any of _ - + : . (not 'none')"
             raise PluginError(message)
         if parameters is None and self.base is not Table:
-            message = f"{self.kind} {name!r}: it needs parameters; derive them from {self.base.__name__}"
-            raise PluginError(message)
+            raise PluginError(f"{self.kind} {name!r}: it needs parameters; derive them from {self.base.__name__}")
         if parameters is not None and not (isinstance(parameters, type) and issubclass(parameters, self.base)):
-            message = (
+            raise PluginError(
                 f"{self.kind} {name!r}: its parameters {getattr(parameters, '__name__', parameters)} are not a "
                 f"{self.base.__module__}.{self.base.__name__}; derive them from it"
             )
-            raise PluginError(message)
 
         def add(build: Builder) -> Builder:
             origin = _origin(build)
@@ -309,8 +307,7 @@ def require(part: object, protocol: type, what: str) -> None:
     Raises PluginError if the part lacks members of the protocol, or is a class instead of an instance.
     """
     if isinstance(part, type):
-        message = f"{what} is the class {part.__name__}, not an instance; give {part.__name__}(...)"
-        raise PluginError(message)
+        raise PluginError(f"{what} is the class {part.__name__}, not an instance; give {part.__name__}(...)")
     if not isinstance(part, protocol):
         members = [name for name in vars(protocol) if not name.startswith("_") or name == "__call__"]
         lacks = ", ".join(name for name in members if not hasattr(part, name))

@@ -95,11 +95,10 @@ class Table(BaseModel):
         __init__.__pydantic_base_init__ = True
 
         def __setattr__(self, name: str, value: Any) -> None:
-            message = (
+            raise AttributeError(
                 f"{type(self).__name__}.{name} cannot be set: a scenario does not change; "
                 f"scenario.replace({{'...{name}': {value!r}}}) with the dotted key returns a changed copy"
             )
-            raise AttributeError(message)
 
     @model_validator(mode="after")
     def _no_conflict(self) -> "Table":

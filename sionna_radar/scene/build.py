@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
@@ -120,7 +120,7 @@ def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[st
             message = (
                 f"no material of the scenario has this name; give one of {', '.join(sorted(scenario.all_materials))}"
             )
-            raise ScenarioError([Problem(f"materials.{name}", message)])
+            raise ScenarioError.of(f"materials.{name}", message)
         check_backscatter(model, f"materials.{name}")
     tables = {name: table for name, table in scenario.all_materials.items() if name not in custom}
     return {**build_materials(tables, scenario.radar), **custom}
@@ -138,8 +138,7 @@ def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> Non
     used = {land.ground_material, *(surface.material for surface in land.surfaces)}
     missing = sorted(used - set(defined) - set(land.materials))
     if missing:
-        message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]")
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
@@ -178,7 +177,7 @@ def build_ground(
     require(land, Landscape, "terrain")
     if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
         message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", message)
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
     surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
     bare = len(surfaces) == len(land.surfaces)
@@ -239,7 +238,7 @@ def target_of(
     """
     if not np.isfinite(ground_m):
         message = f"{table.position_m} is beyond the terrain; move it or enlarge the terrain"
-        raise ScenarioError([Problem(f"{key}.position_m", message)])
+        raise ScenarioError.of(f"{key}.position_m", message)
     return Target(
         position_m=(*table.position_m, ground_m + table.height_m),
         rcs_m2=0.0 if table.rcs_dbsm is None else from_db(table.rcs_dbsm),

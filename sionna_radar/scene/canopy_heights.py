@@ -9,7 +9,7 @@ from pyproj import CRS
 from sionna_radar.elevation.local_frame import frame_of, map_part
 from sionna_radar.elevation.placed_raster import height_system
 from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.scene.ground_cover import raster_at
@@ -62,12 +62,11 @@ def _of_cloud(
             f"{stand.cloud_spacing_m:g} makes {grid.rows * grid.columns:,} cells of the stand, more than "
             f"{MAX_CELLS:,}; raise it, or give a smaller polygon_m"
         )
-        raise ScenarioError([Problem(f"{key}.cloud_spacing_m", message)])
+        raise ScenarioError.of(f"{key}.cloud_spacing_m", message)
     with open_cloud(stand.path, f"{key}.path") as cloud:
         crs = None if cloud.crs_wkt is None else CRS.from_wkt(cloud.crs_wkt)
         if (crs is None) != (frame is None):
-            message = "either the cloud or the terrain has no CRS; give both, or none"
-            raise ScenarioError([Problem(f"{key}.path", message)])
+            raise ScenarioError.of(f"{key}.path", "either the cloud or the terrain has no CRS; give both, or none")
         unit_m, lowest_m = 1.0, 0.0
         if crs is not None and georeference is not None:
             unit_m, lowest_m = height_system(Unstated(), crs, None, None).unit_m, georeference.origin_m[2]
@@ -85,11 +84,10 @@ def _of_cloud(
 
         top = gridded(lambda: cloud.pieces(stand.classes, local_of, unit_m), grid, "max", 0.0)
     if not top.filled.any():
-        message = (
+        raise InputFileError(
             f"{key}.path = {shown(stand.path)}: has no points of the classes "
             f"{', '.join(map(str, stand.classes))} there; give those of its plants, or another file"
         )
-        raise InputFileError(message)
     row, column, in_grid = grid.cell_of(point_m)
     # Ground height at the cell centres.
     base_m = ground_m(grid.centres_m).reshape(grid.shape)

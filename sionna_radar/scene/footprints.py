@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import Polygons, read_polygons
@@ -111,15 +111,14 @@ def build_footprints(
     tall = (height >= LOWEST_M) & (height <= HIGHEST_M)
     _log_omissions(polygons, tall, np.isfinite(base), name)
     if not tall.any():
-        message = (
+        raise InputFileError(
             f"{name}: none of its {len(shape):,} outlines has a height from {LOWEST_M:g} to {HIGHEST_M:g} m; give "
             "height_m in metres, or the attribute with it"
         )
-        raise InputFileError(message)
     keep = tall & np.isfinite(base)
     if not keep.any():
         message = f"none of its {len(shape):,} outlines stands on the terrain; check its place and CRS"
-        raise ScenarioError([Problem(f"{key}.path", message)])
+        raise ScenarioError.of(f"{key}.path", message)
     material = _materials(file, polygons.values, len(shape), key)
     surfaces: list[Surface] = []
     for name in dict.fromkeys(material[keep]):
@@ -142,7 +141,7 @@ def _materials(file: OutlineFile, values: dict[str, np.ndarray], count: int, key
     if missing:
         options = ", ".join(shown(name) for name in sorted(set(attribute_values) - {""})[:50]) or "none at all"
         message = f"no outline has {', '.join(map(shown, missing))} as {file.material_attribute}; there are {options}"
-        raise ScenarioError([Problem(f"{key}.materials", message)])
+        raise ScenarioError.of(f"{key}.materials", message)
     return np.array([file.materials.get(value, file.material) for value in attribute_values], dtype=object)
 
 
@@ -241,7 +240,7 @@ def build_box(box: Box, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]
     base = float(np.min(ground_m(np.array(box.position_m) + a * along + b * across)))
     if not np.isfinite(base):
         message = f"the building at {box.position_m} extends beyond the terrain; move it or enlarge the terrain"
-        raise ScenarioError([Problem(f"buildings.{index}.position_m", message)])
+        raise ScenarioError.of(f"buildings.{index}.position_m", message)
     transform = np.eye(4)
     transform[:2, 0], transform[:2, 1] = across, along
     transform[:3, 3] = [*box.position_m, base + height / 2]

@@ -22,7 +22,7 @@ from scipy.ndimage import find_objects, label
 
 from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.foundation.raster_file import open_raster, require_cells
@@ -138,7 +138,7 @@ def materials_at(
         covered = _inside(np.array(polygon.corners_m), point_m)
         if faces and len(covered) == 0:
             message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
-            raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
+            raise ScenarioError.of(f"terrain.cover.{index}.polygon_m", message)
         owner[covered] = len(names)
         names.append(polygon.material)
     return names, owner
@@ -185,11 +185,10 @@ def vector_classes_at(
     point, polygon = shapely.STRtree(shapely.points(point_m)).query(shape, predicate="covers")[::-1]
     if len(point) == 0:
         options = sorted({_class_name(v) for v in polygons.values[cover.attribute]})
-        message = (
+        raise InputFileError(
             f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.materials))} "
             f"lies over the terrain; those over it are {', '.join(map(shown, options[:50])) or 'none'}"
         )
-        raise InputFileError(message)
     last_polygon = np.full(len(point_m), -1, dtype=np.int64)
     np.maximum.at(last_polygon, point, polygon)  # polygons are in the order of the file
     return np.where(last_polygon >= 0, polygon_class[last_polygon], -1)
@@ -234,17 +233,15 @@ def raster_at(
         column, row = apply_affine(~source.transform, x, y)
         inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
         if not inside.any():
-            message = f"{path}: does not overlap the terrain; check its position and CRS"
-            raise InputFileError(message)
+            raise InputFileError(f"{path}: does not overlap the terrain; check its position and CRS")
         column, row = (c[inside].astype(np.int64) for c in (column, row))
         # Read only the part of the file over the ground.
         window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
         if window.width * window.height > MAX_CELLS_READ:
-            message = (
+            raise InputFileError(
                 f"{path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
                 f"{MAX_CELLS_READ:,}; coarsen it with gdal_translate -tr"
             )
-            raise InputFileError(message)
         cells = source.read(1, window=window, masked=True)
         return inside, cells[row - row.min(), column - column.min()]
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
@@ -115,13 +115,11 @@ def _check_size(parts: Sequence[MeshPart], source: MeshSource, key: str) -> None
     largest = float(np.max(upper - lower))
     label = f"{key}.path = {shown(source.path)}"
     if not np.isfinite(largest):
-        message = f"{label}: none of its vertices is a place; export the mesh again"
-        raise InputFileError(message)
+        raise InputFileError(f"{label}: none of its vertices is a place; export the mesh again")
     if largest > LARGEST_M:
-        message = (
+        raise InputFileError(
             f"{label}: is {largest / 1000:,.0f} km across in units = '{source.units}'; set units = 'mm' or a scale"
         )
-        raise InputFileError(message)
     if largest < SMALLEST_M:
         message = f"{label}: is {largest * 1000:.3g} mm across in units = '{source.units}'; set units = 'km' or a scale"
         raise InputFileError(message)
@@ -149,7 +147,7 @@ def material_of_parts(parts: Sequence[MeshPart], source: MeshSource, key: str) -
             ", ".join(shown(name) for name in sorted(set(part_names) - {""})) or "no names at all; use material alone"
         )
         message = f"the mesh has no {', '.join(shown(name) for name in missing)}; it has {options[:1000]}"
-        raise ScenarioError([Problem(f"{key}.materials", message)])
+        raise ScenarioError.of(f"{key}.materials", message)
     return [assigned.get(name, source.material) for name in part_names]
 
 
@@ -220,7 +218,7 @@ def _placed(item: StandingMesh, index: int, read: ReadObject, ground_m: Heights,
                 f"the object at {item.position_m}, {box}, extends beyond the terrain; move it or enlarge the terrain"
                 f"{_far_from_origin(kept_vertices)}"
             )
-            raise ScenarioError([Problem(key, message)])
+            raise ScenarioError.of(key, message)
         lift_m = ground - float(kept_vertices[:, 2].min())
     else:
         lift_m = height[0] - datum_m
@@ -240,7 +238,7 @@ def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None
             f"{shown(path)} lies up to {farthest / 1000:,.0f} km from the local origin, {box_text(place_m)}; place it "
             "nearer, set centre = 'box', or, if its coordinates are those of a map, give terrain.crs of a mesh terrain"
         )
-        raise ScenarioError([Problem(key, message)])
+        raise ScenarioError.of(key, message)
 
 
 def _under(plan_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
@@ -274,8 +272,7 @@ def read_rcs(path: Path) -> RcsTable:
     if len(columns) * len(heights) != len(rcs_db) or len(set(zip(row, column, strict=True))) != len(rcs_db):
         reason = reason or "there is not one row for each azimuth at each elevation"
     if reason:
-        message = f"rcs_table {shown(path)}: {reason}; {REMEDY}"
-        raise InputFileError(message)
+        raise InputFileError(f"rcs_table {shown(path)}: {reason}; {REMEDY}")
     rcs_m2 = np.empty((len(heights), len(columns)))
     rcs_m2[row, column] = 10 ** (rcs_db / 10)
     return RcsTable(azimuth_rad=np.deg2rad(columns), elevation_rad=np.deg2rad(heights), rcs_m2=rcs_m2)
@@ -307,7 +304,7 @@ def body_of(source: MeshSource, key: str, wavelength_m: float, reflectivity: flo
             f"is of {needed:,.0f} faces of at most {100 * longest_m:.0f} cm, more than {MAX_FACES:,}; give a smaller "
             "or simpler mesh, or set units"
         )
-        raise ScenarioError([Problem(f"{key}.path", message)])
+        raise ScenarioError.of(f"{key}.path", message)
     import trimesh
 
     vertices, faces, owner = trimesh.remesh.subdivide_to_size(
@@ -346,5 +343,5 @@ def way_over(
     height = standing_m(corner)
     if not np.all(np.isfinite(height)):
         message = "its way leaves the terrain; keep it over ground, or enlarge the terrain"
-        raise ScenarioError([Problem(f"{key}.waypoints_m", message)])
+        raise ScenarioError.of(f"{key}.waypoints_m", message)
     return Way(corner_m=np.column_stack([corner, height + height_m]), speed_mps=speed_mps, closed=closed)

@@ -20,7 +20,7 @@ from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import horizontal_part, reproject
-from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
 
 MAX_BYTES = 20_000_000_000
@@ -93,8 +93,7 @@ def read_polygons(
             warnings.simplefilter("ignore")
             if kind == "geojson":
                 if layer is not None:
-                    message = f"GeoJSON has no layers, such as {shown(layer)}; remove it"
-                    raise ScenarioError([Problem(f"{key}.layer", message)])
+                    raise ScenarioError.of(f"{key}.layer", f"GeoJSON has no layers, such as {shown(layer)}; remove it")
                 features = _read_geojson(path, name, attributes)
             else:
                 features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
@@ -109,8 +108,7 @@ def read_polygons(
         if not isinstance(error, (*of_content, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
             raise
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        message = f"{name} cannot be read as a vector file ({reason}); {REMEDY}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{name} cannot be read as a vector file ({reason}); {REMEDY}") from error
 
 
 def _kind(path: Path, name: str) -> str:
@@ -121,11 +119,10 @@ def _kind(path: Path, name: str) -> str:
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json") and head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
         if size > MAX_GEOJSON_BYTES:
-            message = (
+            raise InputFileError(
                 f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MAX_GEOJSON_BYTES:,}; convert it to "
                 "a GeoPackage with ogr2ogr"
             )
-            raise InputFileError(message)
         return "geojson"
     if suffix == ".gpkg" and head.startswith(SQLITE_MAGIC) and head[68:72] in GPKG_IDS:
         return "gpkg"
@@ -151,8 +148,7 @@ def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features
     if not isinstance(document, dict) or document.get("type") == "FeatureCollection":
         features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
-        message = f"{name} has no list of features; give a FeatureCollection of GeoJSON"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} has no list of features; give a FeatureCollection of GeoJSON")
     _check_count(len(features), name)
     if len(features) == 1 and "coordinates" in features[0]:
         features = [{"geometry": features[0], "properties": {}}]
@@ -198,8 +194,7 @@ def _read_by_gdal(
         message = f"{name} has {len(layers)} layers; name one as layer: {', '.join(map(shown, layers[:50]))}"
         raise InputFileError(message)
     if layer is not None and layer not in layers:
-        message = f"{name} has no layer {shown(layer)}; it has {', '.join(map(shown, layers[:50]))}"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} has no layer {shown(layer)}; it has {', '.join(map(shown, layers[:50]))}")
     info = pyogrio.read_info(source, layer=layer, force_feature_count=True)
     for attribute in attributes:
         if attribute not in info["fields"]:
@@ -262,7 +257,7 @@ def _local(
     local = _transformed(coordinates, features, frame, name, key)
     if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
         message = "its polygons measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
-        raise ScenarioError([Problem(f"{key}.path", message)])
+        raise ScenarioError.of(f"{key}.path", message)
     broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
     shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
     window = shapely.box(*window_m)
@@ -297,11 +292,11 @@ def _transformed(
             f"the file is in {features.crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or "
             "remove the file's CRS, so that its coordinates are local metres"
         )
-        raise ScenarioError([Problem(f"{key}.path", message)])
+        raise ScenarioError.of(f"{key}.path", message)
     crs = features.crs or features.default
     if crs is None:
         message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
-        raise ScenarioError([Problem(f"{key}.path", message)])
+        raise ScenarioError.of(f"{key}.path", message)
     file_crs = horizontal_part(crs)
     if not (file_crs.is_projected or file_crs.is_geographic):
         message = f"{name} is in {file_crs.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"
@@ -309,11 +304,10 @@ def _transformed(
     try:
         return np.column_stack(frame.local_of(file_crs, *coordinates.T))
     except ProjError as error:
-        message = (
+        raise InputFileError(
             f"{name} is in {file_crs.name!r}, which cannot be transformed to {frame.crs.name!r} ({error}); convert it "
             "with ogr2ogr -t_srs"
-        )
-        raise InputFileError(message) from error
+        ) from error
 
 
 def _check_count(count: int, name: str) -> None:
@@ -324,5 +318,4 @@ def _check_count(count: int, name: str) -> None:
 
 def _refuse_attribute(name: str, attribute: str, available: list[str]) -> None:
     listed = ", ".join(available[:50]) or "none"
-    message = f"{name} has no attribute {shown(attribute)}; it has {listed[:1000]}"
-    raise InputFileError(message)
+    raise InputFileError(f"{name} has no attribute {shown(attribute)}; it has {listed[:1000]}")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.path import Path as Outline
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.raster import Grid
@@ -122,11 +122,10 @@ def vegetation_of(
         if own.path is not None:
             height = heights(own, f"vegetation.{index}", points) if len(points) else np.zeros(0)
             if np.any(height > NO_PLANT_M):
-                message = (
+                raise InputFileError(
                     f"vegetation.{index}.path = {shown(own.path)}: holds plants {np.nanmax(height):g} m high; give "
                     "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
                 )
-                raise InputFileError(message)
             too_tall = int(np.sum(height > TALLEST_M))
             if too_tall:
                 message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
@@ -141,7 +140,7 @@ def vegetation_of(
             message = (
                 f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
             )
-            raise ScenarioError([Problem(f"vegetation.{index}.{field}", message)])
+            raise ScenarioError.of(f"vegetation.{index}.{field}", message)
         stand[in_stand] = np.where(np.isfinite(height), index, stand[in_stand])
         plant_m[in_stand] = np.where(np.isfinite(height), height, plant_m[in_stand])
     base_m = np.full(grid.shape, np.nan)

@@ -198,7 +198,7 @@ def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
             f"shifts the frequency by {shift_hz:.3g} Hz, more than {MAX_SHIFTED:g} of radar.bandwidth_hz; lower the "
             "errors of its sweep, or its phase noise"
         )
-        raise ScenarioError([Problem("radar.receiver.oscillator", message)])
+        raise ScenarioError.of("radar.receiver.oscillator", message)
     return Mixer(oscillator)
 
 

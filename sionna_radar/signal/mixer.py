@@ -28,7 +28,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.mimo_array import MimoArray
@@ -123,7 +123,7 @@ def _band_limited(
         return _beat(radar, pulses, grid, range_m, rate_mps)
     if finer * sweep.samples > MAX_POINTS:
         message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MAX_POINTS:,} points; lower bandwidth_hz"
-        raise ScenarioError([Problem("interferers", message)])
+        raise ScenarioError.of("interferers", message)
     fine, points = replace(grid, oversampling=finer * grid.oversampling), sweep.samples
     # The lowest frequency of the coarser band, in steps of the transform.
     lowest = round(grid.band_hz[0] * points / sweep.sampling_rate_hz)

@@ -182,6 +182,5 @@ def read_sweep_error(path: Path) -> Float[np.ndarray, "2 point"]:
     name = "radar.receiver.oscillator.sweep_error"
     points = np.array(read_numbers(path, name, COLUMNS, f"give a CSV of {','.join(COLUMNS)}", further="ignored")[1])
     if points.shape[1] < 2 or np.any(np.diff(points[0]) <= 0):
-        message = f"{name} {shown(path)}: time_s must increase from row to row, in two rows or more"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)}: time_s must increase from row to row, in two rows or more")
     return points

@@ -37,7 +37,7 @@ from sionna_radar.execution.workers import (
     document_bytes,
     document_of,
 )
-from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text
 from sionna_radar.foundation.progress import stage
 from sionna_radar.scenario import Scenario
@@ -129,8 +129,7 @@ def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
         return NavigationTable.model_validate(table)
     except ValidationError as error:
         problems = [replace(p, field=f"{name}.{p.field}") for p in translate(error.errors(), NavigationTable)]
-        message = str(ScenarioError(problems, f"{path}: not a table of navigation grades"))
-        raise InputFileError(message) from error
+        raise InputFileError(str(ScenarioError(problems, f"{path}: not a table of navigation grades"))) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,14 +281,14 @@ def run_budget(
             if math.isnan(exact)
             else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
         )
-        raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
+        raise ScenarioError.of("radar.snr_db" if math.isnan(exact) else "terrain", message)
     if limit_m is not None:
         growth = limit_m / exact - 1
         if not growth > 0:
             message = (
                 f"rms = {limit_m:g} m is no more than the error with the pose known exactly, {exact:.3g} m; raise it"
             )
-            raise ScenarioError([Problem("--limit", message)], "command line")
+            raise ScenarioError.of("--limit", message, "command line")
     inputs = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}

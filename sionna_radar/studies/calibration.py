@@ -24,7 +24,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage
@@ -121,7 +121,7 @@ def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         if name not in known:
             message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
-            raise ScenarioError([Problem("--estimate", message)], "command line")
+            raise ScenarioError.of("--estimate", message, "command line")
     return tuple(dict.fromkeys(names)) or USUAL
 
 
@@ -145,7 +145,7 @@ def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, floa
         if (units is not None and name not in units) or not 0 < value < np.inf:
             known = "" if units is None else f" of {', '.join(units)}"
             message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
-            raise ScenarioError([Problem(option, message)], "command line")
+            raise ScenarioError.of(option, message, "command line")
         found[name] = value if units is None else value * units[name]
     return found
 
@@ -281,18 +281,17 @@ def _over_unknown(
     )
     if len(parts) < len(heard):
         message = "without a surface as --reference give recordings of signals, of lines that overlap"
-        raise ScenarioError([Problem("recordings", message)], "command line")
+        raise ScenarioError.of("recordings", message, "command line")
     for each, part in zip(heard, parts, strict=True):
         check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
         of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
         if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
             message = "are of different antennas or weather; calibrate each by itself"
-            raise ScenarioError([Problem("recordings", message)], "command line")
+            raise ScenarioError.of("recordings", message, "command line")
     places = None
     if known is not None:
         if not (known.sigma_m > 0).all():
-            message = f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma"
-            raise InputFileError(message)
+            raise InputFileError(f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma")
         places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
     own = WholeEchoes.joined(parts)
     # Waves much shorter than a footprint are nothing that an echo tells.
@@ -316,8 +315,7 @@ def signals_in(path: Path) -> Path:
         return path
     inside = path / "signals.nc"
     if not inside.is_file():
-        message = f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`")
     return inside
 
 
@@ -340,21 +338,18 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
     prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
     """
     if not source.file.pulses.located:
-        message = f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones")
     if source.settings.processing.calibration is not None:
-        message = "is what is estimated here; leave it out"
-        raise ScenarioError([Problem("processing.calibration", message)], str(source.path))
+        raise ScenarioError.of("processing.calibration", "is what is estimated here; leave it out", str(source.path))
     readings = isinstance(source.file, DescribedRanges)
     if len(source.sweeps) > 1 or source.angle is not None:
         message = "a recording of pairs of sweeps or of an array has no whole echoes; give one of single sweeps"
-        raise ScenarioError([Problem("radar.sweep", message)], str(source.path))
+        raise ScenarioError.of("radar.sweep", message, str(source.path))
     wanted = source if readings else replace(source, settings=_with_profiles(source.settings))
     sensor, observed = observe(wanted, Execution())
     points = place(observed.echoes, sensor, source.flight)
     if len(points) < FEWEST:
-        message = f"{shown(source.path)}: has {len(points)} echoes; {FEWEST} at least tell anything"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(source.path)}: has {len(points)} echoes; {FEWEST} at least tell anything")
     mapper, motion = wanted.mapper_of(points), source.believed()
     if readings:
         first = np.unique(points.pulse, return_index=True)[1]
@@ -417,8 +412,7 @@ def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
-        message = "have different local metres; calibrate each by itself"
-        raise ScenarioError([Problem("recordings", message)], "command line")
+        raise ScenarioError.of("recordings", "have different local metres; calibrate each by itself", "command line")
     west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))
@@ -432,8 +426,7 @@ def _filled(
     height_m = reference.on(grid).height_m
     known = np.isfinite(height_m)
     if not known.any():
-        message = f"{shown(path or Path())}: has no height where the beam meets the ground; give one of it"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(path or Path())}: has no height where the beam meets the ground; give one of it")
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return Heightfield(grid=grid, height_m=np.ascontiguousarray(height_m[tuple(nearest)])), known
 

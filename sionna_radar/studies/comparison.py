@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import ttest_ind
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.reference import dotted_keys
 from sionna_radar.studies.quantities import (
@@ -67,8 +67,7 @@ def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:
     Raises ScenarioError for fewer than two or more than `MAX_RESULTS`.
     """
     if not 2 <= len(results) <= MAX_RESULTS:
-        message = f"{len(results)} folders; give 2 to {MAX_RESULTS} of them"
-        raise ScenarioError([Problem("DIR", message)], "command line")
+        raise ScenarioError.of("DIR", f"{len(results)} folders; give 2 to {MAX_RESULTS} of them", "command line")
     return ResultsComparison(
         results=tuple(results),
         differing=differing_settings([result.settings for result in results]),

@@ -29,7 +29,7 @@ from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Raster
@@ -325,14 +325,13 @@ def run_crosscheck(
     """
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
-        raise ScenarioError([Problem("sensor", message)])
+        raise ScenarioError.of("sensor", message)
     execution = execution or Execution()
     with execution.reported():
         prepared = prepare(scenario)
         results = _observe_all(prepared, execution)
     if not (results["sionna"].power > 0).any():
-        message = "no pulse of the survey meets a surface; there is nothing to compare"
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", "no pulse of the survey meets a surface; there is nothing to compare")
     return CrossCheck(
         scenario=scenario, tolerances=tolerances or Tolerances(), correlation_m=_correlation_m(prepared), **results
     )
@@ -495,7 +494,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     """
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
-        raise ScenarioError([Problem("--from-deg", message)], "command line")
+        raise ScenarioError.of("--from-deg", message, "command line")
     angle_deg = np.arange(0.0, 90.0, STEP_DEG)
     with np.errstate(divide="ignore"):
         sigma0_db = 10 * np.log10(material.sigma0(np.deg2rad(angle_deg)))
@@ -503,7 +502,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     fitted = (angle_deg >= from_deg) & (angle_deg <= to_deg) & np.isfinite(sigma0_db)
     if not fitted.any():
         message = f"the material scatters nothing back from {from_deg:g} to {to_deg:g} deg in this channel"
-        raise ScenarioError([Problem("--material", message)], "command line")
+        raise ScenarioError.of("--material", message, "command line")
     levels = Levels(
         cover=("material",) * int(fitted.sum()),
         incidence_rad=np.deg2rad(angle_deg[fitted]),
@@ -534,5 +533,5 @@ def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: 
     tables = scenario.all_materials
     if name not in tables:
         message = f"{name!r} is not a material of the scenario; use one of {', '.join(sorted(tables))}"
-        raise ScenarioError([Problem("--material", message)], "command line")
+        raise ScenarioError.of("--material", message, "command line")
     return fit_gamma(build_materials({name: tables[name]}, scenario.radar)[name], from_deg, to_deg)

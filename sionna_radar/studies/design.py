@@ -21,7 +21,7 @@ from typing import Any, Literal, NoReturn, cast, get_args
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.randomness import Stream
 from sionna_radar.scenario import Scenario
@@ -214,7 +214,7 @@ def is_whole(base: Scenario, key: str) -> bool:
 
 def refuse(message: str, field: str = "--vary") -> NoReturn:
     """Raise ScenarioError for an invalid design."""
-    raise ScenarioError([Problem(field, message)], "command line")
+    raise ScenarioError.of(field, message, "command line")
 
 
 NUMBER = r"[+-]?(?:[0-9][0-9_]*\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
@@ -318,8 +318,7 @@ def _setting(path: Path, number: int, header: list[str], line: list[str]) -> Set
 
 
 def _refuse(path: Path, message: str) -> NoReturn:
-    text = f"--table {shown(path)}: {message}; {REMEDY}"
-    raise InputFileError(text)
+    raise InputFileError(f"--table {shown(path)}: {message}; {REMEDY}")
 
 
 def _values(key: str, text: str) -> tuple[Any, ...]:

@@ -109,7 +109,8 @@ def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
     analyser = _analyser(prepared, chirps)
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     start = _first(prepared, chirps, frames)
-    cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
+    cfar = _ring(scenario, folded, looks=chirps // folded.chirps)
+    clutter = ClutterMap(weight=WEIGHT, false_alarm_probability=cfar.false_alarm_probability)
     radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     with stage("frames", frames):
@@ -144,11 +145,11 @@ def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeD
     radar, processing = prepared.local.radar, prepared.local.processing
     staggered = radar.stagger > 0
     if staggered and chirps % 2:
-        raise ScenarioError([Problem("chirps", f"{chirps} are not pairs of two intervals; give an even number")])
+        raise ScenarioError.of("chirps", f"{chirps} are not pairs of two intervals; give an even number")
     fewest = (2 * (GUARD + TRAINING) + 1) * (2 if staggered else 1)
     if chirps < fewest:
         message = f"{chirps} do not hold the ring of cells that tells the noise around a mover; give at least {fewest}"
-        raise ScenarioError([Problem("chirps", message)])
+        raise ScenarioError.of("chirps", message)
     frames = RangeDoppler(
         chirp=prepared.receiver.chirp,
         chirps=chirps // 2 if staggered else chirps,
@@ -180,7 +181,7 @@ def _first(prepared: Prepared, chirps: int, frames: int) -> int:
     """Return the first pulse of frames in the middle of the flight."""
     if frames < 1 or chirps * frames > len(prepared):
         message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
-        raise ScenarioError([Problem("frames", message)])
+        raise ScenarioError.of("frames", message)
     start = (len(prepared) - chirps * frames) // 2
     if prepared.local.radar.stagger > 0:
         start -= start % 2
@@ -199,7 +200,7 @@ def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
             f"{len(frame)} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, "
             "raise radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
         )
-        raise ScenarioError([Problem("chirps", message)])
+        raise ScenarioError.of("chirps", message)
 
 
 def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
@@ -210,9 +211,9 @@ def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> No
         return
     if radar.stagger > 0:
         message = f"{radar.stagger:g}: the scan pauses within the frames; set radar.scan.mode = 'fixed'"
-        raise ScenarioError([Problem("radar.stagger", message)])
+        raise ScenarioError.of("radar.stagger", message)
     message = f"{len(frame)} go on while the scan pauses; take fewer, or set radar.scan.mode = 'fixed'"
-    raise ScenarioError([Problem("chirps", message)])
+    raise ScenarioError.of("chirps", message)
 
 
 def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:
@@ -226,7 +227,7 @@ def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
     table, correlation = scenario.processing.cfar, analyser.noise_correlation(GUARD + TRAINING + 1)
     if any(np.any(np.abs(lags[GUARD + 1 :]) > SHARED_NOISE) for lags in correlation):
         message = f"{scenario.processing.window!r} shares noise among more than {GUARD} cells of a map; set 'hann'"
-        raise ScenarioError([Problem("processing.window", message)])
+        raise ScenarioError.of("processing.window", message)
     return RingCfar(
         kind="OS" if table.kind == "OS" else "CA",
         guard=(GUARD, GUARD),
@@ -237,10 +238,6 @@ def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
         stride=analyser.zero_padding,
         looks=looks,
     )
-
-
-def _clutter(scenario: Scenario) -> ClutterMap:
-    return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
 
 
 def _targets(

@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.radar import refuse_squint
 from sionna_radar.survey.preparation import Prepared, prepare
 
@@ -125,8 +125,7 @@ def sensitivities(
 
     """
     if unknown := sorted(set(of) - set(get_args(Quantity))):
-        message = f"of = {unknown}: give {', '.join(get_args(Quantity))}"
-        raise ValueError(message)
+        raise ValueError(f"of = {unknown}: give {', '.join(get_args(Quantity))}")
     refuse_squint(prepared.local.radar, "a derivative")
     from sionna_radar.tracing.engines.beam.frozen import FrozenEchoes
 
@@ -158,7 +157,7 @@ def sensitivities(
                 deviation[quantity, name] = _deviation(rates[quantity], quotient, rounding)
             if deviations[quantity, name] > TOLERANCE:
                 quotient = (ends[1][quantity] - ends[0][quantity]) / step
-                raise ScenarioError([Problem(name, _why_refused(quantity, rates[quantity], quotient))])
+                raise ScenarioError.of(name, _why_refused(quantity, rates[quantity], quotient))
     return Sensitivities(
         values=values,
         derivatives=derivatives,
@@ -171,7 +170,7 @@ def sensitivities(
 def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
     if prepared.beams:
         message = "an electronic scan has an antenna for each beam; take a survey with one"
-        raise ScenarioError([Problem("radar.scan.mode", message)])
+        raise ScenarioError.of("radar.scan.mode", message)
     from sionna_radar.tracing.engines.beam.beam import BeamEngine
 
     inputs, table = prepared.engine_inputs(), prepared.local.tracing
@@ -229,11 +228,10 @@ def _sides(
             message = (
                 "moves the ground or a building, which rays have met; give a material's, antenna's or flight's key"
             )
-            raise ScenarioError([Problem(name, message)])
+            raise ScenarioError.of(name, message)
     low, high = (_state(end, index) for end in ends)
     if any(np.any(side.pulses.time_s != here.pulses.time_s) for side in (low, high)):
-        message = "changes when pulses are sent; differentiate by a shift of the pose instead"
-        raise ScenarioError([Problem(name, message)])
+        raise ScenarioError.of(name, "changes when pulses are sent; differentiate by a shift of the pose instead")
     return low, high, 2 * step
 
 
@@ -243,8 +241,7 @@ def _value(prepared: Prepared, key: str) -> float:
     for part in key.split("."):
         value = value.get(part) if isinstance(value, dict) else getattr(value, part, None)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        message = f"is {value!r} in the scenario, not a number; state one there, or give another key"
-        raise ScenarioError([Problem(key, message)])
+        raise ScenarioError.of(key, f"is {value!r} in the scenario, not a number; state one there, or give another key")
     return float(value)
 
 
@@ -271,7 +268,7 @@ def _direction(name: str, here: _State, low: _State, high: _State, step: float) 
     kept = [len(table) for table in here.engine.sionna.tables]
     if len(ours) != len(kept) or len(theirs) != len(kept):
         message = "changes what the pattern or a material consists of; give a key that changes its numbers alone"
-        raise ScenarioError([Problem(name, message)])
+        raise ScenarioError.of(name, message)
     tables = [
         (_resampled(after, length) - _resampled(before, length)) / step
         for before, after, length in zip(ours, theirs, kept, strict=True)

@@ -259,10 +259,9 @@ def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
         message = f"{source.path}: an image takes signals of one sweep and one receiver, with measured poses"
         raise InputFileError(message)
     if source.sweeps[0].gate_s:
-        message = (
+        raise InputFileError(
             f"{source.path}: has gate_delay_us = {1e6 * source.sweeps[0].gate_s:g}; images take ranges from zero on"
         )
-        raise InputFileError(message)
     measured, chirp = flight.pulses(np.arange(len(flight))).measured, source.sweeps[0]
     height_m, nominal = float(measured.position_m[:, 2].mean()), file.flight
     if ground_m is not None:
@@ -270,7 +269,7 @@ def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
     elif nominal is not None:
         clearance_m = nominal.altitude_m
     else:
-        raise ScenarioError([Problem("--ground-height", "is needed: this recording does not say it; give metres")])
+        raise ScenarioError.of("--ground-height", "is needed: this recording does not say it; give metres")
     strip = strip_along(measured, clearance_m, source.antenna.beamwidths_rad, chirp.max_range_m)
     spacing_m = strip.length_m / (len(flight) - 1)
     speed_mps = float(np.linalg.norm(measured.velocity_mps, axis=1).mean())

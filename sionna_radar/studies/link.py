@@ -269,7 +269,7 @@ def run_link_budget(
     prepared = prepare(scenario)
     if prepared.antenna.circular or prepared.antenna.receives != "co":
         message = "the closed form covers linear co-polar echoes only; set polarization = 'V'"
-        raise ScenarioError([Problem("radar.antenna.polarization", message)])
+        raise ScenarioError.of("radar.antenna.polarization", message)
     materials = dict.fromkeys(surface.material for surface in prepared.scene.scene.surfaces)
     cases = [
         GroundCase(prepared=prepared, material=material, incidence_deg=incidence_deg, rain_mm_per_h=rain)

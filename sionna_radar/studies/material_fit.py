@@ -26,7 +26,7 @@ from scipy.constants import speed_of_light
 from scipy.optimize import least_squares
 from scipy.special import digamma, gammaincc, gammaincinv, polygamma
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread, spread_indices
 from sionna_radar.mapping.calibration import Knowledge
@@ -207,7 +207,7 @@ def fit_materials(
     sigma = _sigma(levels.looks, level_sigma_db)
     if not (sigma > 0).all():
         message = f"{level_sigma_db:g} dB, and the levels have no looks; add a column looks, or state a deviation"
-        raise ScenarioError([Problem("--level-sigma-db", message)], "command line")
+        raise ScenarioError.of("--level-sigma-db", message, "command line")
     with np.errstate(invalid="ignore"):
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
@@ -257,16 +257,16 @@ def _unknowns(
     covers = list(dict.fromkeys(levels.cover))
     if strange := [name for name in covers if name not in tables]:
         message = f"has the cover {shown(strange[0])}, which is no material; use {', '.join(sorted(tables))}"
-        raise ScenarioError([Problem("--levels", message)], "command line")
+        raise ScenarioError.of("--levels", message, "command line")
     usual = {cover: _usual(tables[cover]) for cover in covers}
     usual |= {cover: (*keys, CROSS) for cover, keys in usual.items() if levels.cross[levels.of(cover)].any()}
     names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover, keys in usual.items() for key in keys]
     if not names:
         message = f"is needed: nothing is estimated by default of {', '.join(covers)}; name COVER.KEY"
-        raise ScenarioError([Problem("--free", message)], "command line")
+        raise ScenarioError.of("--free", message, "command line")
     if strange := [name for name in prior if name not in names]:
         message = f"{shown(strange[0])} is not estimated; give one of {', '.join(names)}"
-        raise ScenarioError([Problem("--prior", message)], "command line")
+        raise ScenarioError.of("--prior", message, "command line")
     found = []
     for name in names:
         cover, _, key = name.partition(".")
@@ -274,7 +274,7 @@ def _unknowns(
         if value is None:
             known = [f"{cover}.{key}" for cover in covers for key in _values(tables[cover], carrier_hz)]
             message = f"{shown(name)} is no parameter of a cover of the levels; give some of {', '.join(known)}"
-            raise ScenarioError([Problem("--free", message)], "command line")
+            raise ScenarioError.of("--free", message, "command line")
         found.append(_unknown(tables[cover], name, value, prior.get(name), carrier_hz))
     if calibration_sigma_db > 0:
         found.append(Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None))
@@ -317,10 +317,10 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
     if floor is not None:
         if value <= floor:
             message = f"is {value:g} in the scenario; give a value above {floor:g} to begin from"
-            raise ScenarioError([Problem(f"materials.{name}", message)])
+            raise ScenarioError.of(f"materials.{name}", message)
         if prior is not None and not prior > 1:
             message = f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2"
-            raise ScenarioError([Problem("--prior", message)], "command line")
+            raise ScenarioError.of("--prior", message, "command line")
         # Beyond it the series of these models ends.
         highest_m = MAX_RELATIVE_HEIGHT * speed_of_light / (2 * math.pi * carrier_hz)
         bounded = key == "rms_height_m" and isinstance(table, PhysicalOptics | IntegralEquation)
@@ -334,10 +334,10 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
         )
     if prior is None and not key.endswith("_db"):
         message = f"{name} has no usual standard deviation; state one, {name}=VALUE in its unit"
-        raise ScenarioError([Problem("--prior", message)], "command line")
+        raise ScenarioError.of("--prior", message, "command line")
     if prior is not None and not prior > 0:
         message = f"{name}={prior:g} is no standard deviation; give a positive one"
-        raise ScenarioError([Problem("--prior", message)], "command line")
+        raise ScenarioError.of("--prior", message, "command line")
     return Unknown(cover=cover, key=key, start=value, prior=PRIOR_DB if prior is None else prior, floor=None)
 
 
@@ -506,8 +506,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
     scenario = prepared.scenario.replace({"tracing.speckle": "per_pulse"})
     antenna, tables = scenario.radar.antenna, scenario.all_materials
     if antenna.polarization not in ("V", "H"):
-        message = f"{antenna.polarization!r} is not fitted; use 'V' or 'H'"
-        raise ScenarioError([Problem("radar.antenna.polarization", message)])
+        raise ScenarioError.of("radar.antenna.polarization", f"{antenna.polarization!r} is not fitted; use 'V' or 'H'")
     cross = antenna.receive_polarization == "cross"
     same = {"model": "constant_gamma", "gamma_db": 0.0} | ({CROSS: 0.0} if cross else {})  # however the wave is turned
     uniform = {f"materials.{name}": same for name in tables}
@@ -529,7 +528,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         groups.setdefault((str(looks["cover"][k]), angle, turn), []).append(int(k))
     if not groups:
         message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", message)
     found, count, sums = sorted(groups), [], np.zeros((91, 2))
     for key in found:
         own = np.array(groups[key])

@@ -226,8 +226,7 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
     """
     base = in_local_frame(base)
     if base.platform.log is not None:
-        message = "is flown by the base; give one with a planned flight"
-        raise ScenarioError([Problem("platform.log", message)], "plan")
+        raise ScenarioError.of("platform.log", "is flown by the base; give one with a planned flight", "plan")
     low_m, _ = base.platform.planned
     scan = base.radar.scan
     half_swath = math.radians(min(getattr(scan, "half_swath_deg", 45.0), 60.0))
@@ -256,7 +255,7 @@ def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
     lines = min(wanted.size_m) / (2 * altitude * math.tan(half_swath) * (1 - wanted.overlap))
     if lines > MAX_LINES:
         message = f"{wanted.sampling_m:g} m takes {lines:.3g} lines, more than {MAX_LINES:,}; raise it"
-        raise ScenarioError([Problem("sampling", message)], "plan")
+        raise ScenarioError.of("sampling", message, "plan")
 
 
 def _check_chirps(plan: FlightPlan) -> None:
@@ -270,7 +269,7 @@ def _check_chirps(plan: FlightPlan) -> None:
             f"more than {MAX_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
             "a part of the area at a time"
         )
-        raise ScenarioError([Problem("sampling", message)], "plan")
+        raise ScenarioError.of("sampling", message, "plan")
 
 
 def _check(wanted: Wanted) -> None:

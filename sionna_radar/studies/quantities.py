@@ -24,7 +24,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.build import plan_route
-from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import ScanParameters, Scenario
@@ -576,21 +576,18 @@ def _csv_tables(text: str) -> dict[str, dict[str, str]]:
     tables: dict[str, dict[str, str]] = {}
     for row in rows:
         if None in row or None in row.values():
-            message = f"line {len(tables) + 2} has another number of values than line 1"
-            raise ValueError(message)
+            raise ValueError(f"line {len(tables) + 2} has another number of values than line 1")
         name, *values = row.values()
         if name in tables:
-            message = f"component {name} is there twice"
-            raise ValueError(message)
+            raise ValueError(f"component {name} is there twice")
         keys = [key.strip() for key in row][1:]
         tables[name.strip()] = {key: value for key, value in zip(keys, values, strict=True) if value.strip()}
     return tables
 
 
 def _no_costs(source: str, message: str) -> NoReturn:
-    text = f"{source}: {message}; {COSTS_REMEDY}"
-    raise InputFileError(text)
+    raise InputFileError(f"{source}: {message}; {COSTS_REMEDY}")
 
 
 def _refuse(option: str, message: str) -> NoReturn:
-    raise ScenarioError([Problem(option, message)], "command line")
+    raise ScenarioError.of(option, message, "command line")

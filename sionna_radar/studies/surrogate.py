@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.studies.design import Axis, Setting, Span
 
 # Results that are positive and modelled by their logarithm.
@@ -192,7 +192,7 @@ def check_installed() -> None:
 
     if find_spec("sklearn") is None:
         message = "needs scikit-learn, which is not installed; install the extra: pip install 'sionna-radar[design]'"
-        raise ScenarioError([Problem("design", message)], "command line")
+        raise ScenarioError.of("design", message, "command line")
 
 
 def improvement(

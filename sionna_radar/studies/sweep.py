@@ -105,8 +105,7 @@ class Shard:
         match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
         shard = Shard(*map(int, match.groups())) if match else Shard(0, 0)
         if not 1 <= shard.number <= shard.count:
-            message = f"{text!r} is no shard; give I/N with I from 1 to N, such as 2/8"
-            refuse(message, "--shard")
+            refuse(f"{text!r} is no shard; give I/N with I from 1 to N, such as 2/8", "--shard")
         return shard
 
     def __str__(self) -> str:

@@ -20,7 +20,7 @@ from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.elevation.placed_raster import reproject
 from sionna_radar.execution.execution import BLOCK_SIZE
 from sionna_radar.flight.pulses import GivenFlight, Pose, Pulses
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference, Raster
@@ -164,10 +164,10 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
         scenario = load_scenario(base, sent | changes)
     else:
         message = "is needed: this recording does not say what radar and ground it is of; give a file or a shipped name"
-        raise ScenarioError([Problem("--base", message)], str(source.path))
+        raise ScenarioError.of("--base", message, str(source.path))
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} has no beat signals to compare; set sensor = 'radar'"
-        raise ScenarioError([Problem("sensor", message)], str(source.path))
+        raise ScenarioError.of("sensor", message, str(source.path))
     if not isinstance(source.file, DescribedRanges):
         check_same_radar(build_sweeps(scenario.radar), source.sweeps, str(source.path))
     scenario = scenario.replace({"processing.calibration": None})
@@ -175,7 +175,7 @@ def _scenario(source: RecordingSource, base: str | Path | None, changes: dict[st
         return scenario.replace({"seed": scenario.seed + 1})
     if isinstance(source.settings, Scenario) and scenario.seed == source.settings.seed:
         message = f"{scenario.seed} is the recording's own, which draws its noise and speckle again; give another one"
-        raise ScenarioError([Problem("seed", message)], str(source.path))
+        raise ScenarioError.of("seed", message, str(source.path))
     return scenario
 
 
@@ -186,8 +186,7 @@ def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | Non
         message = f"{source.path}: has no poses, which a twin flies; add measured positions, velocities and rotations"
         raise InputFileError(message)
     if source.angle is not None:
-        message = f"{source.path}: holds signals of an array; a twin compares those of one receiver"
-        raise InputFileError(message)
+        raise InputFileError(f"{source.path}: holds signals of an array; a twin compares those of one receiver")
     if terrain is not None:
         scenario = over_file(scenario, terrain)
     ours, frame = file.georeference, map_frame(scenario.terrain)
@@ -195,7 +194,7 @@ def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | Non
     if (ours is None) != (theirs is None):
         which = "recording" if ours is None else "ground"
         message = f"the {which} has no place on the map, and the other has; give a --terrain in the recording's metres"
-        raise ScenarioError([Problem("terrain", message)], str(source.path))
+        raise ScenarioError.of("terrain", message, str(source.path))
     if scenario.platform.navigation.kind == "from_log":
         logger.warning("the log's standard deviations are not in the recording: the twin flies without their errors")
         scenario = scenario.replace({"platform.navigation": {}})
@@ -360,8 +359,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
     """Observe both sides, and compare them."""
     count = len(source.flight)
     if count < (least := MIN_TILE_PULSES << MIN_HALVINGS):
-        message = f"{source.path}: has {count} pulses; {least} at least can be compared"
-        raise InputFileError(message)
+        raise InputFileError(f"{source.path}: has {count} pulses; {least} at least can be compared")
     look = _look(source, prepared)
     block = _tiles(look, recorded.measured, max(prepared.antenna.beamwidths_rad))
     blocks, readings = int(block.max()) + 1, isinstance(source.file, DescribedRanges)
@@ -416,8 +414,7 @@ def _tiles(look: Look, pose: Pose, beam_rad: float) -> Int[np.ndarray, " pulse"]
     """
     hit = np.flatnonzero(np.isfinite(look.range_m))
     if len(hit) < MIN_TILE_PULSES << MIN_HALVINGS:
-        message = f"{len(hit)} of the beams meet the ground; fly over it, or give a larger --terrain"
-        raise InputFileError(message)
+        raise InputFileError(f"{len(hit)} of the beams meet the ground; fly over it, or give a larger --terrain")
     place_m = (pose.position_m + look.range_m[:, None] * pose.boresight)[hit, :2]
     footprint_m = float(np.median(look.range_m[hit]) * beam_rad)
     tile = np.zeros(len(hit), dtype=np.int64)

@@ -113,21 +113,17 @@ class TableBackscatter:
 
     def __post_init__(self) -> None:
         if len(self.incidence_rad) != len(self.sigma0_db):
-            message = (
+            raise ValueError(
                 f"incidence_rad has {len(self.incidence_rad)} values and sigma0_db {len(self.sigma0_db)}; "
                 "they must pair up"
             )
-            raise ValueError(message)
         if len(self.incidence_rad) < 2:
-            message = f"incidence_rad has {len(self.incidence_rad)} value(s); a table needs two rows or more"
-            raise ValueError(message)
+            raise ValueError(f"incidence_rad has {len(self.incidence_rad)} value(s); a table needs two rows or more")
         angles = np.array(self.incidence_rad)
         if not np.all(np.diff(angles) > 0) or angles[0] < 0.0 or angles[-1] > math.pi / 2:
-            message = "incidence_rad must increase strictly, within 0 to pi/2"
-            raise ValueError(message)
+            raise ValueError("incidence_rad must increase strictly, within 0 to pi/2")
         if not np.all(np.isfinite(self.sigma0_db)):
-            message = "sigma0_db must be finite at every row"
-            raise ValueError(message)
+            raise ValueError("sigma0_db must be finite at every row")
 
     @classmethod
     def from_csv(cls, path: Path) -> "TableBackscatter":
@@ -142,8 +138,7 @@ class TableBackscatter:
                 message = f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase within 0 to 90"
                 raise InputFileError(message)
         if len(lines) < 2:
-            message = f"{path}: holds 1 row; a table needs two or more"
-            raise InputFileError(message)
+            raise InputFileError(f"{path}: holds 1 row; a table needs two or more")
         return cls(incidence_rad=tuple(np.radians(angles_deg).tolist()), sigma0_db=levels_db)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -202,12 +197,10 @@ class Levels:
         ]
         header = tuple(name.strip() for name in lines[0][1].split(",")) if lines else ()
         if header not in (LEVEL_COLUMNS, (*LEVEL_COLUMNS, "looks")):
-            message = f"{shown(path)}: begins with {shown(','.join(header))}; the header is {header_text}"
-            raise InputFileError(message)
+            raise InputFileError(f"{shown(path)}: begins with {shown(','.join(header))}; the header is {header_text}")
         rows = [_parse_level(path, number, line, len(header)) for number, line in lines[1:]]
         if not rows:
-            message = f"{shown(path)}: has no rows; give one for each cover, incidence and polarization"
-            raise InputFileError(message)
+            raise InputFileError(f"{shown(path)}: has no rows; give one for each cover, incidence and polarization")
         cover, *columns = zip(*rows, strict=True)
         incidence_rad, polarization_rad, sigma0, looks, cross = map(np.array, columns)
         return cls(
@@ -240,11 +233,10 @@ def _parse_level(path: Path, number: int, line: str, columns: int) -> tuple[str,
         if len(values) + 1 != columns:
             raise ValueError
     except (ValueError, IndexError, csv.Error) as error:
-        message = (
+        raise InputFileError(
             f"{shown(path)}: line {number} reads {shown(line)}; give a cover, an incidence in degrees, VV, HH, HV or "
             "an angle in degrees, sigma0 in dB, and looks if the header has them"
-        )
-        raise InputFileError(message) from error
+        ) from error
     incidence_deg, polarization_deg, level_db, looks = (*values, math.inf)[:4]
     for name, value, valid, wanted in (
         ("incidence_deg", incidence_deg, 0 <= incidence_deg < 90, "give 0 or more, below 90"),
@@ -253,6 +245,5 @@ def _parse_level(path: Path, number: int, line: str, columns: int) -> tuple[str,
         ("looks", looks, looks > 0, "give a positive number"),
     ):
         if not valid:
-            message = f"{shown(path)}: line {number}: {name} = {value:g} is not possible; {wanted}"
-            raise InputFileError(message)
+            raise InputFileError(f"{shown(path)}: line {number}: {name} = {value:g} is not possible; {wanted}")
     return cover, math.radians(incidence_deg), math.radians(polarization_deg), 10 ** (level_db / 10), looks, cross

@@ -141,8 +141,7 @@ _ASPHALT: Mapping[str, float] = MappingProxyType({"AC11DS": 8.6, "SMA8S": 10.4, 
 def _require(field: str, value: float, lowest: float, highest: float, remedy: str) -> None:
     """Raise ValueError unless lowest <= value <= highest (which also rejects NaN)."""
     if not lowest <= value <= highest:
-        message = f"{field} = {value:g} is outside {lowest:g} to {highest:g}; {remedy}"
-        raise ValueError(message)
+        raise ValueError(f"{field} = {value:g} is outside {lowest:g} to {highest:g}; {remedy}")
 
 
 def _ghz_inside(frequency_hz: float, name: str) -> float:
@@ -151,8 +150,7 @@ def _ghz_inside(frequency_hz: float, name: str) -> float:
     remedy = f"{source.document} is not valid there: give a measured complex permittivity instead"
     lowest, highest = source.published_hz
     if frequency_hz <= lowest:
-        message = f"frequency_hz = {frequency_hz:g} must be positive; give the carrier in hertz"
-        raise ValueError(message)
+        raise ValueError(f"frequency_hz = {frequency_hz:g} must be positive; give the carrier in hertz")
     _require("frequency_hz", frequency_hz, lowest, highest, remedy)
     return frequency_hz / _GHZ
 
@@ -345,10 +343,9 @@ def building_permittivity(material: str, frequency_hz: float) -> complex:
     """
     row, f = _BUILDING[material], frequency_hz / _GHZ
     if not row.lowest_ghz <= f <= row.highest_ghz:
-        message = (
+        raise ValueError(
             f"frequency_hz = {frequency_hz:g} is outside {row.lowest_ghz:g} to {row.highest_ghz:g} GHz, "
             f"where ITU-R P.2040-3 defines {material}; give a measured complex permittivity instead"
         )
-        raise ValueError(message)
     conductivity = row.c * f**row.d
     return complex(row.a * f**row.b, -conductivity / (2.0 * math.pi * frequency_hz * epsilon_0))

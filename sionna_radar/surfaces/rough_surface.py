@@ -245,11 +245,10 @@ def poisson(order: int, mean: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"
 def check_series(surface: RoughSurface) -> None:
     """Raise ValueError for a surface that is too rough for a series in its roughness."""
     if surface.relative_height > MAX_RELATIVE_HEIGHT:
-        message = (
+        raise ValueError(
             f"rms_height_m = {surface.rms_height_m:g} gives k s = {surface.relative_height:.3g}, "
             f"above {MAX_RELATIVE_HEIGHT:g}; use GeometricalOptics"
         )
-        raise ValueError(message)
 
 
 def _gentle_surface_violations(surface: RoughSurface) -> list[str]:

@@ -59,11 +59,10 @@ def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> Ra
     """Return the material of a slab; ValueError if Sionna does not define it or it does not scatter."""
     permittivity = _permittivity(slab.itu_type, frequency_hz)
     if slab.scattering_coefficient <= 0:
-        message = (
+        raise ValueError(
             f"{slab.itu_type} has a scattering coefficient of 0 and returns no echo; map it to a material "
             f'with model = "sionna_itu", itu_type = "{slab.itu_type}" and a scattering_coefficient'
         )
-        raise ValueError(message)
     vertical, horizontal = (
         SlabBackscatter(slab=slab, permittivity=permittivity, frequency_hz=frequency_hz, polarization=p)
         for p in ("V", "H")
@@ -82,15 +81,13 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
 
     if itu_type not in ITU_MATERIALS_PROPERTIES:
         options = ", ".join(ITU_MATERIALS_PROPERTIES)
-        message = f"{itu_type!r} is not an ITU material known to Sionna RT; use one of {options}"
-        raise ValueError(message)
+        raise ValueError(f"{itu_type!r} is not an ITU material known to Sionna RT; use one of {options}")
     bands = ITU_MATERIALS_PROPERTIES[itu_type]
     ghz = frequency_hz / 1e9
     for (lowest, highest), (a, b, c, d) in bands.items():
         if lowest <= ghz <= highest:
             return complex(a * ghz**b, -c * ghz**d / (2 * np.pi * frequency_hz * epsilon_0))
     defined = " and ".join(f"{lowest:g} to {highest:g} GHz" for lowest, highest in bands)
-    message = (
+    raise ValueError(
         f"{itu_type} is defined from {defined}, not at the carrier's {ghz:g} GHz; map it to a material of the scenario"
     )
-    raise ValueError(message)

@@ -57,7 +57,7 @@ class BoresightHits:
     def extent_m(self) -> Extent:
         """West, south, east and north of the hit points; ScenarioError if there are none."""
         if not len(self.hit_m):
-            raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
+            raise ScenarioError.of("terrain", "no beam meets it; move the track, or enlarge the terrain")
         (west, south), (east, north) = self.hit_m[:, :2].min(axis=0), self.hit_m[:, :2].max(axis=0)
         return float(west), float(south), float(east), float(north)
 
@@ -81,7 +81,7 @@ def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s:
             f"{chirp.max_range_m:.1f} m of unambiguous range; raise radar.samples_per_chirp, or lower "
             "platform.altitude_m, radar.bandwidth_hz or the scan angles"
         )
-        raise ScenarioError([Problem("radar.samples_per_chirp", message)])
+        raise ScenarioError.of("radar.samples_per_chirp", message)
 
 
 def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
@@ -92,7 +92,7 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
             f"no pulse falls into the sector during the {end - start:.3g} s of cruise at "
             f"{scenario.radar.chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
         )
-        raise ScenarioError([Problem("radar.scan", message)])
+        raise ScenarioError.of("radar.scan", message)
 
 
 def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
@@ -121,7 +121,7 @@ def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
     """Raise ScenarioError for vegetation with a polarization whose vegetation echo is not modelled."""
     if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
         message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
-        raise ScenarioError([Problem("radar.antenna.polarization", message)])
+        raise ScenarioError.of("radar.antenna.polarization", message)
 
 
 def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
@@ -130,15 +130,14 @@ def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
         return
     scene = built.scene
     if scene.vegetation is not None:
-        message = "2 is not traced through [[vegetation]]; set 1, or remove the plants"
-        raise ScenarioError([Problem("tracing.bounces", message)])
+        raise ScenarioError.of("tracing.bounces", "2 is not traced through [[vegetation]]; set 1, or remove the plants")
     used = {surface.material for surface in scene.surfaces}
     if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
         message = (
             "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
             f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
         )
-        raise ScenarioError([Problem("tracing.bounces", message)])
+        raise ScenarioError.of("tracing.bounces", message)
 
 
 def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float) -> None:
@@ -152,7 +151,7 @@ def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float)
             f"counts from the echo of {name!r} at {np.rad2deg(incidence_rad):.0f} deg of incidence, which returns "
             "nothing there; give radar.transmit_power_dbm and radar.noise_figure_db instead"
         )
-        raise ScenarioError([Problem("radar.snr_db", message)])
+        raise ScenarioError.of("radar.snr_db", message)
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:

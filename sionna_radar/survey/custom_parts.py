@@ -11,7 +11,7 @@ from jaxtyping import Shaped
 from sionna_radar.detection.ranging.estimators import RangeEstimator
 from sionna_radar.flight.pulses import GivenFlight, Navigation
 from sionna_radar.flight.scan import Scan
-from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.mapper import DemMethod
 from sionna_radar.radar.antenna import Antenna
@@ -38,14 +38,13 @@ def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster
             return Raster.from_array(height_m, spacing_m)
         except (TypeError, ValueError) as error:
             message = f"{error}; a tuple is (heights, spacing_m): an array, rows from south to north, and metres"
-            raise ScenarioError([Problem("terrain", message)]) from None
+            raise ScenarioError.of("terrain", message) from None
     if given is None or callable(given) or isinstance(given, Raster | str | Path):
         return given
-    message = (
+    raise PluginError(
         f"terrain is of the type {type(given).__name__}; give (heights, spacing_m) with heights as a NumPy array "
         "(row, column), a Raster, the path of an elevation file, or a function that builds it"
     )
-    raise PluginError(message)
 
 
 def over_file(scenario: Scenario, path: str | Path) -> Scenario:
@@ -98,8 +97,7 @@ class CustomParts:
         object.__setattr__(self, "terrain", checked_terrain(self.terrain))
         for name in ("engine", "sensor"):
             if getattr(self, name) is not None and not callable(getattr(self, name)):
-                message = f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function"
-                raise PluginError(message)
+                raise PluginError(f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function")
 
     def described(self) -> dict[str, str]:
         """Return descriptions of the custom parts, by the keys of the scenario that they replace."""
@@ -131,8 +129,7 @@ def _name(made: object) -> str:
 def refuse_for_workers(replaced: Mapping[str, str]) -> None:
     """Raise PluginError for parts that were given in Python, by the keys that they replace."""
     if replaced:
-        message = (
+        raise PluginError(
             f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
             "a package with the entry point sionna_radar.plugins that they have, too"
         )
-        raise PluginError(message)

@@ -31,7 +31,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
     frame = map_frame(scenario.terrain)
     if frame is None:
         message = f"{shown(scenario.coordinates)} {NO_PLACE_ON_THE_MAP.format(scenario.terrain.kind)}"
-        raise ScenarioError([Problem("coordinates", message)])
+        raise ScenarioError.of("coordinates", message)
     moving = _Moving(_crs(scenario.coordinates), frame)
     platform = scenario.platform
 
@@ -81,10 +81,10 @@ def _crs(name: str) -> CRS:
         crs = horizontal_part(CRS.from_user_input(4326 if name == "lonlat" else name))
     except ProjError as error:
         message = f"{shown(name)} is not a coordinate reference system; give 'local', 'lonlat' or one like 'EPSG:32632'"
-        raise ScenarioError([Problem("coordinates", message)]) from error
+        raise ScenarioError.of("coordinates", message) from error
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32632'"
-        raise ScenarioError([Problem("coordinates", message)])
+        raise ScenarioError.of("coordinates", message)
     return crs
 
 
@@ -100,7 +100,7 @@ class _Moving:
             x, y = self._frame.local_of(self._crs, *(np.array([c]) for c in position))
         except ProjError as error:
             message = f"{self._crs.name!r} cannot be transformed to the terrain's {self._frame.crs.name!r} ({error})"
-            raise ScenarioError([Problem("coordinates", f"{message}; give another")]) from error
+            raise ScenarioError.of("coordinates", f"{message}; give another") from error
         if not (np.isfinite(x[0]) and np.isfinite(y[0])):
             order = "longitude and latitude" if self._crs.is_geographic else "easting and northing"
             message = f"{position} is not valid in {self._crs.name!r}; give {order}, in this order"

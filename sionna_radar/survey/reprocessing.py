@@ -29,7 +29,7 @@ from sionna_radar.execution.workers import Task
 from sionna_radar.flight.build import build_errors, build_scan
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, believed_motion
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
@@ -367,14 +367,14 @@ def _source(
     _check_custom_parts(file, overrides, given, source)
     if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
         message = "has no effect on powers: range profiles keep their cells; leave it out"
-        raise ScenarioError([Problem(min(wrong), message)], source)
+        raise ScenarioError.of(min(wrong), message, source)
     changes = {**file.settings, **overrides} if isinstance(file, Described) else overrides
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(changes, source), file.sweeps
         if settings.radar.conjugate and sweeps[0].sampling == "real":
             message = "true has no effect on real samples; leave it out, or record beat_q as well"
-            raise ScenarioError([Problem("radar.conjugate", message)], source)
+            raise ScenarioError.of("radar.conjugate", message, source)
     else:
         settings = recorded_scenario(file.scenario, overrides, source)
         sweeps = build_sweeps(settings.radar)
@@ -387,14 +387,14 @@ def _source(
         processing = processing.model_copy(update={"volume_clutter": "off"})
     if processing.expected_ground is not None and file.flight is None:
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
-        raise ScenarioError([Problem("processing.expected_ground", message)], source)
+        raise ScenarioError.of("processing.expected_ground", message, source)
     antenna, _ = squinting(settings.radar.antenna, parts.antenna or build_antenna(settings.radar.antenna), sweeps)
     if (
         isinstance(file, DescribedRanges)
         and (parts.dem_method or build_dem_method(settings.dem)).profiles == "required"
     ):
         message = "needs range profiles, which readings do not have; set dem.method = 'smooth'"
-        raise ScenarioError([Problem("dem.method", message)], source)
+        raise ScenarioError.of("dem.method", message, source)
     high_pass = build_high_pass(settings.radar.receiver)
     detector = build_detector(
         processing,
@@ -429,36 +429,36 @@ def _angle_estimator(
         array = build_receivers(settings.radar, antenna) if isinstance(settings, Scenario) else None
         if array is None or channels != (1, len(array.receiver_m)):
             message = f"{settings.processing.angle!r} needs all receivers, which the recording does not have; set 'off'"
-            raise ScenarioError([Problem("processing.angle", message)], source)
+            raise ScenarioError.of("processing.angle", message, source)
         return build_angle_estimator(settings.processing, detector, antenna, array)
     table, chirp = settings.radar.array, detector.analyser.chirp
     if isinstance(file, DescribedRanges) or (table is None and channels[:1] in ((), (1,))):
         return None
     if table is None:
         message = "missing; frames of several receivers need the places of their elements"
-        raise ScenarioError([Problem("radar.array", message)], source)
+        raise ScenarioError.of("radar.array", message, source)
     period_s = file.radar.chirp_period_s
     if period_s is None:
-        raise ScenarioError([Problem("radar:chirp_period_s", "missing; frames of an array need it")], source)
+        raise ScenarioError.of("radar:chirp_period_s", "missing; frames of an array need it", source)
     array = build_array(table, chirp, period_s, 0)
     if channels != (array.chirps, len(array.receiver_m)):
         recorded = "frames of {} chirps of {} receivers".format(*channels) if channels else "single chirps"
         recorded += "; change it, or give it in the description of the samples"
         message = f"has {array.chirps} chirps in a frame and {len(array.receiver_m)} receivers; recorded are {recorded}"
-        raise ScenarioError([Problem("radar.array", message)], source)
+        raise ScenarioError.of("radar.array", message, source)
     return build_angle_estimator(settings.processing, detector, antenna, array, table)
 
 
 def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
     """Raise ScenarioError if the radar of the settings differs from that of the samples."""
     if len(wanted) != len(recorded):
-        raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
+        raise ScenarioError.of("radar.sweep", "is not that of the recorded samples; record them again", source)
     for name, ours in vars(wanted[0]).items():
         theirs = getattr(recorded[0], name)
         same = math.isclose(ours, theirs, rel_tol=1e-9) if isinstance(ours, int | float) else ours == theirs
         if not same:
             message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"
-            raise ScenarioError([Problem("radar", message)], source)
+            raise ScenarioError.of("radar", message, source)
 
 
 def _check_custom_parts(
@@ -468,7 +468,7 @@ def _check_custom_parts(
     for key, what in file.replaced.items():
         if key in given and given[key] is None and key not in overrides:
             message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
-            raise ScenarioError([Problem(key, message)], source)
+            raise ScenarioError.of(key, message, source)
 
 
 def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
@@ -479,10 +479,10 @@ def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: st
             f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit the {cells} range cells of "
             "the recording; lower processing.cfar.guard and processing.cfar.training"
         )
-        raise ScenarioError([Problem("processing.cfar.guard", message)], source)
+        raise ScenarioError.of("processing.cfar.guard", message, source)
     if chirp.samples * processing.zero_padding > MAX_SPECTRUM:
         message = f"{processing.zero_padding} times {chirp.samples:,} samples are more than {MAX_SPECTRUM:,}; lower it"
-        raise ScenarioError([Problem("processing.zero_padding", message)], source)
+        raise ScenarioError.of("processing.zero_padding", message, source)
 
 
 @on_one_thread

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.objects import TargetMesh
@@ -176,7 +176,7 @@ def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTa
     """
     if not isinstance(engine, SteerableEngine):
         message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
-        raise ScenarioError([Problem("tracing.engine", message)])
+        raise ScenarioError.of("tracing.engine", message)
     each = [(engine.with_antenna(beam), replace(given, antenna=beam, beams=())) for beam in given.beams]
     return SteeredTracer([build_tracer(own, inputs, weather) for own, inputs in each])
 
@@ -260,7 +260,7 @@ def rcs_of_mesh(
     """
     for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
         if not 0 < value < np.inf:
-            raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
+            raise ScenarioError.of(name, f"{value:g} is not positive and finite; give it in SI units")
     wavelength_m = speed_of_light / carrier_hz
     seen = Scatterer(build_body(mesh, "mesh", wavelength_m), wavelength_m)
     elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")

@@ -79,8 +79,7 @@ def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
     2000RS002369).
     """
     if not rain_rate_mm_per_h > 0:
-        message = f"rain_rate_mm_per_h = {rain_rate_mm_per_h:g} must be positive"
-        raise ValidityError(message)
+        raise ValidityError(f"rain_rate_mm_per_h = {rain_rate_mm_per_h:g} must be positive")
     return ExponentialDrops(
         intercept_per_m4=MARSHALL_PALMER_INTERCEPT_PER_M4,
         slope_per_m=MARSHALL_PALMER_SLOPE_PER_M * rain_rate_mm_per_h**MARSHALL_PALMER_EXPONENT,

@@ -101,8 +101,7 @@ class Flakes:
 def flakes(snowfall_mm_per_h: float, kind: Precipitation) -> Flakes:
     """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate."""
     if not snowfall_mm_per_h > 0:
-        message = f"snowfall_mm_per_h = {snowfall_mm_per_h:g} must be positive"
-        raise ValidityError(message)
+        raise ValidityError(f"snowfall_mm_per_h = {snowfall_mm_per_h:g} must be positive")
     raw = sekhon_srivastava(snowfall_mm_per_h, kind, largest=LARGEST)
     return replace(raw, count_per_m3=snowfall_mm_per_h / raw.rate_mm_per_h * raw.count_per_m3)
 

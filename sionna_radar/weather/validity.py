@@ -15,15 +15,13 @@ class ValidityError(RadarError, ValueError):
 def require_between(name: str, value: float, low: float, high: float, source: str) -> None:
     """Raise `ValidityError` unless low <= value <= high, the range of validity of `source`."""
     if not low <= value <= high:
-        message = f"{name} = {value:g} is outside {low:g} to {high:g}, the range of {source}"
-        raise ValidityError(message)
+        raise ValidityError(f"{name} = {value:g} is outside {low:g} to {high:g}, the range of {source}")
 
 
 def require_not_negative(name: str, value: float) -> None:
     """Raise `ValidityError` for a negative or NaN amount."""
     if not value >= 0:
-        message = f"{name} = {value:g} must not be negative"
-        raise ValidityError(message)
+        raise ValidityError(f"{name} = {value:g} must not be negative")
 
 
 class Precipitation(Enum):

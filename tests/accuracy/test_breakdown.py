@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from seen_points import seen_points
 from sionna_radar.accuracy.breakdown import DISTANCES_M, break_down, by_class, incidence_deg, variogram
 from sionna_radar.accuracy.checkpoints import STEEPEST_DEG, checkpoint_test, checkpoints_wanted, slope_deg
 from sionna_radar.accuracy.compare import MEANING, DemError, summarise
 from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.points import Points
 from sionna_radar.scene.footprints import Box
 
 NO_WALLS = Walls(buildings=(), foot_m=np.zeros((0, 2)))
@@ -27,21 +27,6 @@ def flat(grid: Grid) -> Raster:
 
 def noise(grid: Grid, sigma_m: float = 0.2, bias_m: float = 0.0, seed: int = 1) -> Raster:
     return Raster(grid=grid, height_m=np.random.default_rng(seed).normal(bias_m, sigma_m, grid.shape))
-
-
-def points_at(place_m: np.ndarray, radar_m: tuple[float, float, float]) -> Points:
-    count = len(place_m)
-    origin = np.tile(radar_m, (count, 1))
-    return Points(
-        pulse=np.arange(count),
-        number=np.zeros(count, dtype=np.int64),
-        position_m=place_m,
-        origin_m=origin,
-        range_m=np.linalg.norm(place_m - origin, axis=1),
-        range_sigma_m=np.full(count, 0.1),
-        power=np.ones(count),
-        echo_snr_db=np.full(count, 30.0),
-    )
 
 
 # ------------------------------------------------------------------------------------------- percentiles
@@ -145,11 +130,11 @@ def test_slope_and_incidence_of_a_plane() -> None:
     # Seen along its normal from far away; and from straight above.
     normal = np.array([-0.3, 0.4, 1.0]) / np.linalg.norm([-0.3, 0.4, 1.0])
     centre = np.array([[20.0, 20.0, 0.3 * 20 - 0.4 * 20]])
-    along = incidence_deg(plane, points_at(centre, tuple(centre[0] + 1e6 * normal)), inner)
-    above = incidence_deg(plane, points_at(centre, (20.0, 20.0, 1e6)), inner)
+    along = incidence_deg(plane, seen_points(centre, tuple(centre[0] + 1e6 * normal)), inner)
+    above = incidence_deg(plane, seen_points(centre, (20.0, 20.0, 1e6)), inner)
     np.testing.assert_allclose(along, 0.0, atol=0.01)
     np.testing.assert_allclose(above, np.rad2deg(np.arctan(0.5)), atol=0.01)
-    assert np.isnan(incidence_deg(plane, points_at(np.zeros((0, 3)), (0.0, 0.0, 1.0)), inner)).all()
+    assert np.isnan(incidence_deg(plane, seen_points(np.zeros((0, 3)), (0.0, 0.0, 1.0)), inner)).all()
 
 
 def test_errors_by_distance_from_walls() -> None:
@@ -167,7 +152,7 @@ def test_errors_by_distance_from_walls() -> None:
     foot = np.vstack([foot, foot[:, ::-1]])
     np.testing.assert_allclose(Walls(buildings=(), foot_m=foot).distance_m(grid.centres_m, 20.0), distance, atol=0.01)
     error = Raster(grid=grid, height_m=np.where(distance < 2, 1.0, 0.1).reshape(grid.shape))
-    points = points_at(np.column_stack([grid.centres_m, np.zeros(3600)])[::7], (30.0, 30.0, 50.0))
+    points = seen_points(np.column_stack([grid.centres_m, np.zeros(3600)])[::7], (30.0, 30.0, 50.0))
     found = break_down(error, flat(grid), np.ones(grid.shape, dtype=bool), points, walls, seed=0)
     assert found.by_wall_distance is not None
     assert [c.rms_m for c in found.by_wall_distance] == pytest.approx([1.0, 1.0, 0.1, 0.1, 0.1, 0.1])

@@ -29,14 +29,6 @@ def test_statistics_by_hand():
     assert result.le90_m == pytest.approx(3.7)
 
 
-def test_robust_measures_are_those_of_a_normal_distribution():
-    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=500, rows=500)
-    error = Raster(grid=grid, height_m=np.random.default_rng(1).normal(0.0, 0.3, grid.shape))
-    result = summarise(error, np.ones(grid.shape, dtype=bool))
-    assert result.nmad_m == pytest.approx(0.3, rel=0.01)
-    assert result.le90_m == pytest.approx(1.6449 * 0.3, rel=0.01)
-
-
 def test_coverage_counts_the_lit_cells_alone():
     error = raster([0, 0, 0, 0] + [np.nan] * 8)
     lit = np.zeros(GRID.shape, dtype=bool)

@@ -3,24 +3,16 @@
 import numpy as np
 
 from beams import make_chirp
+from direct_receiver import points_at
 from sionna_radar.accuracy.truth import from_rain
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
+from sionna_radar.tracing.paths import TARGET, VOLUME
 
 
 def paths_of(rows):
     """Return paths from (pulse, range, power, surface)."""
     pulse, range_m, power, surface = (np.array(column) for column in zip(*rows, strict=True))
-    nothing = np.zeros(len(pulse))
-    return Paths(
-        pulse=pulse,
-        delay_s=2 * range_m / 299_792_458.0,
-        gain=np.sqrt(power).astype(complex),
-        range_rate_mps=nothing,
-        incidence_rad=nothing,
-        hit_m=np.zeros((len(pulse), 3)),
-        surface=surface,
-    )
+    return points_at(range_m, np.sqrt(power), pulse=pulse, surface=surface)
 
 
 def echoes_of(rows):

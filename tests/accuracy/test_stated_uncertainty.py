@@ -3,26 +3,16 @@
 import numpy as np
 import pytest
 
+from seen_points import seen_points
 from sionna_radar.accuracy.uncertainty import check_uncertainty
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.points import Points
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=120, rows=100)
 LIT = np.ones(GRID.shape, dtype=bool)
 
 
 def point_at(x, y):
-    one = np.ones(1)
-    return Points(
-        pulse=np.zeros(1, dtype=int),
-        number=np.zeros(1, dtype=int),
-        position_m=np.array([[x, y, 0.0]]),
-        origin_m=np.array([[x, y, 50.0]]),
-        range_m=50 * one,
-        range_sigma_m=0.1 * one,
-        power=one,
-        echo_snr_db=30 * one,
-    )
+    return seen_points([[x, y, 0.0]], (x, y, 50.0))
 
 
 class Independent:

@@ -13,10 +13,8 @@ TINY = ["--set", "platform.length_m=3", "--set", "terrain.spacing_m=2", "--quiet
 @pytest.mark.usefixtures("no_figures")
 def test_a_recording_goes_with_the_results_and_is_processed_again(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run = cli("run", "hills", *TINY, "--record", "signals", "--record", "paths=seen.nc", "-o", "out")
-    assert run.returncode == 0, run.stderr
-    again = cli("process", "out/signals.nc", "--quiet")
-    assert again.returncode == 0, again.stderr
+    cli("run", "hills", *TINY, "--record", "signals", "--record", "paths=seen.nc", "-o", "out")
+    cli("process", "out/signals.nc", "--quiet")
     folder = tmp_path / "results" / "signals_processed"
     for name in ("dem.tif", "points.laz"):
         assert (folder / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
@@ -24,11 +22,10 @@ def test_a_recording_goes_with_the_results_and_is_processed_again(cli, tmp_path,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "results", "seen.nc"]
     # The folder may be written again, with other recordings or none; a file beside it is the user's.
     # A result of `process` is compared with the flight's own.
-    both = cli("compare", "out", "results/signals_processed")
-    assert both.returncode == 0, both.stderr
-    refused = cli("run", "hills", *TINY, "--record", "paths=seen.nc", "-o", "out")
-    assert (refused.returncode, "exists already" in refused.stderr) == (2, True)
-    assert cli("run", "hills", *TINY, "-o", "out").returncode == 0
+    cli("compare", "out", "results/signals_processed")
+    refused = cli("run", "hills", *TINY, "--record", "paths=seen.nc", "-o", "out", code=2)
+    assert "exists already" in refused.stderr
+    cli("run", "hills", *TINY, "-o", "out")
     assert not (tmp_path / "out" / "signals.nc").exists()
 
 
@@ -67,19 +64,16 @@ def test_what_is_not_recorded_is_refused(wanted):
 )
 def test_bad_arguments_are_one_error(cli, arguments, word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = cli(*arguments)
-    assert done.returncode == 2
+    done = cli(*arguments, code=2)
     assert word in done.stderr
-    assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
 def test_init_writes_a_scenario_that_is_valid_and_nothing_over_one(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli("init", "my.toml").returncode == 0
-    assert cli("validate", "my.toml").returncode == 0
-    again = cli("init", "my.toml")
-    assert (again.returncode, "exists already" in again.stderr) == (2, True)
+    cli("init", "my.toml")
+    cli("validate", "my.toml")
+    assert "exists already" in cli("init", "my.toml", code=2).stderr
 
 
 def test_schema_is_printed(cli):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.detection.build import build_detector, build_range_estimator
 from sionna_radar.detection.detector import Detector, Spectra
@@ -13,7 +14,6 @@ from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.receiver import add_noise
-from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0
 CELL_M = C / 1e9  # c / 2B at 500 MHz
@@ -121,15 +121,8 @@ def beats(chirp, ranges_m, powers, noise=1e-4):
     ranges_m = np.atleast_2d(ranges_m)
     pulses, each = make_pulses(len(ranges_m), velocity_mps=(0, 0, 0)), ranges_m.shape[1]
     phase = np.random.default_rng(4).uniform(0, 2 * np.pi, ranges_m.size)
-    paths = Paths(
-        pulse=np.repeat(pulses.index, each),
-        delay_s=2 * ranges_m.ravel() / C,
-        gain=np.sqrt(np.tile(powers, len(ranges_m))) * np.exp(1j * phase),
-        range_rate_mps=np.zeros(ranges_m.size),
-        incidence_rad=np.zeros(ranges_m.size),
-        hit_m=np.zeros((ranges_m.size, 3)),
-        surface=np.zeros(ranges_m.size, dtype=int),
-    )
+    gain = np.sqrt(np.tile(powers, len(ranges_m))) * np.exp(1j * phase)
+    paths = points_at(ranges_m.ravel(), gain, pulse=np.repeat(pulses.index, each))
     return add_noise(synthesise(paths, pulses, chirp), noise, 1, pulses.index), pulses
 
 

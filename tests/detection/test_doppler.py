@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from beams import make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.detection.build import build_detector
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.receiver import add_noise
-from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0
 PULSES = 40
@@ -25,15 +25,8 @@ def flight() -> Pulses:
 
 
 def ranges_of(pulses, chirp, processing, range_m):
-    paths = Paths(
-        pulse=pulses.index,
-        delay_s=2 * range_m / C,
-        gain=np.exp(1j * np.linspace(0, 50, PULSES)),
-        range_rate_mps=pulses.true.boresight_range_rate_mps,
-        incidence_rad=np.zeros(PULSES),
-        hit_m=np.zeros((PULSES, 3)),
-        surface=np.zeros(PULSES, dtype=int),
-    )
+    rate_mps = pulses.true.boresight_range_rate_mps
+    paths = points_at(range_m, np.exp(1j * np.linspace(0, 50, PULSES)), rate_mps, pulses.index)
     beat = add_noise(synthesise(paths, pulses, chirp), 1e-3, 1, pulses.index)
     echoes = build_detector(processing, chirp).detect(beat, pulses.index, pulses.measured)
     np.testing.assert_array_equal(echoes.pulse, pulses.index)

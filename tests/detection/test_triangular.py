@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.detector import pair_sweeps
@@ -17,7 +18,6 @@ from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.receiver import add_noise
 from sionna_radar.tracing.paths import Paths
 
-C = 299_792_458.0
 PULSES = 40
 RANGES_M = np.linspace(100, 100.6, PULSES)
 
@@ -27,15 +27,7 @@ def radar_of(sweep: str, sampling: str = "real") -> RadarTable:
 
 
 def paths_of(pulses, range_rate_mps) -> Paths:
-    return Paths(
-        pulse=pulses.index,
-        delay_s=2 * RANGES_M / C,
-        gain=np.exp(1j * np.linspace(0, 50, PULSES)),
-        range_rate_mps=np.broadcast_to(range_rate_mps, PULSES).astype(float),
-        incidence_rad=np.zeros(PULSES),
-        hit_m=np.zeros((PULSES, 3)),
-        surface=np.zeros(PULSES, dtype=int),
-    )
+    return points_at(RANGES_M, np.exp(1j * np.linspace(0, 50, PULSES)), range_rate_mps, pulses.index)
 
 
 def pairs_of(pulses, range_rate_mps, sampling="real"):

@@ -193,15 +193,6 @@ def test_a_scenario_with_such_a_path_is_refused(key, path):
     str(caught.value).encode("utf-8")
 
 
-@pytest.mark.skipif(not hasattr(os, "symlink") or os.name == "nt", reason="links need rights there")
-def test_a_loop_of_links_in_a_scenario_is_refused(tmp_path):
-    (tmp_path / "a").symlink_to(tmp_path / "b")
-    (tmp_path / "b").symlink_to(tmp_path / "a")
-    scenario = load_scenario("own_dem", {"terrain.path": str(tmp_path / "a")})
-    with pytest.raises(InputFileError, match="loop of symbolic links"):
-        as_terrain(scenario.terrain.path)
-
-
 def test_a_file_larger_than_its_bound_is_not_read(tmp_path):
     path = tmp_path / "large.csv"
     with path.open("wb") as file:

@@ -9,6 +9,7 @@ import pytest
 from pyproj import CRS
 
 from elevation_files import from_origin, write_heights
+from mutants import mutated
 from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
 from sionna_radar.foundation.errors import RadarError
@@ -55,17 +56,6 @@ KINDS = {
     "dem.tif": (raster, read_raster),
     "dem.asc": (raster, read_raster),
 }
-
-
-def mutated(whole: bytes, generator: np.random.Generator) -> bytes:
-    """Return a file cut short, or with bytes changed: in its header, where they say most, or anywhere."""
-    if generator.random() < 0.3:
-        return whole[: generator.integers(len(whole))]
-    found = bytearray(whole)
-    until = min(len(found), 400) if generator.random() < 0.6 else len(found)
-    for place in generator.integers(until, size=generator.integers(1, 12)):
-        found[place] = generator.integers(256)
-    return bytes(found)
 
 
 @pytest.mark.parametrize("name", KINDS)

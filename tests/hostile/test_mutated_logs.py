@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flight_logs import HEIGHT, WRITERS, flown, here, regular, ulog_bytes, ulog_topics
+from mutants import mutated
 from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.foundation.errors import InputFileError, RadarError
@@ -15,31 +16,6 @@ from sionna_radar.scenario.platform import Platform
 
 MUTANTS = 21  # of each of five kinds
 LONGEST_MESSAGE = 2000
-# Beside a text: what is in it between the numbers.
-TOKENS = [b"nan", b"-1e308", b"1e999", b"<", b"&", b",", b"\n", b"\0", b"9" * 400, "é".encode("utf-16")]
-
-
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """Return a content that was cut, or of which bytes were changed, repeated, left out or put in."""
-    data = bytearray(content)
-    kind = rng.integers(7)
-    if kind == 0:
-        return bytes(data[: rng.integers(len(data))])
-    for _ in range(int(rng.integers(1, 8))):
-        at, span = int(rng.integers(len(data))), int(rng.integers(1, 200))
-        if kind == 1:
-            data[at] = rng.integers(256)
-        elif kind == 2:
-            del data[at : at + span]
-        elif kind == 3:
-            data[at:at] = data[at : at + span]
-        elif kind == 4:
-            data[at:at] = rng.bytes(span)
-        elif kind == 5:
-            data[at : at + 8] = bytes([rng.choice([0x00, 0xFF, 0x7F])]) * len(data[at : at + 8])
-        else:
-            data[at:at] = TOKENS[int(rng.integers(len(TOKENS)))]
-    return bytes(data)
 
 
 def fly(path: Path) -> np.ndarray:

@@ -13,6 +13,7 @@ import pytest
 import shapely
 import trimesh
 
+from mutants import mutated
 from sionna_radar.foundation.errors import RadarError
 from sionna_radar.scene.mesh_files.repair import repair
 from sionna_radar.scene.objects import MeshSource, upright
@@ -91,29 +92,6 @@ def test_the_sound_ones_are_sound(sound):
     assert {count for name, count in counts.items() if "." in name and not name.startswith("a.")} == {80}
 
 
-def mutant(data, generator):
-    """Return a file cut short, with bytes changed, a stretch repeated or removed, or numbers made enormous."""
-    data = bytearray(data)
-    at = int(generator.integers(len(data)))
-    match int(generator.integers(6)):
-        case 0:
-            return bytes(data[:at])
-        case 1:
-            for place in generator.integers(len(data), size=int(generator.integers(1, 9))):
-                data[place] ^= 1 << int(generator.integers(8))
-        case 2:
-            data[at : at + 4] = b"\xff" * 4
-        case 3:
-            del data[at : at + int(generator.integers(1, 60))]
-        case 4:
-            data[at:at] = data[at // 2 : at // 2 + 50]
-        case 5:
-            digits = [i for i, byte in enumerate(data[:4000]) if 48 <= byte < 58] or [at]
-            place = digits[int(generator.integers(len(digits)))]
-            data[place : place + 1] = [b"9" * 12, b"-1", b"nan", b"1e308", b"../../x"][int(generator.integers(5))]
-    return bytes(data)
-
-
 @pytest.mark.parametrize("number", range(12))
 def test_a_mutated_file_ends_in_one_error_or_a_right_result(sound, number, tmp_path):
     name = sorted(sound)[number % len(sound)]
@@ -126,7 +104,7 @@ def test_a_mutated_file_ends_in_one_error_or_a_right_result(sound, number, tmp_p
     for turn in range(MUTANTS):
         victim = victims[turn % len(victims)]
         data = (source.parent / victim).read_bytes()
-        (tmp_path / victim).write_bytes(mutant(data, generator))
+        (tmp_path / victim).write_bytes(mutated(data, generator))
         started = time.monotonic()
         with contextlib.suppress(RadarError):
             read(tmp_path / name)

@@ -6,31 +6,13 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
+from mutants import mutated
 from pattern_files import WRITERS
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.radar.pattern import directions_of
 from sionna_radar.radar.pattern_files.reader import read_pattern
 
 MUTATIONS_EACH = 10
-
-
-def mutated(text: bytes, generator: np.random.Generator) -> bytes:
-    """Return a text cut short, with some bytes changed, or with lines lost or repeated."""
-    kind = generator.integers(4)
-    if kind == 0:
-        return text[: generator.integers(len(text))]
-    if kind == 1:
-        found = bytearray(text)
-        for place in generator.integers(len(found), size=generator.integers(1, 30)):
-            found[place] = generator.integers(256)
-        return bytes(found)
-    lines = text.split(b"\n")
-    chosen = generator.integers(len(lines), size=3)
-    if kind == 2:
-        return b"\n".join(line for number, line in enumerate(lines) if number not in chosen)
-    for place in chosen:
-        lines[place] = lines[place].replace(b"1", b"9e99").replace(b"0", b"-")
-    return b"\n".join(lines)
 
 
 @pytest.mark.parametrize("kind", WRITERS)

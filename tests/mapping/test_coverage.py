@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from direct_receiver import points_at
 from sionna_radar.accuracy.illumination import light, main_beam_hits
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.radar.antenna import LIT, Antenna
 from sionna_radar.radar.array_antenna import taylor_cut
-from sionna_radar.tracing.paths import Paths
 
 GRID = Grid(west_m=-10.0, south_m=-10.0, spacing_m=1.0, columns=21, rows=21)
 FLAT = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
@@ -49,15 +49,7 @@ def test_the_main_beam_ends_at_half_power_and_leaves_targets_out():
     pulses = Pulses(index=np.array([7]), time_s=np.zeros(1), scan_rad=np.zeros(1), true=pose, measured=pose)
     edge = 100.0 * np.tan(np.deg2rad(2.0))
     hit = np.array([(0, 0.98 * edge, 0), (0, 1.02 * edge, 0), (0.98 * edge, 0, 0), (0, 0, 0)], dtype=float)
-    paths = Paths(
-        pulse=np.full(4, 7),
-        delay_s=np.zeros(4),
-        gain=np.ones(4, dtype=complex),
-        range_rate_mps=np.zeros(4),
-        incidence_rad=np.zeros(4),
-        hit_m=hit,
-        surface=np.array([0, 0, 0, -1]),
-    )
+    paths = points_at(np.zeros(4), pulse=7, hit_m=hit, surface=np.array([0, 0, 0, -1]))
     found, origin = main_beam_hits(paths, pulses, Antenna(cut, cut))
     np.testing.assert_array_equal(found, hit[[0, 2]])
     np.testing.assert_array_equal(origin, np.broadcast_to(pose.position_m, (2, 3)))
@@ -72,15 +64,7 @@ def test_hits_of_many_pulses_are_those_within_their_own_beams():
     row = np.sort(rng.integers(0, 4, 2000))  # the last pulse has no path
     toward = np.einsum("nij,nj->ni", axes[row], rng.normal([1.0, 0.0, 0.0], 0.2, (2000, 3)))
     hit = position[row] + 50 * toward
-    paths = Paths(
-        pulse=row + 3,
-        delay_s=np.zeros(2000),
-        gain=np.ones(2000, dtype=complex),
-        range_rate_mps=np.zeros(2000),
-        incidence_rad=np.zeros(2000),
-        hit_m=hit,
-        surface=rng.integers(-1, 2, 2000),
-    )
+    paths = points_at(np.zeros(2000), pulse=row + 3, hit_m=hit, surface=rng.integers(-1, 2, 2000))
     away = hit - position[row]
     direction = np.einsum("nij,ni->nj", axes[row], away / np.linalg.norm(away, axis=1, keepdims=True))
     lit = (antenna.gain(direction) ** 2 >= LIT * antenna.peak_gain**2) & (paths.surface >= 0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from seen_points import seen_points
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
@@ -37,16 +38,8 @@ def seen_from_roof(sightings: Sightings, slope: float, least_share: float) -> Po
     pulse, mean_m = np.array([row for row, _ in found]), np.array([mean for _, mean in found])
     mean_m += rng.normal(0.0, NOISE_M, len(pulse))
     pose = sightings.pose.rows(pulse)
-    return Points(
-        pulse=pulse,
-        number=np.zeros(len(pulse), dtype=int),
-        position_m=pose.position_m + mean_m[:, None] * pose.boresight,
-        origin_m=pose.position_m,
-        range_m=mean_m,
-        range_sigma_m=np.full(len(pulse), NOISE_M),
-        power=np.ones(len(pulse)),
-        echo_snr_db=np.full(len(pulse), 30.0),
-    )
+    position, sigma = pose.position_m + mean_m[:, None] * pose.boresight, np.full(len(pulse), NOISE_M)
+    return seen_points(position, pose.position_m, pulse=pulse, range_m=mean_m, range_sigma_m=sigma)
 
 
 @pytest.fixture(scope="module")

@@ -5,30 +5,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from seen_points import seen_points
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.linear.gridding import grid_points
-from sionna_radar.mapping.points import Points
 
 SHADOW_RAD = np.deg2rad(85)
 
 
 def gridded(*given):
     return grid_points(*given).dem
-
-
-def points_at(position_m: np.ndarray, origin_m=(0.0, 0.0, 100.0)) -> Points:
-    """Points seen from one place."""
-    count = len(position_m)
-    return Points(
-        pulse=np.arange(count),
-        number=np.zeros(count, dtype=int),
-        position_m=np.asarray(position_m, dtype=float),
-        origin_m=np.broadcast_to(origin_m, (count, 3)).astype(float),
-        range_m=np.ones(count),
-        range_sigma_m=np.full(count, 0.1),
-        power=np.ones(count),
-        echo_snr_db=np.ones(count),
-    )
 
 
 def square(half_m: float, spacing_m: float = 1.0) -> Grid:
@@ -43,7 +28,7 @@ def plane(x, y):
 @given(st.integers(0, 10**6), st.integers(200, 600))
 def test_a_plane_comes_back_exactly(seed, count):
     x, y = np.random.default_rng(seed).uniform(-30, 30, (2, count))
-    dem = gridded(points_at(np.column_stack([x, y, plane(x, y)])), square(20), 12.0, SHADOW_RAD)
+    dem = gridded(seen_points(np.column_stack([x, y, plane(x, y)])), square(20), 12.0, SHADOW_RAD)
     expected = plane(*dem.grid.centres_m.T).reshape(dem.grid.shape)
     assert dem.filled.mean() > 0.9
     np.testing.assert_allclose(dem.height_m[dem.filled], expected[dem.filled], atol=1e-9)
@@ -58,7 +43,7 @@ def test_points_in_rows_are_no_hindrance(turn, spacing, shift):
     x, y = np.cos(turn) * a - np.sin(turn) * b, np.sin(turn) * a + np.cos(turn) * b
     grid = Grid.covering(x.min(), y.min(), x.max(), y.max(), spacing / 2)
     dem = gridded(
-        points_at(np.column_stack([x, y, plane(x, y)]), (shift, shift, 1000.0)), grid, 2 * spacing, SHADOW_RAD
+        seen_points(np.column_stack([x, y, plane(x, y)]), (shift, shift, 1000.0)), grid, 2 * spacing, SHADOW_RAD
     )
     u, v = np.cos(turn) * grid.centres_m[:, 0] + np.sin(turn) * grid.centres_m[:, 1], None
     v = -np.sin(turn) * grid.centres_m[:, 0] + np.cos(turn) * grid.centres_m[:, 1]
@@ -72,7 +57,7 @@ def test_cells_far_from_every_point_stay_empty():
     """A round hole in a carpet of points, too wide to close but narrow enough for triangles across it."""
     grid = square(10)
     x, y = grid.centres_m[np.hypot(*grid.centres_m.T) > 3.2].T
-    dem = gridded(points_at(np.column_stack([x, y, 0 * x])), grid, 2.5, SHADOW_RAD)
+    dem = gridded(seen_points(np.column_stack([x, y, 0 * x])), grid, 2.5, SHADOW_RAD)
     distance = np.min(np.hypot(grid.centres_m[:, :1] - x, grid.centres_m[:, 1:] - y), axis=1).reshape(grid.shape)
     np.testing.assert_array_equal(dem.filled, distance <= 2.5)
     assert not dem.filled[10, 10]
@@ -83,7 +68,7 @@ def test_a_bay_of_the_outline_is_not_closed():
     west = np.random.default_rng(6).uniform(-10, -6, (200, 2))
     east = west * [-1, 1]
     plan = np.concatenate([west, east])
-    dem = gridded(points_at(np.column_stack([plan, np.zeros(400)])), square(10, 0.5), 2.0, SHADOW_RAD)
+    dem = gridded(seen_points(np.column_stack([plan, np.zeros(400)])), square(10, 0.5), 2.0, SHADOW_RAD)
     between = np.abs(dem.grid.centres_m[:, 0]).reshape(dem.grid.shape) < 5.9
     assert not np.any(dem.filled & between)
     assert np.any(dem.filled)
@@ -91,7 +76,7 @@ def test_a_bay_of_the_outline_is_not_closed():
 
 def test_nothing_is_made_up_outside_the_points():
     x, y = np.random.default_rng(1).uniform(-5, 5, (2, 400))
-    dem = gridded(points_at(np.column_stack([x, y, 0 * x])), square(12), 100.0, SHADOW_RAD)
+    dem = gridded(seen_points(np.column_stack([x, y, 0 * x])), square(12), 100.0, SHADOW_RAD)
     outside = np.abs(dem.grid.centres_m).max(axis=1).reshape(dem.grid.shape) > 5
     assert not np.any(dem.filled & outside)
 
@@ -105,7 +90,7 @@ def test_the_shadow_behind_an_edge_stays_empty():
         [np.column_stack([roof, np.full(len(roof), 10.0)]), np.column_stack([ground, np.zeros(len(ground))])]
     )
     origin = np.column_stack([np.full(len(position), -20.0), position[:, 1], np.full(len(position), 30.0)])
-    points = points_at(position, origin)
+    points = seen_points(position, origin)
     grid = Grid(west_m=-8.75, south_m=-8.0, spacing_m=0.5, columns=55, rows=33)
     dem = gridded(points, grid, 6.0, SHADOW_RAD)
     shadow = (grid.x_m > 0) & (grid.x_m < 10)
@@ -115,12 +100,12 @@ def test_the_shadow_behind_an_edge_stays_empty():
     np.testing.assert_allclose(dem.height_m[:, grid.x_m > 10], 0.0, atol=1e-12)
     # A slope with no points on as wide a stretch, seen from above, is no shadow.
     slope = np.column_stack([position[:, :2], -0.8 * position[:, 0]])
-    assert np.all(gridded(points_at(slope, (5.0, 0.0, 200.0)), grid, 6.0, SHADOW_RAD).filled)
+    assert np.all(gridded(seen_points(slope, (5.0, 0.0, 200.0)), grid, 6.0, SHADOW_RAD).filled)
 
 
 def scattered(height, seed=3):
     place = np.random.default_rng(seed).uniform(-20, 20, (900, 2))
-    return points_at(np.column_stack([place, height(*place.T)]))
+    return seen_points(np.column_stack([place, height(*place.T)]))
 
 
 def test_nothing_is_interpolated_down_a_wall():
@@ -142,7 +127,7 @@ def test_nothing_is_interpolated_down_a_wall_between_lines_far_apart(turn_deg):
     )
     wall_x = 0.4
     height = np.where(place[:, 0] > wall_x, 5.0, 0.02 * place[:, 1])
-    dem = gridded(points_at(np.column_stack([place, height])), square(15.0), 6.0, SHADOW_RAD)
+    dem = gridded(seen_points(np.column_stack([place, height])), square(15.0), 6.0, SHADOW_RAD)
     x, y = np.meshgrid(dem.grid.x_m, dem.grid.y_m)
     truth = np.where(x > wall_x, 5.0, 0.02 * y)
     right = np.abs(dem.height_m - truth) < 0.1
@@ -172,7 +157,7 @@ def test_creases_between_lines_far_apart_are_no_walls(slope):
     x, y = np.meshgrid(np.arange(-27.0, 28.0, 6.0), np.arange(-30.0, 31.0, 1.5))
     for height in (-slope * np.abs(x - 1.0), slope * np.clip(x - 1.0, -7.0, 7.0)):
         position = np.column_stack([x.ravel(), y.ravel(), height.ravel()])
-        assert gridded(points_at(position), square(15.0), 6.0, SHADOW_RAD).filled.all()
+        assert gridded(seen_points(position), square(15.0), 6.0, SHADOW_RAD).filled.all()
 
 
 def test_of_points_over_one_place_the_highest_counts():
@@ -180,20 +165,20 @@ def test_of_points_over_one_place_the_highest_counts():
     low, high = (np.column_stack([x, y, np.full(25, z)]) for z in (0.0, 7.0))
     grid = Grid(west_m=0.5, south_m=0.5, spacing_m=1.0, columns=4, rows=4)
     for order in ([low, high], [high, low]):
-        dem = gridded(points_at(np.concatenate(order)), grid, 5.0, SHADOW_RAD)
+        dem = gridded(seen_points(np.concatenate(order)), grid, 5.0, SHADOW_RAD)
         np.testing.assert_allclose(dem.height_m, 7.0)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 50])
 def test_points_that_span_no_surface_give_an_empty_dem(count):
     line = np.column_stack([np.arange(count), np.zeros(count), np.zeros(count)])
-    dem = gridded(points_at(line), square(10), 5.0, SHADOW_RAD)
+    dem = gridded(seen_points(line), square(10), 5.0, SHADOW_RAD)
     assert not dem.filled.any()
 
 
 def test_the_order_of_the_points_changes_nothing():
     random = np.random.default_rng(5)
     position = np.column_stack([random.uniform(-10, 10, (500, 2)), random.normal(size=500)])
-    one = gridded(points_at(position), square(8), 3.0, SHADOW_RAD)
-    other = gridded(points_at(position[random.permutation(500)]), square(8), 3.0, SHADOW_RAD)
+    one = gridded(seen_points(position), square(8), 3.0, SHADOW_RAD)
+    other = gridded(seen_points(position[random.permutation(500)]), square(8), 3.0, SHADOW_RAD)
     np.testing.assert_allclose(one.height_m, other.height_m, atol=1e-9)

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration_surveys import every_echo_of, ground_of, straight
 from sionna_radar.detection.range_doppler.frames import RangeRates
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, believed_motion, stretches
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.calibration import (
     TOLD,
@@ -22,7 +21,6 @@ from sionna_radar.mapping.calibration import (
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.mapping.instrument_echoes import Nearness, Readings, Together, WholeEchoes
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
 
 HILLS = {"platform.length_m": 10.0, "dem.method": "refined", "terrain.seed": 4}
@@ -32,15 +30,7 @@ HILLS = {"platform.length_m": 10.0, "dem.method": "refined", "terrain.seed": 4}
 def over_hills():
     """Whole echoes of a short flight over hills, and the hills."""
     prepared = prepare(load_scenario("hills", HILLS))
-    _, observed = observe(prepared, Execution())
-    profiles = observed.profiles
-    motion = believed_motion(prepared.flight.pulses(np.arange(len(prepared))), prepared.flight.scan)
-    motion = motion.rows(profiles.pulse)
-    sightings = prepared.mapper.sightings(profiles, motion.pose)
-    reach = sightings.repeated(mean_ranges(sightings).range_m)
-    ground = next(s.relief for s in prepared.scene.scene.surfaces if s.relief is not None)
-    echoes = WholeEchoes(sightings=sightings, motion=motion, reach=reach)
-    return echoes, Heightfield(grid=ground.grid, height_m=ground.height_m)
+    return every_echo_of(prepared), ground_of(prepared)
 
 
 @pytest.mark.parametrize("name", UNKNOWNS)
@@ -176,19 +166,7 @@ def altimeter(count: int, seed: int, tilt_deg: float = 0.0, sigma_m: float = 0.5
     position = np.column_stack([np.linspace(-200, 200, count), np.zeros(count), np.full(count, 100.0)])
     sine, cosine = np.sin(np.deg2rad(tilt_deg)), np.cos(np.deg2rad(tilt_deg))
     tilt = np.array([[sine, 0.0, cosine], [0.0, 1.0, 0.0], [-cosine, 0.0, sine]])
-    pose = Pose(
-        position_m=position,
-        velocity_mps=np.tile([10.0, 0.0, 0.0], (count, 1)),
-        R_world_antenna=np.tile(tilt, (count, 1, 1)),
-    )
-    motion = BelievedMotion(
-        pose=pose,
-        time_s=time_s,
-        R_mount_antenna=np.tile(np.eye(3), (count, 1, 1)),
-        turn_rad_s=np.zeros((count, 3)),
-        acceleration_mps2=np.zeros((count, 3)),
-        line=np.zeros(count, dtype=np.int64),
-    )
+    motion = straight(position, 10.0, tilt, time_s)
     read = 100 / cosine + 1.8 + sigma_m * rng.standard_normal(count)
     return Readings(range_m=read, sigma_m=np.full(count, sigma_m), motion=motion, reach_m=300.0)
 

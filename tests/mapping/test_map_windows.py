@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from seen_points import seen_points
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.linear import gridding
 from sionna_radar.mapping.linear.gridding import grid_points, windows_of
@@ -38,17 +39,8 @@ def rough_survey(seed: int) -> Points:
     seen = (np.hypot(x - 50, y - 30) > 7) & ~((x > 90) & (np.abs(y - 50) < 6))
     x, y = x[seen], y[seen]
     z = 3 * np.sin(x / 15) * np.cos(y / 11) + 6.0 * (x > 77)
-    count = len(x)
-    return Points(
-        pulse=np.arange(count),
-        number=np.zeros(count, dtype=int),
-        position_m=np.column_stack([x, y, z]),
-        origin_m=np.column_stack([x, np.full(count, 35.0), np.full(count, 60.0)]),
-        range_m=np.ones(count),
-        range_sigma_m=np.full(count, 0.1),
-        power=np.ones(count),
-        echo_snr_db=np.ones(count),
-    )
+    middle = np.column_stack([x, np.full(len(x), 35.0), np.full(len(x), 60.0)])
+    return seen_points(np.column_stack([x, y, z]), middle)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7])

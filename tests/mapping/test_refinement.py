@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seen_points import seen_points
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, KnownCover, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.options import SMOOTH
-from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import Smooth, refine, refining, smoothing
 from sionna_radar.mapping.seen import seen_cells
 from sionna_radar.mapping.terrain.covariance import Covariance, fit_covariance
@@ -180,16 +180,8 @@ def test_a_few_frames_of_many_points_are_mapped():
     rng = np.random.default_rng(3)
     place = rng.uniform(0, 20, (60, 2))
     position = np.column_stack([place, 0.1 * place[:, 0] + rng.normal(0, 0.05, 60)])
-    points = Points(
-        pulse=np.repeat([0, 1, 2], 20),
-        number=np.tile(np.arange(20), 3),
-        position_m=position,
-        origin_m=np.tile([10.0, 10.0, 50.0], (60, 1)),
-        range_m=np.linalg.norm(position - [10.0, 10.0, 50.0], axis=1),
-        range_sigma_m=np.full(60, 0.05),
-        power=np.ones(60),
-        echo_snr_db=np.full(60, 30.0),
-    )
+    frame = {"pulse": np.repeat([0, 1, 2], 20), "number": np.tile(np.arange(20), 3)}
+    points = seen_points(position, (10.0, 10.0, 50.0), **frame, range_sigma_m=np.full(60, 0.05))
     grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=20, rows=20)
     given = MapInputs(points=points, sightings=None, grid=grid, max_gap_m=5.0, shadow_incidence_rad=1.4)
     error = Smooth()(given).dem.height_m - 0.1 * grid.centres_m[:, 0].reshape(grid.shape)

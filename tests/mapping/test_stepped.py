@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from plain_evidence import evidence
+from seen_points import seen_points
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
@@ -51,12 +52,8 @@ def level():
 def located(sightings) -> Points:
     """Place the mean ranges of all echoes on the axis."""
     pose, range_m = sightings.pose, mean_ranges(sightings).range_m
-    count = len(range_m)
-    return Points(
-        pulse=np.arange(count), number=np.zeros(count, dtype=int),
-        position_m=pose.position_m + range_m[:, None] * pose.boresight, origin_m=pose.position_m,
-        range_m=range_m, range_sigma_m=np.full(count, 0.2), power=np.ones(count), echo_snr_db=np.full(count, 30.0),
-    )  # fmt: skip
+    position = pose.position_m + range_m[:, None] * pose.boresight
+    return seen_points(position, pose.position_m, range_m=range_m, range_sigma_m=np.full(len(range_m), 0.2))
 
 
 def cost_of_row(cost, levels) -> float:

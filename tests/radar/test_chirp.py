@@ -27,22 +27,6 @@ def test_samples_are_spread_about_the_middle_of_the_sweep():
     np.testing.assert_allclose(chirp.sample_time_s * 8 * 360, [-4, -3, -2, -1, 0, 1, 2, 3], atol=1e-12)
 
 
-@pytest.mark.parametrize("sweep", ["up", "down"])
-def test_doppler_of_14_mps_at_30_deg_from_the_beam(sweep):
-    approaching = -14 * np.cos(np.deg2rad(30)) * np.ones(1)
-    sign = {"up": -1, "down": 1}[sweep]  # approaching reads short on an up-sweep, long on a down-sweep
-    chirp = make_chirp(sweep=sweep)
-    assert sign * chirp.doppler_hz(approaching)[0] == pytest.approx(6228, abs=1)
-    assert sign * chirp.doppler_range_m(approaching)[0] == pytest.approx(5.187, abs=0.002)
-
-
-@pytest.mark.parametrize(("angle_deg", "hertz", "metre"), [(0, 26, 0.021), (45, 18, 0.015)])
-def test_a_velocity_error_of_5_cm_per_second(angle_deg, hertz, metre):
-    error = 0.05 * np.cos(np.deg2rad(angle_deg)) * np.ones(1)
-    assert make_chirp().doppler_hz(error)[0] == pytest.approx(hertz, abs=0.5)
-    assert make_chirp().doppler_range_m(error)[0] == pytest.approx(metre, abs=0.0006)
-
-
 def test_a_scenario_gives_its_chirp():
     radar = RadarTable(
         carrier_hz=76e9,

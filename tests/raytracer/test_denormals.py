@@ -27,7 +27,7 @@ def test_they_are_zero_inside_and_themselves_outside():
 
 def test_an_error_inside_leaves_them_themselves():
     with pytest.raises(ValueError, match="inside"), flushed_denormals():
-        raise ValueError("inside")  # noqa: EM101
+        raise ValueError("inside")
     assert product() > 0
 
 

@@ -115,18 +115,6 @@ def test_jacksboro_town_is_about_the_middle_of_the_tile():
     assert raster.at(point)[0] + place.origin_m[2] == pytest.approx(325, abs=8)
 
 
-def test_a_mesh_of_four_cells_is_two_triangles_seen_from_above():
-    vertices, faces = mesh_of(raster_of(np.array([[1.0, 2.0], [3.0, 5.0]])))
-    np.testing.assert_array_equal(vertices, [[-3, 2, 1], [-2.5, 2, 2], [-3, 2.5, 3], [-2.5, 2.5, 5]])
-    np.testing.assert_array_equal(faces, [[0, 1, 3], [0, 3, 2]])
-
-
-def test_a_mesh_without_any_whole_square_is_empty():
-    vertices, faces = mesh_of(raster_of(np.where(np.eye(4) > 0, 1.0, np.nan)))
-    assert vertices.shape == (0, 3)
-    assert faces.shape == (0, 3)
-
-
 @settings(max_examples=50, deadline=None)
 @given(rows=st.integers(2, 9), columns=st.integers(2, 9), seed=st.integers(0, 2**32), share=st.floats(0, 0.6))
 def test_meshes_cover_exactly_the_squares_between_filled_cells(rows, columns, seed, share):

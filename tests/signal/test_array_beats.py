@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from direct_receiver import points_at
 from modules import CHIRP, frame_of, line_of, middle, plain_frame, poses
 from sionna_radar.radar.mimo_array import receiver_mixing
 from sionna_radar.signal.array_beats import FramePaths, array_beats
-from sionna_radar.tracing.paths import Paths
 
 
 def scatterers(count=40):
@@ -46,17 +46,9 @@ def test_longer_ways_and_drift_go_with_the_paths():
     array, place = line_of(2, 2, blocks=2), np.array([[1.0, 2.0, 0.5]])
     pose = middle()
     away = place[0] - pose.position_m[0]
-    range_m, speed_of_light = np.linalg.norm(away), 299792458.0
+    range_m = np.linalg.norm(away)
     rate = -float(away @ pose.velocity_mps[0]) / range_m
-    paths = Paths(
-        pulse=np.zeros(1, dtype=np.int64),
-        delay_s=np.array([2 * (range_m + 1.5) / speed_of_light]),
-        gain=np.ones(1, dtype=np.complex128),
-        range_rate_mps=np.array([rate + 4.0]),
-        incidence_rad=np.zeros(1),
-        hit_m=place,
-        surface=np.zeros(1, dtype=np.int64),
-    )
+    paths = points_at(range_m + 1.5, 1.0, rate + 4.0, hit_m=place)
     frame = FramePaths.of(paths, pose)
     assert frame.beyond_m == pytest.approx([1.5])
     assert frame.drift_mps == pytest.approx([4.0])

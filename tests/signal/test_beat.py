@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beams import make_chirp
+from direct_receiver import C, points_at
 from flights import make_pulses
-from plain_beats import SWEEPS, C, make_paths, plain_sum, random_paths, relative_error
+from plain_beats import SWEEPS, plain_sum, random_paths, relative_error
 from sionna_radar.signal import beat as beat_module
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.beat_sum import exponential_sums
@@ -54,8 +55,8 @@ def test_scatterers_superpose(seed, one, other, rate_mps):
 @given(st.complex_numbers(min_magnitude=1e-9, max_magnitude=1.0), st.floats(0, 2 * np.pi))
 def test_a_factor_on_all_gains_is_a_factor_on_the_beat(factor, turn):
     chirp, pulses = make_chirp(samples=128, sampling="iq"), make_pulses(1)
-    paths = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, np.exp(1j * turn) * np.array([1.0, 2.0, 3.0j]))
-    scaled = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, factor * paths.gain)
+    paths = points_at([5.0, 12.0, 12.5], np.exp(1j * turn) * np.array([1.0, 2.0, 3.0j]))
+    scaled = points_at([5.0, 12.0, 12.5], factor * paths.gain)
     expected = np.conj(factor) * synthesise(paths, pulses, chirp)
     np.testing.assert_allclose(synthesise(scaled, pulses, chirp), expected, atol=1e-6 * abs(factor))
 
@@ -63,7 +64,7 @@ def test_a_factor_on_all_gains_is_a_factor_on_the_beat(factor, turn):
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
 def test_a_path_of_gain_a_brings_the_power_a_squared(sweep, sampling):
     chirp = make_chirp(sweep=sweep, sampling=sampling)
-    beat = synthesise(make_paths([0], [60.0], 0.0, [3e-5 * np.exp(0.7j)]), make_pulses(1), chirp)
+    beat = synthesise(points_at(60.0, 3e-5 * np.exp(0.7j)), make_pulses(1), chirp)
     assert np.isrealobj(beat) == (sampling == "real")
     assert np.mean(np.abs(beat) ** 2) == pytest.approx(9e-10, rel=5e-3)
 
@@ -71,7 +72,7 @@ def test_a_path_of_gain_a_brings_the_power_a_squared(sweep, sampling):
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
 def test_range_reads_as_a_positive_frequency(sweep, sampling):
     chirp = make_chirp(sweep=sweep, sampling=sampling)
-    beat = synthesise(make_paths([0], [60.0], 0.0, [1.0]), make_pulses(1), chirp)[0]
+    beat = synthesise(points_at(60.0), make_pulses(1), chirp)[0]
     spectrum = np.abs(np.fft.fft(beat))
     half = spectrum[:512] if sampling == "real" else spectrum
     assert np.argmax(half) == round(60.0 * 2 * 500e6 / C)
@@ -83,24 +84,22 @@ def test_range_reads_as_a_positive_frequency(sweep, sampling):
 def test_beats_beyond_the_sampling_are_filtered_out(sampling, kept):
     chirp, pulses = make_chirp(sampling=sampling), make_pulses(1)
     for range_m, passed in zip((20.0, 153.0, 155.0, 310.0), kept, strict=True):
-        beat = synthesise(make_paths([0], [range_m], 0.0, [1.0]), pulses, chirp)
+        beat = synthesise(points_at(range_m), pulses, chirp)
         assert np.any(beat != 0) == passed, range_m
 
 
 def test_pulses_without_paths_are_silent():
     pulses = make_pulses(4, first=10)
-    beat = synthesise(make_paths([11, 13], [50.0, 60.0], 0.0, [1.0, 1.0]), pulses, make_chirp())
+    beat = synthesise(points_at([50.0, 60.0], pulse=[11, 13]), pulses, make_chirp())
     np.testing.assert_array_equal(np.any(beat != 0, axis=1), [False, True, False, True])
-    assert not np.any(synthesise(make_paths([], [], [], []), pulses, make_chirp()))
+    assert not np.any(synthesise(points_at([]), pulses, make_chirp()))
 
 
 def test_the_block_changes_no_bit():
     chirp, paths = make_chirp(), random_paths(5, 20_000, 40, (-3.0, 3.0))
     whole = synthesise(paths, make_pulses(40, first=10), chirp)
     for k in (10, 23, 49):
-        mine = paths.pulse == k
-        alone = make_paths(paths.pulse[mine], np.zeros(mine.sum()), paths.range_rate_mps[mine], paths.gain[mine])
-        alone = type(alone)(**{**vars(alone), "delay_s": paths.delay_s[mine]})
+        alone = paths.rows(paths.pulse == k)
         np.testing.assert_array_equal(synthesise(alone, make_pulses(1, first=k), chirp)[0], whole[k - 10])
 
 
@@ -118,13 +117,3 @@ def test_the_sums_are_those_written_out(samples):
         cycles = np.outer(number, frequency[a:b]) + bend[row] * number[:, None] ** 2
         expected = np.exp(2j * np.pi * cycles) @ weight[a:b]
         np.testing.assert_allclose(found[row], expected, atol=1e-7 * np.sqrt(max(b - a, 1)))
-
-
-def test_rows_in_threads_are_the_rows_alone():
-    random = np.random.default_rng(2)
-    first = np.arange(64) * 20
-    frequency, weight = random.uniform(0, 0.5, 1280), random.normal(size=1280) + 0j
-    whole = exponential_sums(first, first + 20, frequency, weight, np.zeros(64), 128)
-    for row in (0, 1, 33, 63):
-        alone = exponential_sums(first[[row]], first[[row]] + 20, frequency, weight, np.zeros(1), 128)
-        np.testing.assert_array_equal(alone[0], whole[row])

@@ -8,8 +8,9 @@ import pytest
 import scipy.fft
 
 from beams import make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
-from plain_beats import SWEEPS, make_paths, plain_sum, random_paths, relative_error
+from plain_beats import SWEEPS, plain_sum, random_paths, relative_error
 from sionna_radar.detection.spectrum import HOST, SpectrumAnalyser, gpu_library
 from sionna_radar.signal.device_beats import device_beats
 from sionna_radar.tracing.paths import DevicePaths, Paths
@@ -63,10 +64,10 @@ def test_every_sample_is_the_plain_sum(sweep, sampling, parts):
 @pytest.mark.parametrize("sampling", ["real", "iq"])
 def test_beats_outside_the_band_and_pulses_without_paths_are_silent(sampling):
     chirp, pulses = make_chirp(sampling=sampling), make_pulses(4, first=FIRST)
-    paths = make_paths([10, 11, 13], [50.0, 310.0, 60.0], 0.0, [1.0, 1.0, 1.0])
+    paths = points_at([50.0, 310.0, 60.0], pulse=[10, 11, 13])
     found = fetched(device_beats(on_device(paths, pulses), chirp), sampling)
     np.testing.assert_array_equal(np.any(found != 0, axis=1), [True, False, False, True])
-    assert not np.any(fetched(device_beats(on_device(make_paths([], [], [], []), pulses), chirp), sampling))
+    assert not np.any(fetched(device_beats(on_device(points_at([]), pulses), chirp), sampling))
 
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])

@@ -11,10 +11,8 @@ from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.analog_filters import HighPass, RangeGain
 from sionna_radar.signal.beat import SampleGrid, synthesise
-from sionna_radar.signal.build import build_high_pass
 from sionna_radar.signal.receiver import add_noise
 from sionna_radar.studies.link_spectra import floors_of
 from sionna_radar.survey.preparation import prepare
@@ -80,18 +78,6 @@ def test_filters_do_what_they_do_in_time(bent):
     assert np.linalg.norm(found - expected) < 3e-3 * np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize("sampling", ["real", "iq"])
-def test_noise_folds_with_what_the_filter_lets_pass(sampling):
-    """The power in a sample is that of the filter's whole response: pi / (2 n sin(pi / 2 n)) of its corner."""
-    order, corner_hz = 2, 128 * 360.0
-    keys = {"anti_alias_corner_hz": corner_hz, "anti_alias_order": order}
-    receiver = receiver_of(radar_with(keys, sampling=sampling), noise_w=2e-6)
-    beat = receiver.beats(points_at(20.0, 0.0, pulse=np.arange(400)), make_pulses(400))[0]
-    x = np.linspace(0, receiver.chain.oversampling, 20001)
-    expected = 2e-6 * np.trapezoid(1 / (1 + x ** (2 * order)), x)
-    assert np.mean(np.abs(beat) ** 2) == pytest.approx(expected, rel=0.02)
-
-
 def test_an_ideal_filter_lets_nothing_fold():
     receiver = receiver_of(radar_with({"oscillator": {"cubic_hz": 1e-6}}))
     far = 160 * receiver.chirp.range_resolution_m
@@ -100,19 +86,6 @@ def test_an_ideal_filter_lets_nothing_fold():
 
 
 CORNER_HZ = 30e3
-
-
-def echoes_at(range_m, gain) -> Paths:
-    count = len(range_m)
-    return Paths(
-        pulse=np.zeros(count, np.int64),
-        delay_s=2 * np.array(range_m) / 299_792_458.0,
-        gain=np.array(gain, dtype=complex),
-        range_rate_mps=np.zeros(count),
-        incidence_rad=np.zeros(count),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, np.int64),
-    )
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
@@ -133,7 +106,7 @@ def test_the_response_is_butterworths(order):
 def test_an_echo_is_weakened_and_turned_and_calibrated_back(sampling, sweep):
     chirp, high_pass = make_chirp(sampling=sampling, sweep=sweep), HighPass(corner_hz=CORNER_HZ, order=2)
     cell = 60
-    paths = echoes_at([cell * chirp.range_resolution_m], [2e-3 * np.exp(0.4j)])
+    paths = points_at(cell * chirp.range_resolution_m, 2e-3 * np.exp(0.4j))
     plain = SpectrumAnalyser(chirp, "hann", 1)
     before = plain.amplitude(synthesise(paths, make_pulses(1), chirp))[0, cell]
     beat = synthesise(high_pass.filtered(paths, chirp), make_pulses(1), chirp)
@@ -180,7 +153,7 @@ def test_it_spares_the_converter_and_changes_no_calibrated_spectrum():
         ready = prepare(survey(**filtered))
         pulses = ready.flight.pulses(np.arange(20))
         paths = ready.sensor_inputs().tracer().trace(pulses)
-        leak = echoes_at([0.6] * len(pulses), [3e-5] * len(pulses))
+        leak = points_at([0.6] * len(pulses), 3e-5)
         object.__setattr__(leak, "pulse", pulses.index)
         for name, seen in (("rain", paths), ("leakage", Paths.concatenate([leak, paths]))):
             beat = ready.receiver.beat(seen, pulses)
@@ -289,8 +262,3 @@ def test_rounding_weighs_where_the_gain_is_low():
 def test_a_gain_that_does_not_rise_within_the_band_is_refused(rising, message):
     with pytest.raises(ValueError, match=message):
         radar_with({"range_gain": rising})
-
-
-def test_without_it_nothing_is_built():
-    assert build_high_pass(RadarTable(snr_db=20.0).receiver) is None
-    assert build_high_pass(radar_with({"range_gain": RISING}).receiver).corner_hz == 0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
@@ -25,15 +26,7 @@ def receiver(weather=None, **lidar) -> LidarReceiver:
 
 def ground_at(range_m: np.ndarray) -> Paths:
     count = len(range_m)
-    return Paths(
-        pulse=np.arange(count),
-        delay_s=2 * range_m / C,
-        gain=np.ones(count, dtype=complex),
-        range_rate_mps=np.zeros(count),
-        incidence_rad=np.full(count, np.pi / 3),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, np.int64),
-    )
+    return points_at(range_m, pulse=np.arange(count), incidence_rad=np.full(count, np.pi / 3))
 
 
 def test_in_clear_air_the_range_is_that_of_the_threshold():

@@ -133,8 +133,7 @@ def test_the_table_of_effects_is_one_of_scenarios(scene):
 
 def test_the_command_flies_a_sample_and_tabulates_it(cli, small, tmp_path):
     given = ["--vary", f"{BEAM}=2:6", "--sample", "lhs:3", "--vary", "processing.ranging=peak,centroid"]
-    done = cli("sweep", small, *given, "-o", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+    cli("sweep", small, *given, "-o", tmp_path / "out")
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6
@@ -177,8 +176,7 @@ def test_the_table_as_parquet_has_columns_of_one_type(small, tmp_path):
 
 def test_parquet_without_its_library_is_refused_before_anything_is_flown(cli, small, tmp_path, monkeypatch):
     monkeypatch.setattr("sionna_radar.report.files.points_table.find_spec", lambda _: None)
-    refused = cli("sweep", small, "--vary", f"{BEAM}=2,4", "--runs", "parquet", "-o", tmp_path / "out")
-    assert refused.returncode == 2
+    refused = cli("sweep", small, "--vary", f"{BEAM}=2,4", "--runs", "parquet", "-o", tmp_path / "out", code=2)
     assert "runs.parquet needs pyarrow" in refused.stderr
     assert not (tmp_path / "out").exists()
 

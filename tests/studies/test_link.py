@@ -13,17 +13,7 @@ from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.report.studies.link import print_link
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link import run_link_budget
-
-WEAK = {
-    "radar.snr_db": None,
-    "radar.transmit_power_dbm": -12.0,
-    "radar.noise_figure_db": 15.0,
-    "radar.samples_per_chirp": 512,
-    "radar.bandwidth_hz": 250e6,
-    "terrain.spacing_m": 4.0,
-    "tracing.paths_per_pulse": 128,
-    "platform.length_m": 10.0,
-}
+from surveys import WEAK
 
 # Whose probability of detection is no integral.
 PLAIN = WEAK | {"processing.cfar.kind": "CA"}
@@ -125,8 +115,8 @@ def test_what_has_no_link_budget_is_refused(changes, arguments, says):
 
 
 def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
-    done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "100", "-o", tmp_path / "link")
-    assert done.returncode in (0, 1), done.stderr  # so few pulses compare with nothing
+    # So few pulses compare with nothing: it may end with 1.
+    done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "100", "-o", tmp_path / "link", code=None)
     names = {path.relative_to(tmp_path / "link").as_posix() for path in (tmp_path / "link").rglob("*.*")}
     assert names == {"link.json", "link.csv", "manifest.json", "figures/link.png", "figures/floors.png"}
     document = json.loads((tmp_path / "link" / "link.json").read_text())
@@ -135,7 +125,7 @@ def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
     columns = (tmp_path / "link" / "link.csv").read_text().splitlines()[0].split(",")[4:]
     assert columns == [*document["links"][0]["simulated"][0]][1:6]
     assert set(columns) < set(document["links"][0])
-    assert cli("link", small, "--rain", "much", "-o", tmp_path / "none").returncode == 2
+    cli("link", small, "--rain", "much", "-o", tmp_path / "none", code=2)
 
 
 BUILT = {

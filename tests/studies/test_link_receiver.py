@@ -10,6 +10,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link import run_link_budget
 from sionna_radar.studies.link_spectra import floors_of
+from surveys import WEAK
 
 CORNER_HZ = 50 * 360.0
 HIGH_PASS = {"high_pass_corner_hz": 10e3}
@@ -73,17 +74,7 @@ IMAGE = {"radar.receiver.converter.iq_gain_db": 3.0, "radar.receiver.converter.i
     ],
 )
 def test_ground_is_as_strong_as_the_chain_receives_it(keys):
-    weak = {
-        "radar.snr_db": None,
-        "radar.transmit_power_dbm": -12.0,
-        "radar.noise_figure_db": 15.0,
-        "radar.samples_per_chirp": 512,
-        "radar.bandwidth_hz": 250e6,
-        "terrain.spacing_m": 4.0,
-        "tracing.paths_per_pulse": 128,
-        "platform.length_m": 10.0,
-        "processing.cfar.kind": "CA",
-    }
+    weak = WEAK | {"processing.cfar.kind": "CA"}
     scenario = load_scenario("hills", weak | keys)
     budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)
     assert all(one.compared for link in budget.links for one in link.simulated)

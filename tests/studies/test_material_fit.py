@@ -289,8 +289,9 @@ def test_gamma_returns_from_recorded_echoes_beside_a_target(cli, tmp_path):
     assert fit.model_holds
     with pytest.raises(InputFileError, match="of this flight"):
         measure_levels(prepare(load_scenario("two_fields")), 4000, tmp_path)
-    done = cli("fit-materials", "two_fields", "--recording", tmp_path, "--levels", "levels.csv", "-o", tmp_path / "out")
-    assert done.returncode == 2
+    done = cli(
+        "fit-materials", "two_fields", "--recording", tmp_path, "--levels", "levels.csv", "-o", tmp_path / "out", code=2
+    )
     assert "give one of them" in done.stderr
 
 
@@ -370,7 +371,6 @@ def test_the_command_fits_a_table_and_writes_what_pastes(cli, tmp_path, monkeypa
     levels = replace(law_levels(ConstantGammaBackscatter(0.01), looks=100.0), cover=("weak",) * 15)
     (tmp_path / "levels.csv").write_text("# measured\n" + levels.to_csv())
     done = cli("fit-materials", "two_fields", "--levels", "levels.csv", "--calibration-sigma-db", 1, "-o", "out")
-    assert done.returncode == 0, done.stderr
     assert "weak.gamma_db" in done.stdout
     assert "a radar calibrated to 0.5 dB" in done.stdout
     pasted = tomllib.loads((tmp_path / "out" / "materials.toml").read_text())["materials"]["weak"]
@@ -415,8 +415,7 @@ def test_what_cannot_be_fitted_is_refused_with_a_remedy(cli, tmp_path):
     rough = {"soil": table_of(SmallPerturbation, (1e-4, 1e-3, 5.0, 0.0))}
     with pytest.raises(ScenarioError, match=r"soil\.loss"):
         fit_materials(levels, rough, CARRIER_HZ, level_sigma_db=1.0)
-    done = cli("fit-materials", "two_fields", "--prior", "weak.gamma_db=little", "-o", tmp_path / "out")
-    assert done.returncode == 2
+    done = cli("fit-materials", "two_fields", "--prior", "weak.gamma_db=little", "-o", tmp_path / "out", code=2)
     assert "no standard deviation" in done.stderr
     with pytest.raises(ScenarioError, match=r"radar\.antenna\.polarization"):
         measure_levels(prepare(load_scenario("two_fields", {"radar.antenna.polarization": "RHCP"})))

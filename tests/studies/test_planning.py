@@ -58,17 +58,6 @@ def test_the_radar_covers_what_it_planned():
     assert np.sqrt(np.mean(dem.height_m[inside] ** 2)) < 0.3
 
 
-def test_an_area_elsewhere_is_the_same_flight_moved():
-    """At heading 90 the area's own right is south and its forward east."""
-    here = plan_flight(Wanted(size_m=(40.0, 150.0), sampling_m=4.0, altitude_m=30.0))
-    there = plan_flight(
-        Wanted(size_m=(40.0, 150.0), sampling_m=4.0, altitude_m=30.0, position_m=(200.0, 70.0), heading_deg=90.0)
-    )
-    assert there.flight_s == pytest.approx(here.flight_s)
-    x, y = np.array(here.waypoints_m).T
-    np.testing.assert_allclose(there.waypoints_m, np.column_stack([200.0 + y, 70.0 - x]), atol=1e-9)
-
-
 @pytest.fixture(scope="module")
 def level():
     plan = plan_flight(Wanted(size_m=(50.0, 30.0), sampling_m=3.0, position_m=(-40.0, 25.0), heading_deg=-20.0))

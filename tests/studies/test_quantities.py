@@ -62,12 +62,6 @@ def test_quantities_of_a_whisk_broom_scan():
     assert found["flying_time_s"] == pytest.approx(100 / V)
 
 
-def test_pulses_a_second_are_those_of_the_scan():
-    scenario = hills()
-    pointing = build_scan(scenario.radar.scan).point(np.arange(36_000) * 1.00037 / 360)
-    assert quantities_of(scenario)["pulses_per_s"] == pytest.approx(360 * pointing.active.mean(), rel=0.01)
-
-
 @pytest.mark.parametrize("mode", ["whisk_broom", "conical"])
 def test_swath_and_dwell_are_those_of_the_scan(mode):
     scenario = hills(radar__scan__mode=mode)

@@ -31,8 +31,7 @@ def place(small, tmp_path_factory):
 
 
 def test_merged_shards_are_the_whole_byte_for_byte(place, cli, tmp_path):
-    done = cli("merge", place / "3", place / "1", place / "2", "-o", tmp_path / "merged")
-    assert done.returncode == 1  # the cell that cannot be flown
+    done = cli("merge", place / "3", place / "1", place / "2", "-o", tmp_path / "merged", code=1)
     assert "1 of 3 settings failed" in done.stderr
     names = {path.relative_to(place / "whole") for path in (place / "whole").rglob("*") if path.is_file()}
     assert {p.relative_to(tmp_path / "merged") for p in (tmp_path / "merged").rglob("*") if p.is_file()} == names
@@ -48,10 +47,8 @@ def test_every_survey_is_flown_in_one_shard(place):
 
 
 def test_the_command_flies_a_shard(cli, small, place, tmp_path):
-    done = cli(
-        "sweep", small, "--vary", f"{BEAM}=2,400,6", "--repeat", 2, "--shard", "2/3", "-o", tmp_path / "two", "-q"
-    )
-    assert done.returncode == 1
+    command = ("sweep", small, "--vary", f"{BEAM}=2,400,6", "--repeat", 2)
+    cli(*command, "--shard", "2/3", "-o", tmp_path / "two", "-q", code=1)
     assert (tmp_path / "two" / "sweep.json").read_bytes() == (place / "2" / "sweep.json").read_bytes()
 
 
@@ -72,10 +69,8 @@ def test_what_is_not_all_shards_of_one_study_is_refused(place, cli, tmp_path, gi
             shutil.copytree(place / "2", place / name)
             document = json.loads((place / name / "sweep.json").read_text())
             (place / name / "sweep.json").write_text(json.dumps({**document, change[0]: change[1]}))
-    refused = cli("merge", *(place / name for name in given), "-o", tmp_path / "out")
-    assert refused.returncode == 2
+    refused = cli("merge", *(place / name for name in given), "-o", tmp_path / "out", code=2)
     assert says in refused.stderr
-    assert refused.stderr.count("error:") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -87,11 +82,10 @@ def test_what_is_no_shard_is_refused(text):
 
 def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
     command = ("sweep", small, "--vary", f"{BEAM}=2,400", "-o", tmp_path / "study", "--resume")
-    assert cli(*command).returncode == 1  # the cell that cannot be flown
+    cli(*command, code=1)  # the cell that cannot be flown
     monkeypatch.setattr("sionna_radar.studies.sweep.run_sweep", None)
-    again = cli(*command)
-    assert (again.returncode, again.stderr) == (1, "")
+    again = cli(*command, code=1)
+    assert again.stderr == ""
     assert "nothing to do" in again.stdout
-    other = cli(*command, "--seed", 9)
-    assert other.returncode == 2
+    other = cli(*command, "--seed", 9, code=2)
     assert "with another scenario, seed" in other.stderr

@@ -132,7 +132,6 @@ def test_the_numeric_key_is_drawn_against():
 def test_the_command_writes_table_plot_and_json(cli, small, tmp_path):
     vary = ["--vary", "processing.ranging=peak,centroid", "--vary", f"{BEAM}=2"]
     done = cli("sweep", small, *vary, "--repeat", 2, "-o", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
     assert {p.name for p in (tmp_path / "out").rglob("*") if p.is_file()} == {
         "manifest.json",
         "sweep.json",
@@ -152,22 +151,12 @@ def test_the_command_writes_table_plot_and_json(cli, small, tmp_path):
         assert [row["run_seed"] for row in csv.DictReader(file)] == ["5", "6", "5", "6"]
 
 
-def test_bad_input_is_one_error_and_nothing_written(cli, small, tmp_path):
-    done = cli("sweep", small, "--vary", f"{BEAM}=-2,-4", "-o", tmp_path / "out")
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.count("error:") == 1
-    assert "radar.antenna.beamwidth_deg" in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
 ALTITUDE = "platform.altitude_m"
 
 
 def test_a_cell_that_cannot_be_flown_keeps_its_place_and_its_remedy(cli, small, tmp_path):
     wide = "terrain.size_m=[500.0, 500.0]"
-    done = cli("sweep", small, "--vary", f"{ALTITUDE}=50,100", "--vary", wide, "-o", tmp_path)
-    assert done.returncode == 1
+    done = cli("sweep", small, "--vary", f"{ALTITUDE}=50,100", "--vary", wide, "-o", tmp_path, code=1)
     assert "radar.samples_per_chirp = 2048 works" in done.stdout
     assert "1 of 2 settings failed" in done.stderr
     flown, refused = json.loads((tmp_path / "sweep.json").read_text())["cases"]
@@ -211,8 +200,8 @@ def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_p
         flown.append(scenario)
         return run(scenario, **keys)
 
-    def sweep(out, *more):
-        return cli("sweep", small, "--vary", f"{BEAM}=2,6", "--repeat", 2, "-o", tmp_path / out, "-q", *more)
+    def sweep(out, *more, code=0):
+        return cli("sweep", small, "--vary", f"{BEAM}=2,6", "--repeat", 2, "-o", tmp_path / out, "-q", *more, code=code)
 
     monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
     with pytest.raises(Interrupted) as interrupted:
@@ -220,16 +209,14 @@ def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_p
     assert "--resume" in interrupted.value.__notes__[0]
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
     last = 100
-    refused = sweep("out")
-    assert refused.returncode == 2
+    refused = sweep("out", code=2)
     assert "3 finished parts of this run" in refused.stderr
     assert "--resume" in refused.stderr
-    other = sweep("out", "--set", "radar.snr_db=20", "--resume")
-    assert other.returncode == 2
+    other = sweep("out", "--set", "radar.snr_db=20", "--resume", code=2)
     assert "another study, scenario" in other.stderr or "another scenario" in other.stderr
-    assert sweep("out", "--resume").returncode == 0
+    sweep("out", "--resume")
     assert len(flown) == 4
-    assert sweep("at_once").returncode == 0
+    sweep("at_once")
     files = {path.relative_to(tmp_path / "at_once") for path in (tmp_path / "at_once").rglob("*") if path.is_file()}
     assert {path.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("*") if path.is_file()} == files
     for name in files:
@@ -382,8 +369,7 @@ def test_a_ranked_table_marks_what_meets_what_is_on_the_front_and_what_is_undeci
 
 def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
     vary = ["--vary", f"{BEAM}=2,4", "--require", "rms_m < 9", "--pareto", "rms_m", "--pareto", "aperture_m"]
-    done = cli("sweep", small, *vary, "--sort", "-aperture_m", "-o", tmp_path / "a")
-    assert done.returncode == 0, done.stderr
+    cli("sweep", small, *vary, "--sort", "-aperture_m", "-o", tmp_path / "a")
     with (tmp_path / "a" / "table.csv").open(newline="") as file:
         table = list(csv.DictReader(file))
     assert [float(row[BEAM]) for row in table] == [2.0, 4.0]
@@ -391,19 +377,16 @@ def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
     assert {row["meets"] for row in table} == {"True"}
     assert {row["dem.method"] for row in table} == {"linear"}
     shown = cli("compare", tmp_path / "a", tmp_path / "a")
-    assert shown.returncode == 0, shown.stderr
     assert shown.stdout.count("beamwidth_deg = 4") == 2
-    refused = cli("compare", tmp_path / "a", tmp_path / "b")
-    assert refused.returncode == 2
-    assert cli("sweep", small, *vary, "--sort", "rsm_m", "-o", tmp_path / "c").returncode == 2
+    cli("compare", tmp_path / "a", tmp_path / "b", code=2)
+    cli("sweep", small, *vary, "--sort", "rsm_m", "-o", tmp_path / "c", code=2)
 
 
 def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
     out = tmp_path / "out"
     vary = ["--vary", "platform.altitude_m=30,40", "--vary", f"{BEAM}=2,4", "--set", "platform.length_m=25"]
-    done = cli("sweep", small, *vary, "--keep", "all", "-q", "-o", out)
-    assert done.returncode == 0, done.stderr
+    cli("sweep", small, *vary, "--keep", "all", "-q", "-o", out)
     with (out / "runs.csv").open(newline="") as file:
         told = [float(row["common_rms_m"]) for row in csv.DictReader(file)]
     errors_at = [error_by_place(out / "maps" / f"{case}_seed_5_error.tif") for case in (1, 2, 3, 4)]
@@ -412,8 +395,7 @@ def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     assert len(shared) > 100
     rms_m = [np.sqrt(np.mean([cells[place] ** 2 for place in shared])) for cells in errors_at]
     np.testing.assert_allclose(told, rms_m, rtol=1e-6)
-    best = cli("sweep", small, *vary, "--keep", "best", "-q", "-o", tmp_path / "best")
-    assert best.returncode == 0, best.stderr
+    cli("sweep", small, *vary, "--keep", "best", "-q", "-o", tmp_path / "best")
     rms = [case["statistics"]["rms_m"]["mean"] for case in json.loads((out / "sweep.json").read_text())["cases"]]
     number = 1 + int(np.argmin(rms))
     kept = {path.name: path.read_bytes() for path in (tmp_path / "best" / "maps").iterdir()}

@@ -186,15 +186,6 @@ def test_small_perturbation_by_hand():
     assert v == pytest.approx([common * (3.0 * 6.25 / (2.0 + q) ** 2) ** 2])
 
 
-@pytest.mark.parametrize("model", [SmallPerturbationModel, IntegralEquationModel])
-@pytest.mark.parametrize("correlation", ["gaussian", "exponential"])
-def test_v_exceeds_h_off_nadir_on_a_slightly_rough_surface(model, correlation):
-    ground = surface(0.2, 2.0, correlation)
-    angles = np.radians([10.0, 30.0, 50.0, 70.0])
-    v = model(surface=ground, polarization="V").sigma0(angles)
-    assert np.all(v > model(surface=ground, polarization="H").sigma0(angles))
-
-
 def test_h_exceeds_v_under_physical_optics():
     # The tangent plane reflects by Fresnel, and |R_h| > |R_v| at every slant angle.
     ground = surface(1.0, 10.0)

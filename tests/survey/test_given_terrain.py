@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -81,12 +80,6 @@ def test_material_and_covers_stay_those_of_the_scenario(file: Path) -> None:
     for terrain in ((HEIGHT_M, SPACING_M), file):
         built = prepare(covered, CustomParts(terrain=terrain)).scene.scene
         assert {surface.material for surface in built.surfaces} == {"ground", "building"}
-
-
-@pytest.fixture
-def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let arguments of wrong types pass, as they do outside the tests."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.mark.usefixtures("unchecked")

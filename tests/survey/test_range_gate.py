@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial import KDTree
 
 from beams import make_chirp
+from direct_receiver import C, points_at
 from flights import make_pulses
-from plain_beats import SWEEPS, C, make_paths
+from plain_beats import SWEEPS
 from sionna_radar import load_scenario, prepare, process, run
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
@@ -49,7 +50,7 @@ def test_the_beat_is_the_sent_wave_of_the_gate_against_that_of_the_echo(sweep, s
     if range_m < chirp.gate_m and sampling == "iq":
         expected = np.zeros_like(expected)
     expected = expected if sampling == "iq" else np.sqrt(2) * expected.real
-    found = synthesise(make_paths([0], [range_m], rate_mps, [gain]), make_pulses(1), chirp)
+    found = synthesise(points_at(range_m, gain, rate_mps), make_pulses(1), chirp)
     np.testing.assert_allclose(found[0], expected, atol=1e-6 * 3e-5)
 
 
@@ -60,7 +61,7 @@ def test_an_echo_behind_the_gate_peaks_at_its_range_with_its_power(sampling, cel
     chirp = replace(make_chirp(sampling=sampling), gate_s=cells / BANDWIDTH_HZ)
     analyser = SpectrumAnalyser(chirp, "hann", 4, high_pass)
     cell = 200
-    paths = make_paths([0], [cell * chirp.range_resolution_m], 0.0, [1.0])
+    paths = points_at(cell * chirp.range_resolution_m)
     beat = synthesise(paths if high_pass is None else high_pass.filtered(paths, chirp), make_pulses(1), chirp)
     power = analyser.power(beat)[0]
     peak = int(np.argmax(power))
@@ -73,7 +74,7 @@ def test_an_echo_behind_the_gate_peaks_at_its_range_with_its_power(sampling, cel
 def test_a_nearer_echo_folds_into_real_samples():
     chirp = replace(make_chirp(), gate_s=CELLS / BANDWIDTH_HZ)
     analyser, before_m = SpectrumAnalyser(chirp, "hann", 1), 10.0
-    beat = synthesise(make_paths([0], [chirp.gate_m - before_m], 0.0, [1.0]), make_pulses(1), chirp)
+    beat = synthesise(points_at(chirp.gate_m - before_m), make_pulses(1), chirp)
     read_m = analyser.range_m[np.argmax(analyser.power(beat)[0])]
     assert read_m == pytest.approx(chirp.gate_m + before_m, abs=chirp.range_resolution_m)
 

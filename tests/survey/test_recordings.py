@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 
 import h5py
 import numpy as np
@@ -14,11 +13,11 @@ import pytest
 import xarray as xr
 from rich.console import Console
 
+from cluster_tasks import LikeWorkers
 from packed_pages import array_of, numbers_of
-from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
+from sionna_radar import RadarError, ScenarioError, load_scenario, prepare, process, run, to_toml
 from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import attempt, name_of, named
 from sionna_radar.foundation.errors import OutputError, PluginError
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
@@ -221,22 +220,8 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
 
 def test_workers_process_a_recording_to_the_same_bits_and_go_on(flown, tmp_path):
     """Each opens the file once; what is kept is not processed again."""
-
-    class Others:
-        """Does tasks as workers would: functions by their names, tasks as JSON."""
-
-        count = 2
-
-        def __init__(self):
-            self.tasks = []
-
-        def each(self, work, tasks, shared=None):
-            for number, task in enumerate(tasks):
-                self.tasks.append(task)
-                yield number, attempt(named(name_of(work)), json.loads(json.dumps(task)))
-
     survey, files = flown
-    others, nobody = Others(), Others()
+    others, nobody = LikeWorkers(), LikeWorkers()
     with open_checkpoints(tmp_path / "parts", {}, resume=False) as kept:
         there = process(files["signals"], execution=Execution(block_size=50, workers=others, checkpoints=kept))
         again = process(files["signals"], execution=Execution(block_size=50, workers=nobody, checkpoints=kept))
@@ -246,7 +231,7 @@ def test_workers_process_a_recording_to_the_same_bits_and_go_on(flown, tmp_path)
         assert processed.points.sha256() == survey.points.sha256()
         np.testing.assert_array_equal(processed.dem.height_m, survey.dem.height_m)
     with pytest.raises(PluginError, match=r"^dem\.method replaced from Python"):
-        process(files["signals"], parts=CustomParts(dem_method=Linear()), execution=Execution(workers=Others()))
+        process(files["signals"], parts=CustomParts(dem_method=Linear()), execution=Execution(workers=LikeWorkers()))
 
 
 def test_errors_away_from_walls_are_those_of_the_flight(tmp_path):
@@ -348,9 +333,3 @@ def test_a_damaged_recording_ends_in_one_error_or_a_result(flown, number, tmp_pa
     except RadarError as error:
         sound = "a.nc" in f"{error}"
     assert sound
-
-
-def test_parameters_of_a_scenario_come_back(flown):
-    survey, files = flown
-    with xr.open_dataset(files["signals"], engine="h5netcdf") as file:
-        assert parse_scenario(tomllib.loads(file.scenario.item())) == survey.scenario

@@ -11,7 +11,6 @@ from sionna_radar import run
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.survey.custom_parts import CustomParts
@@ -100,11 +99,6 @@ def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
     assert survey.lit_error(None) == run(hills(**keys)).lit_error
     erring = run(hills(**keys, platform__navigation=NOISY))
     assert survey.lit_error(survey.navigation(NavigationTable(**NOISY))) == erring.lit_error
-
-
-def test_a_lidar_has_no_echoes_for_a_map_to_model():
-    with pytest.raises(ScenarioError, match=r"dem\.method: 'refined' models whole echoes.*set 'smooth' or 'linear'"):
-        hills(sensor="lidar", dem={"method": "refined"})
 
 
 def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():

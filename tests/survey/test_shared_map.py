@@ -1,12 +1,11 @@
 """Maps in tiles: kept as they are finished, made by workers, and the same bits whoever makes them."""
 
-import json
-
 import pytest
 
+from cluster_tasks import LikeWorkers
 from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import SHARED, Failure, attempt, name_of, named
+from sionna_radar.execution.workers import Failure
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.terrain.tiles import Tiles
@@ -28,18 +27,8 @@ WIDE = {
 WINDOW_M = 20.0
 
 
-class Next:
-    """Does tasks as a worker would, the last first: functions by their names, tasks as JSON."""
-
-    count = 2
-
-    def __init__(self):
-        self.tasks = []
-
-    def each(self, work, tasks, shared=None):
-        for number, task in reversed(list(enumerate(tasks))):
-            self.tasks.append(task)
-            yield number, attempt(named(name_of(work)), {**json.loads(json.dumps(task)), SHARED: shared})
+class Next(LikeWorkers):
+    """Knows which tiles it has made."""
 
     @property
     def made(self):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from beams import make_antenna, make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.equation import plane_echo
@@ -21,7 +22,7 @@ from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
-from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.tracing.paths import VOLUME
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import SionnaPattern
 from sionna_radar.tracing.tracer import Tracer
@@ -156,11 +157,7 @@ class Nothing:
     """An engine that meets no surface."""
 
     def trace(self, pulses):
-        none, whole = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return Paths(
-            pulse=whole, delay_s=none, gain=none.astype(complex), range_rate_mps=none, incidence_rad=none,
-            hit_m=np.zeros((0, 3)), surface=whole,
-        )  # fmt: skip
+        return points_at([])
 
 
 def survey(**antenna):

@@ -51,6 +51,7 @@ def rough(model, rms_height_m, length_m, permittivity=SOIL, correlation="gaussia
     return RadarMaterial(vertical=vertical, horizontal=horizontal)
 
 
+SLAB = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
 MODELS = {
     "constant_gamma": as_radar_material(ConstantGammaBackscatter(0.01)),
     "lambertian": as_radar_material(LambertianBackscatter(0.3)),
@@ -67,6 +68,7 @@ MODELS = {
     "physical_optics": rough(PhysicalOpticsModel, 0.0006, 0.005, correlation="exponential"),
     "small_perturbation": rough(SmallPerturbationModel, 0.00015, 0.0012),
     "integral_equation": rough(IntegralEquationModel, 0.0003, 0.0018, fresnel_angle="incidence"),
+    "slab": slab_material(SLAB, 77e9, "VV"),
 }  # fmt: skip
 # H of those alone that tell it from V.
 EACH = [(name, "V") for name in MODELS] + [
@@ -162,15 +164,6 @@ def test_facets_turn_the_polarization_as_the_fields_do(polarization, receives, s
         assert 10 * np.log10(ratio) == pytest.approx(0.0, abs=tolerance_db)
 
 
-@pytest.mark.parametrize("polarization", ["V", "H"])
-def test_facets_scatter_the_radar_equation_in_v_and_h(polarization):
-    material, antenna = MODELS["small_perturbation"], make_antenna(2.0, 2.0, polarization)
-    scene, pulses = plane_of(material), make_pulses(1, incidence_deg=45.0)
-    facets = GammaEngine(scene, antenna, make_chirp(), 1, RayCaster(scene.surfaces)).trace(pulses)
-    expected = polarized_plane_power(antenna, 50.0, 45, material)
-    assert 10 * np.log10(mean_power(facets, pulses) / expected) == pytest.approx(0.0, abs=0.03)
-
-
 def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarization():
     scene = plane_of(MODELS["lambertian"])
     crossed = replace(make_antenna(2.0, 2.0), receives="cross")
@@ -189,18 +182,6 @@ def test_the_stock_solver_sees_the_same_polarized_surface():
         beam = mean_power(BeamEngine(scene, antenna, make_chirp(), 1, 8192, 0.05).trace(pulses), pulses)
         stock = mean_power(PathSolverEngine(scene, antenna, make_chirp(), 1, 200_000).trace(pulses), pulses)
         assert 10 * np.log10(stock / beam) == pytest.approx(0.0, abs=0.12)
-
-
-def test_scene_and_radar_moved_together_change_nothing():
-    shift = np.array([300.0, -200.0])
-    tables = []
-    for at in (np.zeros(2), shift):
-        scene = plane_of(MODELS["integral_equation"], centre_m=tuple(at))
-        pulses = make_pulses(20, incidence_deg=50.0, position_m=(*at, 50.0))
-        tables.append(BeamEngine(scene, make_antenna(4.0, 4.0, "H"), make_chirp(), 1, 512, 0.05).trace(pulses))
-    near = np.linalg.norm(tables[0].hit_m[:, :2], axis=1) < 300
-    np.testing.assert_allclose(tables[1].gain[near], tables[0].gain[near], rtol=3e-3, atol=1e-12)
-    np.testing.assert_allclose(tables[1].hit_m[near, :2] - shift, tables[0].hit_m[near, :2], atol=2e-2)
 
 
 def scattered_share(material: RadarMaterial, incidence_rad: float, polarization: str) -> float:
@@ -232,7 +213,7 @@ def test_sionna_knows_a_diffuse_reflection_by_the_number_used_here():
     assert InteractionType.DIFFUSE == 2
 
 
-@pytest.mark.parametrize(("name", "polarization"), EACH)
+@pytest.mark.parametrize(("name", "polarization"), [each for each in EACH if each[0] != "slab"])
 def test_scattered_power_is_what_the_material_says(name, polarization):
     material = replace(MODELS[name], cross_polar=0.1)
     for incidence_deg in (1.0, 30.0, 60.0, 80.0):
@@ -276,23 +257,9 @@ def test_a_metal_sphere_echoes_its_shadow():
     assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize("polarization", ["V", "H"])
-def test_sionnas_slab_scatters_what_is_stated(polarization):
-    slab = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
-    material = slab_material(slab, 77e9, "VV")
-    antenna = make_antenna(2.0, 2.0, polarization)
-    beam = BeamEngine(plane_of(material), antenna, make_chirp(), 1, 512, 0.05)
-    for incidence_deg in (0, 30, 60):
-        pulses = make_pulses(200, incidence_deg=incidence_deg)
-        expected = polarized_plane_power(antenna, 50.0, incidence_deg, material)
-        level_db = 10 * np.log10(mean_power(beam.trace(pulses), pulses) / expected)
-        assert level_db == pytest.approx(0.0, abs=0.05)
-
-
 def test_sionnas_slab_keeps_its_power_with_the_scan_angle():
     """Sionna's own material holds field components in the world's spherical basis, and lost up to 24 dB here."""
-    slab = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
-    scene, antenna = plane_of(slab_material(slab, 77e9, "VV")), make_antenna(2.0, 2.0)
+    scene, antenna = plane_of(MODELS["slab"]), make_antenna(2.0, 2.0)
     beam = BeamEngine(scene, antenna, make_chirp(), 1, 512, 0.05)
     for scan_deg in (-60.0, 0.0, 45.0):
         pulses = make_pulses(100, incidence_deg=20.0, scan_deg=scan_deg)

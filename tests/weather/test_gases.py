@@ -3,8 +3,6 @@
 import pytest
 
 from sionna_radar.weather.gases import (
-    OXYGEN_LINES,
-    VAPOUR_LINES,
     Air,
     dry_air_attenuation_db_per_km,
     gas_attenuation_db_per_km,
@@ -57,13 +55,6 @@ def test_the_parts_add_up_at_77_ghz():
 def test_dry_air_has_no_vapour_and_no_air_takes_nothing():
     assert vapour_attenuation_db_per_km(77e9, Air(vapour_density_g_per_m3=0.0)) == 0.0
     assert gas_attenuation_db_per_km(77e9, Air(dry_pressure_pa=0.0, vapour_density_g_per_m3=0.0)) == 0.0
-
-
-def test_the_tables_are_whole_and_in_order():
-    assert OXYGEN_LINES.shape == (44, 7)
-    assert VAPOUR_LINES.shape == (35, 7)
-    assert (OXYGEN_LINES[1:, 0] > OXYGEN_LINES[:-1, 0]).all()
-    assert (VAPOUR_LINES[1:, 0] > VAPOUR_LINES[:-1, 0]).all()
 
 
 def test_impossible_air_is_refused():

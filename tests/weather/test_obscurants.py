@@ -143,17 +143,6 @@ def test_is_the_absorption_of_rayleigh_droplets(frequency_hz):
     assert fog_coefficient(frequency_hz, 278.15) == pytest.approx(expected, rel=1e-3)
 
 
-def test_fog_is_linear_in_its_water():
-    thick = fog_attenuation_db_per_km(
-        77e9, liquid_water_g_per_m3=FogClass.THICK.liquid_water_g_per_m3, temperature_k=278.15
-    )
-    medium = fog_attenuation_db_per_km(
-        77e9, liquid_water_g_per_m3=FogClass.MEDIUM.liquid_water_g_per_m3, temperature_k=278.15
-    )
-    assert thick == pytest.approx(10 * medium, rel=1e-12)
-    assert fog_attenuation_db_per_km(77e9, liquid_water_g_per_m3=0.0, temperature_k=278.15) == 0.0
-
-
 def test_what_the_model_was_not_made_for_is_refused():
     with pytest.raises(ValidityError, match="frequency_hz"):
         fog_coefficient(300e9, 283.15)

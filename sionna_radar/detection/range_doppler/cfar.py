@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.detection.false_alarm import factor_of_mean, factor_of_ordered
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 
 # Largest noise correlation between a cell and the nearest of its ring, and between the cells of an ordered statistic.
 SHARED_NOISE = 0.1
@@ -69,15 +69,15 @@ class RingCfar:
     def __post_init__(self) -> None:
         if self.looks > 1 and self.kind == "OS":
             message = f"'OS' has no false-alarm rate in closed form over {self.looks} looks; set 'CA'"
-            raise ScenarioError([Problem("processing.cfar.kind", message)])
+            raise ScenarioError.of("processing.cfar.kind", message)
         for name, guard, correlation in zip(("rate", "range"), self.guard, self.correlation, strict=True):
             shared = np.flatnonzero(np.abs(correlation) > SHARED_NOISE)[-1]
             if guard < shared:
                 message = f"{guard} cells of {name}; the window needs at least {shared}; raise it"
-                raise ScenarioError([Problem("guard", message)])
+                raise ScenarioError.of("guard", message)
         if not 1 <= self.cells <= MAX_CELLS:
             message = f"{self.training} cells around {self.guard} are {self.cells}; give 1 to {MAX_CELLS} in all"
-            raise ScenarioError([Problem("training", message)])
+            raise ScenarioError.of("training", message)
 
     @property
     def cells(self) -> int:
@@ -132,7 +132,7 @@ class RingCfar:
         tested = np.arange(reach, power.shape[1] - reach)
         if len(tested) == 0 or 2 * (self.guard[0] + self.training[0]) * self.stride >= power.shape[0]:
             message = f"a ring of {self.training} around {self.guard} cells does not fit a map of {power.shape}"
-            raise ScenarioError([Problem("training", f"{message}; lower it")])
+            raise ScenarioError.of("training", f"{message}; lower it")
         if self.kind == "OS":
             ring = np.empty((self.cells, power.shape[0], len(tested)))
             for cell, (rate, range_) in enumerate(self._offsets * self.stride):
@@ -187,7 +187,7 @@ class ClutterMap:
 
     def __post_init__(self) -> None:
         if not 0 < self.weight < 1:
-            raise ScenarioError([Problem("weight", f"{self.weight:g} is no share; give one between 0 and 1")])
+            raise ScenarioError.of("weight", f"{self.weight:g} is no share; give one between 0 and 1")
 
     @property
     def factor(self) -> float:

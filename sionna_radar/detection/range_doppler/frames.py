@@ -23,7 +23,7 @@ from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.numerics import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
@@ -93,8 +93,7 @@ class RangeDoppler:
 
     def __post_init__(self) -> None:
         if self.chirps < MIN_CHIRPS:
-            message = f"{self.chirps} do not resolve a range rate; give at least {MIN_CHIRPS}"
-            raise ScenarioError([Problem("chirps", message)])
+            raise ScenarioError.of("chirps", f"{self.chirps} do not resolve a range rate; give at least {MIN_CHIRPS}")
 
     @property
     def rate_cell_mps(self) -> float:
@@ -190,8 +189,7 @@ class RangeDoppler:
     def amplitude(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Complex[np.ndarray, "rate bin"]:
         """Return the complex map of one frame, with the phase at its middle."""
         if beat.shape != (self.chirps, self.chirp.samples):
-            message = f"a frame has {self.chirps} chirps of {self.chirp.samples} samples, not {beat.shape}"
-            raise ValueError(message)
+            raise ValueError(f"a frame has {self.chirps} chirps of {self.chirp.samples} samples, not {beat.shape}")
         slow = self._scaled_transform(beat * self.rate_weights[:, None])
         size, bins = self.chirp.samples * self.zero_padding, len(self.range_m)
         # A real beat of power P is a cosine, whose positive frequency carries half of it.

@@ -126,8 +126,7 @@ def _columns(
 def _lines(file: Iterator[str], label: str) -> Iterator[str]:
     for number, line in enumerate(file, start=1):
         if len(line) > LONGEST_LINE:
-            message = f"{label}: line {number} has {len(line):,} characters; give one row of numbers a line"
-            raise InputFileError(message)
+            raise InputFileError(f"{label}: line {number} has {len(line):,} characters; give one row of numbers a line")
         yield line
 
 
@@ -138,10 +137,9 @@ def _renamed(header: Sequence[str], column_names: Mapping[str, str], label: str)
             message = f"platform.log_columns: {key} is no column of a flight; give one of {', '.join(sorted(KNOWN))}"
             raise InputFileError(message)
         if column not in header:
-            message = (
+            raise InputFileError(
                 f"{label}: platform.log_columns.{key} = {shown(column)} is not in line 1: {shown(','.join(header))}"
             )
-            raise InputFileError(message)
     keys = {column: key for key, column in column_names.items()}
     renamed = [keys.get(cell, "" if cell in column_names else cell) for cell in header]
     lower = [cell.lower() for cell in renamed]
@@ -195,8 +193,7 @@ def _numbers(
         if not row or not any(cell.strip() for cell in row):
             continue
         if count >= MAX_ROWS:
-            message = f"{label}: has more than {MAX_ROWS:,} rows; thin it, or cut it"
-            raise InputFileError(message)
+            raise InputFileError(f"{label}: has more than {MAX_ROWS:,} rows; thin it, or cut it")
         if len(row) != len(header):
             message = f"{label}: line {count + 2} has {len(row)} cells and the header {len(header)}; correct the line"
             raise InputFileError(message)
@@ -221,8 +218,7 @@ def _number(cell: str, key: str, label: str) -> float:
     except ValueError:
         value = _seconds(text) if key == "time_s" else np.inf
     if np.isinf(value) or abs(value) > 1e15:
-        message = f"{label}: {key} = {shown(text)} is no number; correct it, or leave the cell empty"
-        raise InputFileError(message)
+        raise InputFileError(f"{label}: {key} = {shown(text)} is no number; correct it, or leave the cell empty")
     return value
 
 

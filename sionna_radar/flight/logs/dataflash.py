@@ -97,11 +97,9 @@ def _tables(content: bytes, label: str) -> tuple[dict[str, Columns], int]:
         offset += form.length
         count += 1
         if count > MAX_MESSAGES:
-            message = f"{label}: has more than {MAX_MESSAGES:,} messages; cut it"
-            raise InputFileError(message)
+            raise InputFileError(f"{label}: has more than {MAX_MESSAGES:,} messages; cut it")
     if not count:
-        message = f"{label}: holds no message of a DataFlash log; give a .bin of ArduPilot"
-        raise InputFileError(message)
+        raise InputFileError(f"{label}: holds no message of a DataFlash log; give a .bin of ArduPilot")
     return {
         formats[kind].name: _columns(content, formats[kind], offsets)
         for kind, offsets in starts.items()
@@ -155,8 +153,7 @@ def _positions(tables: Mapping[str, Columns], label: str) -> Positions:
         return Positions(
             source=name, time_s=time_s, place=position, velocity_mps=_velocity(tables, time_s, name, valid)
         )
-    message = f"{label}: has no positions (POS, GPS or AHR2); give a log of a flight with a position"
-    raise InputFileError(message)
+    raise InputFileError(f"{label}: has no positions (POS, GPS or AHR2); give a log of a flight with a position")
 
 
 def _velocity(

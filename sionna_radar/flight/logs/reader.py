@@ -36,8 +36,7 @@ def read_gpx(path: Path, name: str) -> FlightLog:
         raise InputFileError(message)
     for number, point in enumerate(points):
         if point.time is None:
-            message = f"{label}: point {number + 1} of the track has no time; give a recorded track"
-            raise InputFileError(message)
+            raise InputFileError(f"{label}: point {number + 1} of the track has no time; give a recorded track")
         if point.elevation is None:
             message = f"{label}: point {number + 1} of the track has no elevation; add <ele>, or drop the point"
             raise InputFileError(message)
@@ -45,8 +44,7 @@ def read_gpx(path: Path, name: str) -> FlightLog:
     try:
         time_s = np.array([(point.time - start_time).total_seconds() for point in points])
     except TypeError as error:
-        message = f"{label}: some times have a zone and some have none; write all of them alike"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{label}: some times have a zone and some have none; write all of them alike") from error
     position = np.array([[point.longitude, point.latitude, point.elevation] for point in points], dtype=float)
     return FlightLog(
         kind="GPX",
@@ -76,8 +74,7 @@ def _parsed(path: Path, label: str) -> Any:
     except InputFileError:
         raise
     except (Exception, RecursionError) as error:  # gpxpy and the XML parsers raise undocumented types
-        message = f"{label} is not GPX ({str(error)[:100]}); give a GPX track"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{label} is not GPX ({str(error)[:100]}); give a GPX track") from error
 
 
 def _is_utf8(content: bytes) -> bool:
@@ -122,16 +119,14 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
     kind = _kind(path, name)
     reader, package = READERS[kind]
     if package is not None and find_spec(package) is None:
-        message = f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'")
     if columns and kind != "csv":
         message = f"{name} {shown(path)} is no CSV file, and platform.log_columns names columns of one; remove it"
         raise InputFileError(message)
     log = read_csv(path, name, columns) if kind == "csv" else reader(path, name)
     log = replace(log, positions=log.positions.rows(np.isfinite(log.positions.time_s)))
     if len(log.positions.time_s) < 2:
-        message = f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more")
     start = float(log.positions.time_s[0])
     attitudes, spreads = log.attitudes, log.spreads
     return replace(
@@ -160,5 +155,4 @@ def _kind(path: Path, name: str) -> str:
         return "gpx"
     if path.suffix.lower() in (".csv", ".txt") or b"time_s" in text:
         return "csv"
-    message = f"{name} {shown(path)} is none of the known logs; give {FORMATS}"
-    raise InputFileError(message)
+    raise InputFileError(f"{name} {shown(path)} is none of the known logs; give {FORMATS}")

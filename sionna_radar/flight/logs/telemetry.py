@@ -103,8 +103,7 @@ def _tables(content: bytes, label: str) -> tuple[dict[int, Columns], tuple[str, 
                 continue
             count += 1
             if count > MAX_MESSAGES:
-                message = f"{label}: has more than {MAX_MESSAGES:,} messages; cut it"
-                raise InputFileError(message)
+                raise InputFileError(f"{label}: has more than {MAX_MESSAGES:,} messages; cut it")
             decoded = _decoded(decoder, frame, number)
             if decoded is None:
                 damaged += 1

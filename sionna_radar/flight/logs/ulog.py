@@ -74,8 +74,7 @@ class _Patient(BytesIO):
         content = super().read(size)
         self._left -= len(content) + READ_COST
         if self._left < 0:
-            message = "read over and over without an end"
-            raise RuntimeError(message)
+            raise RuntimeError("read over and over without an end")
         return content
 
 
@@ -119,8 +118,7 @@ def _positions(tables: Mapping[str, Columns], label: str) -> tuple[Positions, bo
     gps = tables.get("vehicle_gps_position")
     if gps is not None and ({"lat", "lon", "alt"} <= set(gps) or "latitude_deg" in gps):
         return _receiver_positions(gps), True, ()
-    message = f"{label}: has no positions ({', '.join(TOPICS[:3])}); give a log of a flight with a position"
-    raise InputFileError(message)
+    raise InputFileError(f"{label}: has no positions ({', '.join(TOPICS[:3])}); give a log of a flight with a position")
 
 
 def _times_s(table: Columns) -> Float[np.ndarray, " n"]:

@@ -23,8 +23,7 @@ def check_levels(power_db: Float[np.ndarray, " n"]) -> None:
     """Raise ValueError for implausible levels."""
     highest = float(power_db.max())
     if not -HIGHEST_DB <= highest <= HIGHEST_DB:
-        message = f"its highest level is {highest:g} dB, beyond {HIGHEST_DB:g}; give dBi or relative decibels"
-        raise ValueError(message)
+        raise ValueError(f"its highest level is {highest:g} dB, beyond {HIGHEST_DB:g}; give dBi or relative decibels")
 
 
 @dataclass(frozen=True)
@@ -155,8 +154,7 @@ def grid_of(
     Raises ValueError if the rows do not fill a grid.
     """
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
-        message = "theta beyond 180 deg or phi beyond 720 deg; give angles in degrees"
-        raise ValueError(message)
+        raise ValueError("theta beyond 180 deg or phi beyond 720 deg; give angles in degrees")
     check_levels(power_db)
     theta, phi = np.abs(theta_deg), np.where(theta_deg < 0, phi_deg + 180, phi_deg) % 360
     phi[360 - phi < SAME_DEG] = 0.0
@@ -172,11 +170,10 @@ def grid_of(
             power[pole_row[0], ~filled[pole_row[0]]] = power[pole_row[0], filled[pole_row[0]]].max()
             filled[pole_row[0]] = True
     if len(thetas) < 2 or len(phis) < 2 or not filled.all():
-        message = (
+        raise ValueError(
             f"{np.count_nonzero(~filled):,} of the {filled.size:,} directions of its {len(thetas):,} thetas and "
             f"{len(phis):,} phis are missing; give every pair of at least two of each"
         )
-        raise ValueError(message)
     if phis[0] + 360 - phis[-1] <= 1.5 * np.diff(phis).max():  # all around
         phis, power = np.append(phis, phis[0] + 360), np.column_stack([power, power[:, 0]])
     if phis[0] > SAME_DEG and phis[-1] > 360:

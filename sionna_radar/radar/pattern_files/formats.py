@@ -40,8 +40,7 @@ def read_planet(text: str) -> PatternCuts:
             cuts[words[0].upper()] = _section(lines, number, words)
     if set(cuts) != set(SECTIONS):
         missing = ", ".join(section for section in SECTIONS if section not in cuts)
-        message = f"expected a line with {missing} and a number of rows, and found none"
-        raise ValueError(message)
+        raise ValueError(f"expected a line with {missing} and a number of rows, and found none")
     (horizontal, horizontal_loss), (vertical, vertical_loss) = (cuts[section] for section in SECTIONS)
     azimuth, elevation = _turned(horizontal, horizontal_loss), _turned(vertical, vertical_loss)
     return PatternCuts(*azimuth, *elevation, turnable=True)
@@ -51,11 +50,10 @@ def _section(
     lines: list[str], header_line: int, words: list[str]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MAX_ROWS:
-        message = (
+        raise ValueError(
             f"line {header_line + 1} holds {lines[header_line].strip()[:60]!r}; expected {words[0].upper()} and how "
             f"many rows follow, 3 to {MAX_ROWS:,}"
         )
-        raise ValueError(message)
     count = int(words[1])
     rows = []
     for number, row in enumerate(lines[header_line + 1 : header_line + 1 + count], start=header_line + 2):
@@ -64,17 +62,15 @@ def _section(
         except ValueError:
             values = []
         if len(values) != 2 or not np.isfinite(values).all():
-            message = (
+            raise ValueError(
                 f"line {number} holds {row.strip()[:60]!r}; expected an angle and a loss, as line {header_line + 1} "
                 f"announces {count} rows of them"
             )
-            raise ValueError(message)
         rows.append(values)
     if len(rows) < count:
-        message = (
+        raise ValueError(
             f"line {header_line + 1} announces {count} rows of an angle and a loss; the file ends after {len(rows)}"
         )
-        raise ValueError(message)
     table = np.array(rows)
     return table[:, 0], table[:, 1]
 
@@ -129,8 +125,7 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
 def _check_angles(lines: Sequence[int], angle_deg: Float[np.ndarray, " n"]) -> None:
     """Raise ValueError, with the line of the first wrong angle, for angles that do not form a cut."""
     if len(angle_deg) < 3:
-        message = f"lines {lines[0]} to {lines[-1]} are {len(angle_deg)} angles; give three or more"
-        raise ValueError(message)
+        raise ValueError(f"lines {lines[0]} to {lines[-1]} are {len(angle_deg)} angles; give three or more")
     wide = np.flatnonzero((angle_deg < -180) | (angle_deg > 180))
     not_increasing = np.flatnonzero(np.diff(angle_deg) <= 0) + 1
     if len(wide):
@@ -138,11 +133,10 @@ def _check_angles(lines: Sequence[int], angle_deg: Float[np.ndarray, " n"]) -> N
         raise ValueError(message)
     if len(not_increasing):
         row = not_increasing[0]
-        message = (
+        raise ValueError(
             f"line {lines[row]} has angle_deg = {angle_deg[row]:g} after {angle_deg[row - 1]:g}; it must increase from "
             "row to row"
         )
-        raise ValueError(message)
 
 
 def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> PatternGrid:
@@ -152,21 +146,18 @@ def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> P
     phi = next((i for i, name in enumerate(names) if name.startswith("phi")), None)
     power = [i for i, name in enumerate(names) if name.startswith("db(") or name.startswith("db10(")]
     if theta is None or not power:
-        message = (
+        raise ValueError(
             f"line 1 names {', '.join(header[:6])}; give {', '.join(CUTS)}, or {', '.join(GRID)}, or a report of HFSS "
             "with Theta, Phi and a column in dB"
         )
-        raise ValueError(message)
     if len({match.group(1) for i in power if (match := FREQUENCY.search(header[i]))}) > 1:
-        message = "line 1 names several frequencies; export the one of the carrier"
-        raise ValueError(message)
+        raise ValueError("line 1 names several frequencies; export the one of the carrier")
     if phi is not None and len(power) == 1:
         return grid_of(values[:, theta], values[:, phi], values[:, power[0]])
     by_phi = [(i, match) for i in power if (match := VARIED.search(header[i]))]
     if phi is not None or len(by_phi) != len(power):
         columns = ", ".join(header[i] for i in power[:4])
-        message = f"line 1 has several columns in dB ({columns}); export one quantity, such as dB(GainTotal)"
-        raise ValueError(message)
+        raise ValueError(f"line 1 has several columns in dB ({columns}); export one quantity, such as dB(GainTotal)")
     count = len(values)
     return grid_of(
         np.tile(values[:, theta], len(by_phi)),
@@ -187,13 +178,11 @@ def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int
         except ValueError:
             values = []
         if len(values) != len(header) or np.isnan(values).any():
-            message = f"line {number} holds {', '.join(row)[:60]!r}; expected {expected}"
-            raise ValueError(message)
+            raise ValueError(f"line {number} holds {', '.join(row)[:60]!r}; expected {expected}")
         lines.append(number)
         table.append(values)
     if not table:
-        message = f"nothing follows line 1; expected rows of {expected}"
-        raise ValueError(message)
+        raise ValueError(f"nothing follows line 1; expected rows of {expected}")
     return lines, np.array(table)
 
 
@@ -234,8 +223,7 @@ def read_cst_source(text: str) -> PatternGrid:
     """
     frequencies = re.search(r"#\s*Frequencies\s*\n\s*(\d+)", text)
     if frequencies and int(frequencies.group(1)) != 1:
-        message = f"it holds {frequencies.group(1)} frequencies; export the one of the carrier"
-        raise ValueError(message)
+        raise ValueError(f"it holds {frequencies.group(1)} frequencies; export the one of the carrier")
     head = re.search(r"//[^\n]*Phi,\s*Theta,\s*Re\(E_Theta\)[^\n]*\n", text)
     if head is None:
         message = "expected a line '// >> Phi, Theta, Re(E_Theta), ...' over the table of fields, and found none"
@@ -262,30 +250,26 @@ def read_hfss_field(text: str) -> PatternGrid:
     for number, line in enumerate(lines[:2], start=1 + blank):
         start, stop, count = line.split()
         if not 2 <= int(count) <= 100_000:
-            message = (
+            raise ValueError(
                 f"line {number} announces {count} angles along an axis; expected start, stop and 2 to 100,000 of them"
             )
-            raise ValueError(message)
         axes.append((float(start), float(stop), int(count)))
     size = axes[0][2] * axes[1][2]
     if size > MAX_SAMPLES:
-        message = (
+        raise ValueError(
             f"lines {1 + blank} and {2 + blank} announce {size:,} directions, more than {MAX_SAMPLES:,}; export a "
             "coarser grid"
         )
-        raise ValueError(message)
     frequencies = [line for line in lines[2:20] if line[:4].lower() == "freq"]
     if len(frequencies) > 2:
-        message = "it holds several frequencies; export the one of the carrier"
-        raise ValueError(message)
+        raise ValueError("it holds several frequencies; export the one of the carrier")
     table = [(number, line) for number, line in enumerate(lines[2:], start=3 + blank) if line[:4].lower() != "freq"]
     values = _rows(table, ("Re(E_Theta)", "Im(E_Theta)", "Re(E_Phi)", "Im(E_Phi)"))
     if len(values) != size:
-        message = (
+        raise ValueError(
             f"lines {1 + blank} and {2 + blank} announce {size:,} directions, and {len(values):,} rows follow; export "
             "it anew"
         )
-        raise ValueError(message)
     theta, phi = np.meshgrid(*(np.linspace(*axis) for axis in axes), indexing="ij")
     return grid_of(theta.ravel(), phi.ravel(), _decibels((values**2).sum(axis=1)))
 
@@ -303,18 +287,15 @@ def _rows(lines: Sequence[tuple[int, str]], columns: Sequence[str]) -> Float[np.
         except ValueError:
             values = []
         if len(values) < len(columns) or not np.isfinite(values).all():
-            message = f"line {number} holds {line.strip()[:60]!r}; expected {expected}"
-            raise ValueError(message)
+            raise ValueError(f"line {number} holds {line.strip()[:60]!r}; expected {expected}")
         table.append(values)
     if not table:
-        message = f"its table is empty; expected rows of {expected}"
-        raise ValueError(message)
+        raise ValueError(f"its table is empty; expected rows of {expected}")
     return np.array(table)
 
 
 def _decibels(value: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return a linear quantity in decibels: a power ratio, as gain and directivity are."""
     if np.any(value < 0) or not value.max() > 0:
-        message = "its gains are negative or all zero"
-        raise ValueError(message)
+        raise ValueError("its gains are negative or all zero")
     return 10 * np.log10(np.maximum(value / value.max(), 10 ** (FLOOR_DB / 10)))

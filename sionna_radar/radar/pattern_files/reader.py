@@ -1,5 +1,6 @@
 """Reading of a radiation pattern from a file of any known format, detected from its content, and its antenna."""
 
+import csv
 import logging
 from pathlib import Path
 
@@ -59,8 +60,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     try:
         pattern = contents.pattern(boresight)
     except ValueError as error:
-        message = f"{key} = {shown(path)}: {error}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{key} = {shown(path)}: {error}") from error
     reach_deg = contents.reach_deg
     if reach_deg < MIN_REACH_DEG:
         logger.warning(
@@ -71,11 +71,10 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
         )
     on_axis_db = axis_gain_db(pattern)
     if on_axis_db < MIN_ON_AXIS_DB:
-        message = (
+        raise InputFileError(
             f"{key} = {shown(path)}: its boresight is {-on_axis_db:.1f} dB below its peak; set radar.antenna.boresight "
             f"= {'x' if boresight == 'z' else 'z'!r} if that is the axis along which it looks, or turn the pattern"
         )
-        raise InputFileError(message)
     if on_axis_db < WARNED_ON_AXIS_DB:
         logger.warning("%s: the boresight is %.1f dB below the peak of the beam, which squints", key, -on_axis_db)
     return pattern
@@ -86,9 +85,7 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
         if matches(text):
             try:
                 return parse(text)
-            except (ValueError, OverflowError) as error:
-                message = f"{name}: {error}"
-                raise InputFileError(message) from error
+            except (ValueError, OverflowError, csv.Error) as error:
+                raise InputFileError(f"{name}: {error}") from error
     first_line = text.split("\n", 1)[0].strip()
-    message = f"{name}: unknown pattern format; its first line is {first_line[:60]!r}; {REMEDY}"
-    raise InputFileError(message)
+    raise InputFileError(f"{name}: unknown pattern format; its first line is {first_line[:60]!r}; {REMEDY}")

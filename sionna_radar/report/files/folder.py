@@ -126,8 +126,7 @@ def _checked(path: Path, obstacle: Callable[[Path], str]) -> Path:
     except (OSError, RuntimeError, ValueError) as error:
         problem = f"cannot be reached ({error}); check the path and its permissions"
     if problem:
-        message = f"output = {path} {problem}"
-        raise OutputError(message)
+        raise OutputError(f"output = {path} {problem}")
     return path
 
 
@@ -208,8 +207,7 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
     except OutputError:
         raise
     except OSError as error:
-        message = f"output = {directory} cannot be written ({error}); {remedy_of(error)}"
-        raise OutputError(message) from error
+        raise OutputError(f"output = {directory} cannot be written ({error}); {remedy_of(error)}") from error
     return sorted(directory / name for name in (*manifest.files, MANIFEST))
 
 
@@ -217,8 +215,7 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
     """Move the files of the earlier result out and those of the new one in; on failure undo all moves."""
     problem = _unwanted(directory, manifest.kind, ignored=staging)
     if problem:
-        message = f"it {problem}"
-        raise FileExistsError(message)
+        raise FileExistsError(f"it {problem}")
     earlier = read_manifest(directory / MANIFEST)
     retiring = [name for name in (MANIFEST, *earlier.files) if (directory / name).exists()] if earlier else []
     write_text(staging / COMING, manifest.text())
@@ -227,8 +224,7 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
             _move(directory, name, staging / RETIRED)
         for name in (*manifest.files, MANIFEST):
             if os.path.lexists(directory / name):
-                message = f"it holds a {name} that this program did not write"
-                raise FileExistsError(message)
+                raise FileExistsError(f"it holds a {name} that this program did not write")
             _move(staging / FRESH, name, directory)
     except BaseException:
         _put_back(directory, staging)
@@ -279,8 +275,7 @@ def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
             return fresh.rename(free)
         except OSError:
             continue
-    message = f"output = {directory} cannot be written, nor any folder beside it; the result is lost"
-    raise OutputError(message)
+    raise OutputError(f"output = {directory} cannot be written, nor any folder beside it; the result is lost")
 
 
 def write_study(
@@ -350,11 +345,10 @@ def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int |
     if different == [products] or any(not (directory / name).exists() for name in manifest.files):
         return None
     if different:
-        message = (
+        raise OutputError(
             f"output = {directory} holds the result of a run with another {', '.join(different)}; "
             "name another folder, or leave out --resume to replace it"
         )
-        raise OutputError(message)
     return manifest.exit_code
 
 
@@ -390,8 +384,7 @@ class SignedFile:
                 write_text(staging / path.name, self._signed(text))
                 (staging / path.name).replace(path)
         except OSError as error:
-            message = f"output = {path} cannot be written ({error.strerror}); name another file"
-            raise OutputError(message) from error
+            raise OutputError(f"output = {path} cannot be written ({error.strerror}); name another file") from error
         return path
 
     def _signed(self, text: str) -> str:

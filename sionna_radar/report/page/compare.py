@@ -232,8 +232,7 @@ def _result(folder: Path, name: str) -> FlownResult:
     crs, dem = _raster(folder / "dem.tif")
     _, error = _raster(folder / "error.tif")
     if dem.grid != error.grid:
-        message = f"{shown(folder)}: dem.tif and error.tif have different cells; {REMEDY}"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(folder)}: dem.tif and error.tif have different cells; {REMEDY}")
     return FlownResult(name=name, summary=summary, settings=settings, crs=crs, dem=dem, error=error)
 
 
@@ -254,8 +253,7 @@ def read_document(path: Path, what: str = "summary") -> Any:
     try:
         return json.loads(text) if form == "JSON" else parse_toml(text)
     except (ValueError, RecursionError) as error:
-        message = f"{what} = {shown(path)} is not {form} ({error}); {REMEDY}"
-        raise InputFileError(message) from None
+        raise InputFileError(f"{what} = {shown(path)} is not {form} ({error}); {REMEDY}") from None
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -263,8 +261,7 @@ def _summary(path: Path) -> dict[str, Any]:
     for key in RESULT_ERRORS:
         errors = document.get(key) if isinstance(document, dict) else None
         if not isinstance(errors, dict) or not all(_number(errors.get(name, "")) for name in NUMBERS):
-            message = f"summary = {shown(path)} has no {key} of a survey; {REMEDY}"
-            raise InputFileError(message)
+            raise InputFileError(f"summary = {shown(path)} has no {key} of a survey; {REMEDY}")
     return document
 
 

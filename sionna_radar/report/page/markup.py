@@ -59,8 +59,7 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any
         )
     )
     if len(text) > MAX_BYTES:
-        message = f"the page has {len(text):,} bytes, more than {MAX_BYTES:,}; write it without (--no-report)"
-        raise OutputError(message)
+        raise OutputError(f"the page has {len(text):,} bytes, more than {MAX_BYTES:,}; write it without (--no-report)")
     return text
 
 

@@ -266,7 +266,8 @@ def draw_maps(result: Calibration) -> Figure:
 # ------------------------------------------------------------------------------------------------------------- text
 def print_calibration(result: Calibration) -> None:
     """Print what the flight tells, the estimates, and what manoeuvres would add."""
-    table = Table(title=_title(result), title_justify="left")
+    recorded = ", ".join(r.source.name for r in result.recordings)
+    table = Table(title=f"{recorded} over {_ground(result)}", title_justify="left")
     for name in HEAD:
         table.add_column(name.lower(), justify="left" if name in ("Error", "Unit", "Told") else "right")
     for row in calibration_document(result)["errors"]:
@@ -282,10 +283,6 @@ def print_calibration(result: Calibration) -> None:
             out.print(text, soft_wrap=True)
     for warning in result.warnings:
         out.print(f"warning: {warning}", soft_wrap=True)
-
-
-def _title(result: Calibration) -> str:
-    return f"{', '.join(r.source.name for r in result.recordings)} over {_ground(result)}"
 
 
 def _ground(result: Calibration) -> str:

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.drawing import (
     BLUE,
     ORANGE,
@@ -213,7 +213,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
     try:
         first, second = (float(word) for word in text.lower().split(separator))
     except ValueError as error:
-        raise ScenarioError([Problem(option, f"{text!r} is not a pair of numbers; give {form}")], "plan") from error
+        raise ScenarioError.of(option, f"{text!r} is not a pair of numbers; give {form}", "plan") from error
     return first, second
 
 

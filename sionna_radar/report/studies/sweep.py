@@ -549,8 +549,7 @@ def read_sweep(folder: Path) -> Sweep:
             shard=document["shard"] or "",
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        message = f"{shown(folder / MARKER)} is damaged ({error}); {REMEDY}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{shown(folder / MARKER)} is damaged ({error}); {REMEDY}") from error
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:

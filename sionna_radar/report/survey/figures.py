@@ -195,8 +195,7 @@ def draw_chirp(survey: Survey) -> Figure:
     """
     record = survey.chirp
     if record is None:
-        message = "the survey's sensor has no chirps to draw"
-        raise ValueError(message)
+        raise ValueError("the survey's sensor has no chirps to draw")
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = exponent_of(record.beat)

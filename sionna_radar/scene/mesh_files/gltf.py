@@ -48,8 +48,7 @@ def read_gltf(path: Path) -> tuple[MeshPart, ...]:
     changed = sorted({*document.get("extensionsUsed", ()), *document.get("extensionsRequired", ())})
     changed = [name for name in changed if name in PLACES_CHANGED_BY]
     if changed:
-        message = f"uses {', '.join(changed)}; export it without compression and without instances"
-        raise MeshError(message)
+        raise MeshError(f"uses {', '.join(changed)}; export it without compression and without instances")
     buffers: dict[str, bytes] = {}
     total = 0
     for number, buffer in enumerate(document.get("buffers", [])):
@@ -81,8 +80,7 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
     if data[:4] == MAGIC:
         length = int.from_bytes(data[8:12], "little")
         if length > len(data) or int.from_bytes(data[4:8], "little") != 2:
-            message = f"claims {length:,} bytes of version 2 and has {len(data):,} bytes; get the whole file"
-            raise MeshError(message)
+            raise MeshError(f"claims {length:,} bytes of version 2 and has {len(data):,} bytes; get the whole file")
         chunks: dict[bytes, bytes] = {}
         offset = 12
         while offset + 8 <= length:
@@ -94,27 +92,23 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
             offset += 8 + size
         text, binary = chunks.get(JSON_CHUNK, b""), chunks.get(BINARY_CHUNK, b"")
     if len(text) > MAX_TEXT_BYTES:
-        message = f"has {len(text):,} bytes of JSON, more than {MAX_TEXT_BYTES:,}; save it as GLB"
-        raise MeshError(message)
+        raise MeshError(f"has {len(text):,} bytes of JSON, more than {MAX_TEXT_BYTES:,}; save it as GLB")
     try:
         document = json.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         message = f"has no glTF in it ({str(error)[:80] or 'nested too deeply'}); give a GLB or glTF 2.0 file"
         raise MeshError(message) from error
     if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
-        message = "has no glTF in it; give a GLB or glTF 2.0 file"
-        raise MeshError(message)
+        raise MeshError("has no glTF in it; give a GLB or glTF 2.0 file")
     if str(document["asset"].get("version", "")).split(".")[0] != "2":
-        message = f"is of glTF version {shown(document['asset'].get('version'))}; convert it to 2.0"
-        raise MeshError(message)
+        raise MeshError(f"is of glTF version {shown(document['asset'].get('version'))}; convert it to 2.0")
     return document, binary
 
 
 def _entry(document: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
     entries = document.get(kind)
     if not isinstance(entries, list) or not isinstance(number, int) or not 0 <= number < len(entries):
-        message = f"refers to {kind}[{shown(number)}], which it does not have; export it again"
-        raise MeshError(message)
+        raise MeshError(f"refers to {kind}[{shown(number)}], which it does not have; export it again")
     return dict(entries[number])
 
 
@@ -126,8 +120,7 @@ def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
         count, start, label = accessor["count"], accessor.get("byteOffset", 0), f"accessors[{number}]"
         row = WIDTHS[accessor["type"]] * COMPONENT_BYTES[accessor["componentType"]]
         if not (_is_count(count) and _is_count(start)):
-            message = f"has {label} with a place or a count that is no number of bytes or rows; export it again"
-            raise MeshError(message)
+            raise MeshError(f"has {label} with a place or a count that is no number of bytes or rows; export it again")
         check_count(count, 3 * MAX_FACES, f"rows in {label}")
         total += count * row
         if "bufferView" not in accessor:
@@ -156,8 +149,7 @@ def _meshes(document: dict[str, Any]) -> list[list[dict[str, Any]]]:
     for number, mesh in enumerate(document.get("meshes", [])):
         primitives.append([p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)])
         if any(p.get("mode") == FAN for p in primitives[-1]):
-            message = f"has a fan of triangles in meshes[{number}]; export it as plain triangles"
-            raise MeshError(message)
+            raise MeshError(f"has a fan of triangles in meshes[{number}]; export it as plain triangles")
         primitives[-1] = [
             {"attributes": {"POSITION": p["attributes"]["POSITION"]}}
             | {key: p[key] for key in ("indices", "material", "mode") if key in p}
@@ -193,8 +185,7 @@ def _tree(
         index, depth = stack.pop()
         node = _entry(document, "nodes", index)
         if index in visited or depth > DEEPEST_NODES:
-            message = f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again"
-            raise MeshError(message)
+            raise MeshError(f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again")
         visited.add(index)
         children = node.get("children", [])
         stack += [(child, depth + 1) for child in reversed(children)]
@@ -222,12 +213,10 @@ def _bytes_of(path: Path, uri: str, label: str) -> bytes:
         try:
             return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
         except (binascii.Error, ValueError) as error:
-            message = f"has data in {label} that is not base64; export it again"
-            raise MeshError(message) from error
+            raise MeshError(f"has data in {label} that is not base64; export it again") from error
     file = beside(path, unquote(uri), label)
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
-        message = f"{label} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there"
-        raise MeshError(message)
+        raise MeshError(f"{label} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there")
     return file.read_bytes()
 
 

@@ -75,8 +75,7 @@ def read_mitsuba(path: Path) -> tuple[MeshPart, ...]:
             _refuse(element, f"<{element.tag}> is not read")
     check_count(sum(len(p.faces) for p in parts), MAX_FACES, "triangles")
     if not parts:
-        message = "has no shape; give a scene with shapes of type ply, obj, rectangle or cube"
-        raise MeshError(message)
+        raise MeshError("has no shape; give a scene with shapes of type ply, obj, rectangle or cube")
     return tuple(parts)
 
 
@@ -92,8 +91,7 @@ def _parsed(path: Path) -> Any:
             self.depth += 1
             if self.depth > DEEPEST_ELEMENTS:
                 line = self.parser.CurrentLineNumber
-                message = f"line {line} lies more than {DEEPEST_ELEMENTS} elements deep; export the scene again"
-                raise MeshError(message)
+                raise MeshError(f"line {line} lies more than {DEEPEST_ELEMENTS} elements deep; export the scene again")
             element = super()._start(tag, attributes)
             element.line = self.parser.CurrentLineNumber
             return element
@@ -108,16 +106,13 @@ def _parsed(path: Path) -> Any:
         parser.feed(text)
         return parser.close()
     except DefusedXmlException as error:
-        message = "has a document type or entities, which no scene needs; remove them"
-        raise MeshError(message) from error
+        raise MeshError("has a document type or entities, which no scene needs; remove them") from error
     except ParseError as error:
-        message = f"is not XML ({error}); correct it at that place"
-        raise MeshError(message) from error
+        raise MeshError(f"is not XML ({error}); correct it at that place") from error
 
 
 def _refuse(element: Any, reason: str) -> None:
-    message = f"line {element.line}: {reason}; remove it, or convert the scene to one GLB or PLY file"
-    raise MeshError(message)
+    raise MeshError(f"line {element.line}: {reason}; remove it, or convert the scene to one GLB or PLY file")
 
 
 def _shape(path: Path, shape: Any, names: dict[str, str]) -> list[MeshPart]:

@@ -39,13 +39,11 @@ def read_obj(path: Path) -> tuple[MeshPart, ...]:
     """Return the triangles of an OBJ file, one part for each material; raises MeshError."""
     size = path.stat().st_size
     if size > MAX_TEXT_BYTES:
-        message = f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as PLY or GLB"
-        raise MeshError(message)
+        raise MeshError(f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as PLY or GLB")
     text = path.read_bytes().decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     vertices, faces = _read_lines(text)
     if not faces:
-        message = "has no faces; give a mesh of polygons"
-        raise MeshError(message)
+        raise MeshError("has no faces; give a mesh of polygons")
     vertex_array = np.array(vertices, dtype=np.float64).reshape(-1, 3)
     parts = []
     for name, polygons in faces.items():
@@ -78,8 +76,7 @@ def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
             elif word in ("o", "g"):
                 group = arguments.strip()
         except (ValueError, OverflowError) as error:
-            message = f"line {number} reads {shown(line.strip())}; export the mesh again"
-            raise MeshError(message) from error
+            raise MeshError(f"line {number} reads {shown(line.strip())}; export the mesh again") from error
     check_count(len(vertices) // 3, MAX_VERTICES, "vertices")
     check_count(sum(len(f.size) for f in faces.values()), MAX_FACES, "polygons")
     check_count(len(faces), MAX_PARTS, "materials")
@@ -103,8 +100,7 @@ def read_stl(path: Path) -> tuple[MeshPart, ...]:
             message = f"claims {count:,} triangles, which need {needed:,} bytes, and has {size:,}; get the whole file"
             raise MeshError(message)
         if text and size > MAX_TEXT_BYTES:
-            message = f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary STL"
-            raise MeshError(message)
+            raise MeshError(f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary STL")
         check_count(0 if text else count, MAX_FACES, "triangles")
         data = head + file.read()
     if text:
@@ -114,6 +110,5 @@ def read_stl(path: Path) -> tuple[MeshPart, ...]:
     parts = read_by_trimesh(data, "stl")
     triangles = sum(len(part.faces) for part in parts)
     if triangles != count:  # trimesh skips an unterminated solid, and accepts a vertex of two or four numbers
-        message = f"has {count:,} triangles, of which {triangles:,} are whole; get the whole file"
-        raise MeshError(message)
+        raise MeshError(f"has {count:,} triangles, of which {triangles:,} are whole; get the whole file")
     return tuple(MeshPart(name="", vertices=part.vertices, faces=part.faces) for part in parts)

@@ -55,16 +55,13 @@ def beside(path: Path, name: str, place: str) -> Path:
     inner = Path(name.replace("\\", "/"))
     remedy = "a mesh may only name files of its own folder; put it there, or convert the mesh to one GLB file"
     if not name or "\0" in name or "://" in name or inner.is_absolute() or ".." in inner.parts or ":" in name[:3]:
-        message = f"{place} names {shown(name)}; {remedy}"
-        raise MeshError(message)
+        raise MeshError(f"{place} names {shown(name)}; {remedy}")
     try:
         folder, target = path.parent.resolve(), (path.parent / inner).resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        message = f"{place} names {shown(name)}, which cannot be reached; {remedy}"
-        raise MeshError(message) from error
+        raise MeshError(f"{place} names {shown(name)}, which cannot be reached; {remedy}") from error
     if not target.is_relative_to(folder):
-        message = f"{place} names {shown(name)}, a link to elsewhere; {remedy}"
-        raise MeshError(message)
+        raise MeshError(f"{place} names {shown(name)}, a link to elsewhere; {remedy}")
     return target
 
 
@@ -168,8 +165,7 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
         raise
     except Exception as error:  # trimesh raises undocumented types
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
-        message = f"cannot be read as {kind.upper()} ({reason}); export it again"
-        raise MeshError(message) from error
+        raise MeshError(f"cannot be read as {kind.upper()} ({reason}); export it again") from error
 
 
 def _parts(scene: Any) -> Iterator[MeshPart]:

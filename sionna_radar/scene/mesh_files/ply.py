@@ -66,8 +66,7 @@ class _Element:
         for column, property_ in enumerate(self.properties):
             if property_.name in names:
                 return column
-        message = f"has no property {names[0]} of its element {self.name}; export the mesh again"
-        raise MeshError(message)
+        raise MeshError(f"has no property {names[0]} of its element {self.name}; export the mesh again")
 
 
 def read_ply(path: Path) -> tuple[MeshPart, ...]:
@@ -75,8 +74,7 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
     data = path.read_bytes()
     text, elements, start = _header(data)
     if text and len(data) > MAX_TEXT_BYTES:
-        message = f"has {len(data):,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary PLY"
-        raise MeshError(message)
+        raise MeshError(f"has {len(data):,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary PLY")
     _check_counts(elements, len(data) - start, text)
     return _read_polygons(elements, _numbers(elements, data[start:]) if text else data[start:])
 
@@ -86,8 +84,7 @@ def _header(data: bytes) -> tuple[bool, list[_Element], int]:
     head, terminator, _ = data[:MAX_HEADER_BYTES].partition(b"end_header")
     end = data.find(b"\n", len(head))
     if not head.startswith(b"ply") or not terminator or end < 0:
-        message = "has no PLY header; give a PLY file"
-        raise MeshError(message)
+        raise MeshError("has no PLY header; give a PLY file")
     order: str | None = None
     elements: list[_Element] = []
     # All other lines are comments; some writers break these into several lines.
@@ -100,19 +97,16 @@ def _header(data: bytes) -> tuple[bool, list[_Element], int]:
             case ["property", *kinds, name] if elements and name not in [p.name for p in elements[-1].properties]:
                 elements[-1].properties.append(_property(name, kinds, str(order), f"line {number}"))
             case ["element" | "property" | "format", *_]:
-                message = f"line {number} of its header reads {shown(line)}; export the mesh again"
-                raise MeshError(message)
+                raise MeshError(f"line {number} of its header reads {shown(line)}; export the mesh again")
     return not order, elements, end + 1
 
 
 def _property(name: str, kinds: list[str], order: str, label: str) -> _Property:
     words = kinds[1:] if kinds[:1] == ["list"] else kinds
     if len(words) != 1 + (words is not kinds) or any(word not in TYPES for word in words):
-        message = f"{label} of its header has a property of {shown(' '.join(kinds))}; export the mesh again"
-        raise MeshError(message)
+        raise MeshError(f"{label} of its header has a property of {shown(' '.join(kinds))}; export the mesh again")
     if len(words) == 2 and TYPES[words[0]].startswith("f"):
-        message = f"{label} counts in {words[0]}; export the mesh again"
-        raise MeshError(message)
+        raise MeshError(f"{label} counts in {words[0]}; export the mesh again")
     *counted, kind = [np.dtype(order + TYPES[word]) if order else TEXT for word in words]
     return _Property(name=name, kind=kind, count_kind=counted[0] if counted else None)
 
@@ -121,8 +115,7 @@ def _check_counts(elements: list[_Element], size: int, text: bool) -> None:
     """Reject a header that claims more rows than the file can hold, or than the limits allow."""
     for element in elements:
         if element.name == "vertex" and any(p.count_kind for p in element.properties):
-            message = "has lists in its vertices; export the mesh again"
-            raise MeshError(message)
+            raise MeshError("has lists in its vertices; export the mesh again")
         min_bytes = 2 * len(element.properties) if text else element.row(0).itemsize
         if element.count * max(min_bytes, 1) - text > size:
             message = f"claims {element.count:,} rows of {element.name} and has only {size:,} bytes; get the whole file"
@@ -163,8 +156,7 @@ def _read_polygons(elements: list[_Element], rows: bytes) -> tuple[MeshPart, ...
         else:
             *_, offset = _lists(element, -1, rows, offset)
     if vertices is None or polygons is None:
-        message = "has no faces (points alone are no surface); give a mesh of triangles"
-        raise MeshError(message)
+        raise MeshError("has no faces (points alone are no surface); give a mesh of triangles")
     return (MeshPart(name="", vertices=vertices, faces=triangles_of(vertices, *polygons)),)
 
 
@@ -207,8 +199,7 @@ def _whole(values: np.ndarray) -> Int[np.ndarray, " item"]:
     """Return indices as whole numbers; raises MeshError for others."""
     integers: Int[np.ndarray, " item"] = values.astype(np.int64)
     if np.any(integers != values):
-        message = (
+        raise MeshError(
             f"has {np.count_nonzero(integers != values):,} indices that are no whole numbers; export the mesh again"
         )
-        raise MeshError(message)
     return integers

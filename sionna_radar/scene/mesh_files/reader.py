@@ -38,11 +38,9 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     size = regular_file(path, name, REMEDY, MAX_BYTES)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        message = f"{name} {shown(path)} ends in {shown(path.suffix)}; {REMEDY}"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)} ends in {shown(path.suffix)}; {REMEDY}")
     if size == 0:
-        message = f"{name} {shown(path)} is empty; get the whole file"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)} is empty; get the whole file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # numbers too large for float32 and the like
@@ -50,16 +48,14 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     except RadarError:
         raise
     except MeshError as error:
-        message = f"{name} {shown(path)}: {error}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{name} {shown(path)}: {error}") from error
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError, RecursionError) as error:
         # Invalid numbers or entries of the wrong type in a damaged file.
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"
         raise InputFileError(message) from error
     if not any(len(part.faces) for part in parts):
-        message = f"{name} {shown(path)}: has no faces; give a mesh of triangles"
-        raise InputFileError(message)
+        raise InputFileError(f"{name} {shown(path)}: has no faces; give a mesh of triangles")
     return tuple(
         MeshPart(name=part.name, vertices=np.asarray(part.vertices, dtype=np.float64), faces=part.faces)
         for part in parts

@@ -65,10 +65,9 @@ def repair(parts: Sequence[MeshPart], name: str) -> RepairedMesh:
     counts["faces without an area"] = int(np.count_nonzero(~has_area))
     faces, owner = faces[has_area], owner[has_area]
     if len(faces) == 0:
-        message = (
+        raise InputFileError(
             f"{name}: none of its {len(usable):,} faces is a surface ({_count_text(counts)}); export the mesh again"
         )
-        raise InputFileError(message)
     merged = _merged(vertices, faces)
     single = _unique_faces(merged)
     counts["faces that are there twice"] = len(faces) - len(single)

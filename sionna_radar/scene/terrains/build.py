@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_at
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.cover import MaterialField
@@ -82,7 +82,7 @@ def cover_numbers(terrain: TerrainParameters, grid: Grid) -> tuple[list[str], In
     frame, place = map_frame(terrain), grid.georeference
     if (frame is None) != (place is None):
         message = "the covers and the DEM are in different coordinates; give a DEM of this scenario"
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", message)
     point_m = grid.centres_m
     if frame is not None and place is not None:
         point_m = point_m + place.origin_m[:2] - frame.origin_m
@@ -191,7 +191,7 @@ def landscape_of_raster(raster: Raster, terrain: TerrainParameters, given: Terra
             f"it spans {west:.0f} to {east:.0f} m east and {south:.0f} to {north:.0f} m north, of which the survey "
             "sees nothing; give the path of its file, or Raster.from_array(raster.height_m, spacing_m)"
         )
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", message)
     if not isinstance(terrain, CoveredTerrain):
         terrain = CoveredTerrain(kind="raster", centre_lonlat_deg=terrain.centre_lonlat_deg)
     return replace(landscape_of_heights(raster, terrain), posting_m=raster.grid.spacing_m)

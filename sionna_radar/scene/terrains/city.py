@@ -66,7 +66,7 @@ def load_city(
     missing = sorted(set(chosen) - set(mapped))
     if missing:
         message = f"sionna:{city} has no {', '.join(missing)}; map any of {', '.join(sorted(mapped))}"
-        raise ScenarioError([Problem("terrain.materials", message)])
+        raise ScenarioError.of("terrain.materials", message)
     logger.warning(
         "sionna:%s: Sionna's materials are replaced by 77 GHz ones: %s",
         city,

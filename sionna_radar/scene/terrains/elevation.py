@@ -19,7 +19,7 @@ from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
 from sionna_radar.elevation.placed_raster import HeightSystem, height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scene.ground_cover import GroundCover
 from sionna_radar.scene.landscape import Landscape, covered_landscape
@@ -164,7 +164,7 @@ def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
     if file_crs is None:
         if stated.centre_lonlat_deg is not None:
             message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
-            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+            raise ScenarioError.of("terrain.centre_lonlat_deg", message)
         unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(stated.height_unit or "m", 1.0)
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
     crs = map_part(file_crs)
@@ -218,12 +218,12 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
         message = f"no point chosen by points = {source.points!r} lies in the part that is flown; move the flight"
         if source.points == "ground":
             message += ", or set points = 'first' if the file is not classified"
-        raise ScenarioError([Problem("terrain.points", message)])
+        raise ScenarioError.of("terrain.points", message)
     raster = treat_holes(raster, source.holes)
     corners = raster.filled
     if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
         message = f"{grid.spacing_m:g} m leaves no 2 x 2 cells with points; raise it, or set terrain.holes = 'fill'"
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     if placed.frame is None:
         return covered_landscape(_lowered(raster, 0.0), cover)
     base_m = float(math.floor(np.nanmin(raster.height_m)))
@@ -251,7 +251,7 @@ def _grid(
             f"{window_m[3]:.0f} m, but the cloud covers x = {x.min():.0f} to {x.max():.0f} m, y = {y.min():.0f} to "
             f"{y.max():.0f} m; {MOVE}"
         )
-        raise ScenarioError([Problem("terrain", message)])
+        raise ScenarioError.of("terrain", message)
     area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
     spacing = spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
     min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
@@ -266,6 +266,6 @@ def _grid(
         )
     if spacing > min(east - west, north - south):
         message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     columns, rows = (max(2, int((upper - lower) / spacing)) for lower, upper in ((west, east), (south, north)))
     return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from pyproj import CRS
 
 from sionna_radar.elevation.local_frame import MapFrame, frame_about, frame_at, map_part, stated_crs
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.scene.ground_cover import GroundCover, bare_ground, cover_ground
@@ -98,7 +98,7 @@ def _covered(
     bare = np.array([name == cover.material for name in materials])[mesh.owner]
     if not bare.any():
         message = f"no face is of terrain.material = {cover.material!r}, which it covers; remove it"
-        raise ScenarioError([Problem(f"{KEY}.cover", message)])
+        raise ScenarioError.of(f"{KEY}.cover", message)
     kept_vertices, index = np.unique(mesh.faces[bare], return_inverse=True)
     covered = cover_ground(mesh.vertices_m[kept_vertices], index.reshape(-1, 3), cover, georeference)
     two_sided = bool(mesh.two_sided[bare].any())
@@ -113,7 +113,7 @@ def _crs_of(name: str) -> CRS:
     crs = map_part(stated_crs(name))
     if not crs.is_projected:
         message = f"{crs.name!r} is not projected, and a mesh has no degrees; give one that is, such as 'EPSG:32632'"
-        raise ScenarioError([Problem(f"{KEY}.crs", message)])
+        raise ScenarioError.of(f"{KEY}.crs", message)
     return crs
 
 

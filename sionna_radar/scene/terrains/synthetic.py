@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 
 MAX_SYNTHETIC_CELLS = 16_000_000
@@ -18,13 +18,13 @@ def synthetic_grid(size_m: tuple[float, float], spacing_m: float) -> Grid:
     columns, rows = (math.ceil(size / spacing_m - 1e-9) + 1 for size in size_m)
     if spacing_m > min(size_m):
         message = f"{spacing_m:g} exceeds the shorter side of terrain.size_m ({min(size_m):g} m)"
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     if columns * rows > MAX_SYNTHETIC_CELLS:
         message = (
             f"{spacing_m:g} gives {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
             "raise it or lower terrain.size_m"
         )
-        raise ScenarioError([Problem("terrain.spacing_m", message)])
+        raise ScenarioError.of("terrain.spacing_m", message)
     return Grid(
         west_m=-spacing_m * (columns - 1) / 2,
         south_m=-spacing_m * (rows - 1) / 2,
@@ -59,7 +59,7 @@ def hills(size_m: tuple[float, float], spacing_m: float, filter_sigma_m: float, 
             f"{filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
             f"({min(size_m):g} m); lower it or enlarge the terrain"
         )
-        raise ScenarioError([Problem("terrain.filter_sigma_m", message)])
+        raise ScenarioError.of("terrain.filter_sigma_m", message)
     noise = np.random.default_rng(seed).standard_normal(grid.shape)
     # Periodic filtering averages the same number of independent cells everywhere; mirrored or repeated edges
     # would make the hills rougher along the border.

@@ -109,8 +109,7 @@ def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame 
     chirps, size = len(config.transmitters) * config.loops, path.stat().st_size
     if size == 0 or size % (2 * values * chirps):
         wanted = f"a frame of its configuration {2 * values * chirps:,}"
-        message = f"{shown(path)}: holds {size:,} bytes, and {wanted}; get the whole file"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(path)}: holds {size:,} bytes, and {wanted}; get the whole file")
     return np.memmap(path, dtype="<i2", mode="r").reshape(-1, chirps, values)
 
 
@@ -173,19 +172,15 @@ def capture_config(path: Path) -> CaptureConfig:
     try:
         config = _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
     except KeyError as error:
-        message = f"{shown(path)}: has no {error.args[0]}"
-        raise InputFileError(message) from None
+        raise InputFileError(f"{shown(path)}: has no {error.args[0]}") from None
     except (ValueError, TypeError, IndexError) as error:
-        message = f"{shown(path)}: cannot be read as a chirp configuration ({error})"
-        raise InputFileError(message) from None
+        raise InputFileError(f"{shown(path)}: cannot be read as a chirp configuration ({error})") from None
     if not np.isfinite([value for value in vars(config).values() if isinstance(value, float)]).all():
-        message = f"{shown(path)}: states a number that is not finite"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(path)}: states a number that is not finite")
     positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
     if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
         reason = "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples"
-        message = f"{shown(path)}: {reason}"
-        raise InputFileError(message)
+        raise InputFileError(f"{shown(path)}: {reason}")
     return config
 
 

@@ -43,7 +43,7 @@ from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.flight.recorded import LogPart, read_route
 from sionna_radar.flight.scan import LOOKS
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.radar.chirp import Chirp
@@ -214,7 +214,7 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     """Return described signals."""
     array = table.radar.array
     if array is not None and own.values != "complex":
-        raise ScenarioError([Problem("recording.values", "powers have no phase; an array needs 'complex'")], str(path))
+        raise ScenarioError.of("recording.values", "powers have no phase; an array needs 'complex'", str(path))
     channel = _read(path, own, table.sweep, array)
     samples, radar, background = channel.samples, channel.radar, None
     if own.background is not None and own.values == "complex":
@@ -240,13 +240,13 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
     if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
         message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
-        raise ScenarioError([Problem("recording.range_zero_m", message)], str(path))
+        raise ScenarioError.of("recording.range_zero_m", message, str(path))
     if own.values != "complex" and chirp.lead_cells:
         message = f"{radar.gate_delay_us:g} ends {chirp.lead_cells:.2g} cells before one, and powers keep their cells; "
         message += (
             f"set {1e6 * chirp.first_cell / chirp.bandwidth_hz:.9g}, and recording.range_zero_m for the difference"
         )
-        raise ScenarioError([Problem("sweep.gate_delay_us", message)], str(path))
+        raise ScenarioError.of("sweep.gate_delay_us", message, str(path))
     time_s = channel.time_s if table.poses is None else channel.time_s + table.poses.first_pulse_s
     pose_at, georeference = (None, None) if table.poses is None else _poses(table.poses, time_s)
     return DescribedSignals(
@@ -358,8 +358,7 @@ def _description(path: Path) -> DescribedRecording:
     try:
         data = parse_toml(read_text(path, "recording =", REMEDY))
     except ValueError as error:
-        message = f"recording = {shown(path)} is not TOML ({error}); {REMEDY}"
-        raise InputFileError(message) from None
+        raise InputFileError(f"recording = {shown(path)} is not TOML ({error}); {REMEDY}") from None
     try:
         table = DescribedRecording.model_validate(data)
     except ValidationError as error:
@@ -391,11 +390,11 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
     regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
     if own.captured:
         if own.config is None:
-            raise ScenarioError([Problem("recording.config", f"is missing: {CONFIG_REMEDY}")], str(path))
+            raise ScenarioError.of("recording.config", f"is missing: {CONFIG_REMEDY}", str(path))
         return _capture(own, own.config, array)
     if sweep is None:
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
-        raise ScenarioError([Problem("sweep", message)], str(path))
+        raise ScenarioError.of("sweep", message, str(path))
     samples = _array(own, every=array is not None)
     warnings: tuple[str, ...] = ()
     if own.values != "complex":
@@ -411,7 +410,7 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
     if sweep_s > period_s * (1 + 1e-9):
         message = f"lasts {1e3 * sweep_s:.3g} ms with {samples.shape[-1]:,} samples, and pulses follow after "
         message += f"{1e3 * period_s:.3g} ms; look at sampling_rate_hz, pulse_rate_hz and recording.axes"
-        raise ScenarioError([Problem("sweep", message)], str(path))
+        raise ScenarioError.of("sweep", message, str(path))
     radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
     chirps = 1 if array is None else array.chirps_per_frame
     if len(samples) % chirps:
@@ -580,7 +579,7 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
             f"is at {table.first_pulse_s:g} s: pulses are at {time_s[0]:.2f} to {time_s[-1]:.2f} s of the log, and "
             f"{shown(table.log)} has poses from {start_s:.2f} to {end_s:.2f} s; give the log's time of the first pulse"
         )
-        raise ScenarioError([Problem("poses.first_pulse_s", message)])
+        raise ScenarioError.of("poses.first_pulse_s", message)
 
     def pose_at(at_s: Float[np.ndarray, " n"]) -> Pose:
         tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.full(len(at_s), LOOKS[table.look]))
@@ -596,5 +595,4 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
 
 
 def _fail(path: Path, reason: str) -> NoReturn:
-    message = f"{shown(path)}: {reason}"
-    raise InputFileError(message)
+    raise InputFileError(f"{shown(path)}: {reason}")

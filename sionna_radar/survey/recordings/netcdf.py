@@ -37,8 +37,7 @@ def check_room(folder: Path, wanted: int) -> None:
     """Raise OSError while there is room to close a file: on a full disk the HDF5 library would crash."""
     free, needed = shutil.disk_usage(folder).free, wanted + SPARE_BYTES
     if free < needed:
-        message = f"{free / 1e6:.0f} MB are free, and {needed / 1e6:.0f} are needed"
-        raise OSError(errno.ENOSPC, message)
+        raise OSError(errno.ENOSPC, f"{free / 1e6:.0f} MB are free, and {needed / 1e6:.0f} are needed")
 
 
 class NetcdfFile:
@@ -154,8 +153,7 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
         raise
     except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:
         reason = shown((str(error) or type(error).__name__).splitlines()[0])[1:-1]
-        message = f"{where} cannot be read as netCDF-4 ({reason}); {remedy}"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{where} cannot be read as netCDF-4 ({reason}); {remedy}") from error
 
 
 def _probe(path: Path, where: str, remedy: str) -> None:
@@ -175,8 +173,7 @@ def _probe(path: Path, where: str, remedy: str) -> None:
         else:
             last = (done.stderr.splitlines() or [""])[-1]
             why = shown(last.partition(": ")[2] or last)[1:-1]
-    message = f"{where} cannot be read as netCDF-4 ({why}); {remedy}"
-    raise InputFileError(message)
+    raise InputFileError(f"{where} cannot be read as netCDF-4 ({why}); {remedy}")
 
 
 class NetcdfInput:
@@ -198,8 +195,7 @@ class NetcdfInput:
 
     def fail(self, what: str) -> NoReturn:
         """Raise the error of this file."""
-        message = f"{self._where}: {what}"
-        raise InputFileError(message)
+        raise InputFileError(f"{self._where}: {what}")
 
     def variable(self, name: str, shape: tuple[int, ...] | None = None) -> h5py.Dataset:
         """Return a variable of numbers or text, of some shape if one is given."""

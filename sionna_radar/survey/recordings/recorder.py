@@ -21,7 +21,7 @@ from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.errors import OutputError, PluginError, Problem, ScenarioError
+from sionna_radar.foundation.errors import OutputError, PluginError, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import to_toml
@@ -253,11 +253,10 @@ class SignalRecorder:
             return seen.frames
         if seen.beats is None:
             message = f"{self._prepared.scenario.sensor!r} makes no beat signals to record; record 'paths' instead"
-            raise ScenarioError([Problem("sensor", message)])
+            raise ScenarioError.of("sensor", message)
         wanted = (len(pulses), self._prepared.receiver.chirp.samples)
         if len(seen.beats) != self._sweeps or any(np.shape(beat) != wanted for beat in seen.beats):
-            message = f"sensor: beats are to be {self._sweeps} arrays of {wanted}, one for each sweep"
-            raise PluginError(message)
+            raise PluginError(f"sensor: beats are to be {self._sweeps} arrays of {wanted}, one for each sweep")
         return seen.beats[0] if self._sweeps == 1 else np.stack(list(seen.beats), axis=1)
 
     def _add_array(self, array: MimoArray) -> None:
@@ -387,7 +386,7 @@ class ProfileRecorder(_Rows):
         profiles = seen.profiles
         if profiles is None:
             message = f"{self._sensor!r}, as it is set, makes no range profiles to record; record 'paths' instead"
-            raise ScenarioError([Problem("sensor", message)])
+            raise ScenarioError.of("sensor", message)
         self._file.append(
             "profile",
             {
@@ -468,7 +467,7 @@ def recorders(
     for kind, of_array in (("cube", True), ("signals", False), ("profiles", False)):
         if kind in files and (prepared.scenario.sensor == "mimo") != of_array:
             own = "sensor = 'mimo'" if of_array else "single chirps"
-            raise ScenarioError([Problem("record", f"{kind!r} is of {own}; give another kind, or change the sensor")])
+            raise ScenarioError.of("record", f"{kind!r} is of {own}; give another kind, or change the sensor")
     makers: dict[str, Callable[[Path], Recorder]] = {
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),
@@ -487,8 +486,7 @@ def recorders(
             yield made
             for written, path in places:
                 if path.exists():
-                    message = f"recording {path} has come into being during the flight; name another file"
-                    raise OutputError(message)
+                    raise OutputError(f"recording {path} has come into being during the flight; name another file")
                 written.rename(path)
         except OutputError:
             raise
@@ -506,26 +504,22 @@ def checked_files(wanted: Mapping[str, Path]) -> dict[str, Path]:
     """
     files = {kind: _checked(kind, path) for kind, path in wanted.items()}
     if len(set(files.values())) < len(files):
-        message = f"recordings {', '.join(files)} go to one file; give each one of its own"
-        raise OutputError(message)
+        raise OutputError(f"recordings {', '.join(files)} go to one file; give each one of its own")
     return files
 
 
 def _checked(kind: str, path: Path) -> Path:
     if kind not in KINDS:
-        raise ScenarioError([Problem("record", f"{kind!r} is not recorded; give one of {', '.join(KINDS)}")], "run")
+        raise ScenarioError.of("record", f"{kind!r} is not recorded; give one of {', '.join(KINDS)}", "run")
     try:
         path = path.expanduser().resolve()
         for file in files_of(kind, path):
             if file.exists():
-                message = f"recording {file} exists already; move it away or name another file"
-                raise OutputError(message)
+                raise OutputError(f"recording {file} exists already; move it away or name another file")
         if not path.parent.is_dir():
-            message = f"recording {path} cannot be written: there is no folder {path.parent}; make it first"
-            raise OutputError(message)
+            raise OutputError(f"recording {path} cannot be written: there is no folder {path.parent}; make it first")
         for _ in abandoned(path.parent):
             pass  # leftovers of killed runs are removed
     except (RuntimeError, ValueError) as error:
-        message = f"recording {path} cannot be written ({error}); name another file"
-        raise OutputError(message) from error
+        raise OutputError(f"recording {path} cannot be written ({error}); name another file") from error
     return path

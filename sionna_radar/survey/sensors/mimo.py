@@ -12,7 +12,7 @@ from jaxtyping import Complex, Int
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.radar.mimo_array import MimoArray
@@ -83,9 +83,8 @@ class Mimo:
 def build_mimo(given: SensorInputs) -> Mimo:
     """Return the module of a scenario."""
     if not isinstance(given.angle, ArrayEstimator) or given.module is None or given.bursts is None:
-        message = "missing; sensor = 'mimo' needs its elements"
-        raise ScenarioError([Problem("radar.array", message)])
+        raise ScenarioError.of("radar.array", "missing; sensor = 'mimo' needs its elements")
     if given.receiver.chain is not None or given.receiver.high_pass is not None:
         message = "an array's receivers are ideal but for noise and radar.array; remove the others"
-        raise ScenarioError([Problem("radar.receiver", message)])
+        raise ScenarioError.of("radar.receiver", message)
     return Mimo(given, given.bursts, given.module, given.angle)

@@ -63,8 +63,7 @@ def check_sionna() -> None:
     delay_s = 2 * HEIGHT_M / speed_of_light
     right = abs(abs(gain) ** 2 / expected - 1) < TOLERANCE and abs(found.tau.numpy()[0] / delay_s - 1) < TOLERANCE
     if not right:
-        message = (
+        raise BackendError(
             f"sionna-rt {metadata.version('sionna-rt')} gives a test path the power {abs(gain) ** 2:.3g} instead of "
             f"{expected:.3g}; install sionna-rt=={TESTED}, which was tested"
         )
-        raise BackendError(message)

@@ -43,11 +43,10 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
     buffer = PathsBuffer(count, 1, False)
     missing = [name for name in BUFFER_COLUMNS if not hasattr(buffer, name)]
     if missing:
-        message = (
+        raise BackendError(
             f"sionna-rt {metadata.version('sionna-rt')} stores its paths differently from the tested releases: "
             f"its buffer has no {', '.join(missing)}; install sionna-rt~=2.2.0"
         )
-        raise BackendError(message)
     buffer.valid = valid
     # Sionna fills these columns path by path; here all of them are known at once.
     buffer._src_indices = buffer._tgt_indices = row

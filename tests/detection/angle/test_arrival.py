@@ -7,6 +7,7 @@ import pytest
 
 from beams import make_antenna, make_chirp
 from flights import make_pulses
+from receivers import echoes_of_all
 from sionna_radar.detection.angle.arrival import coherence, phase_covariance, ratio_covariance
 from sionna_radar.detection.angle.segments import range_strips, stretches_of
 from sionna_radar.detection.build import build_angle_estimator, build_detector
@@ -14,8 +15,6 @@ from sionna_radar.mapping.points import locate
 from sionna_radar.radar.build import build_receivers
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.mixer import receiver_paths
-from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.paths import Paths
 
 ANTENNA, CHIRP, HEIGHT_M = make_antenna(8.0, 8.0), make_chirp(), 50.0
@@ -49,13 +48,7 @@ def plane_echo(slope: float, seed: int = 1, count: int = 700) -> Paths:
 
 
 def points_of(found, paths: Paths, noise_w: float = 1e-13):
-    receiver = Receiver(sweeps=(CHIRP,), transmit_power_w=1.0, noise_power_w=noise_w, seed=4)
-    sides = [
-        receiver.beat(receiver_paths(paths, PULSES, found.array, channel), PULSES, channel)
-        for channel in range(1, len(found.axes) + 1)
-    ]
-    echoes = found.find([receiver.beat(paths, PULSES), *sides], PULSES.index, PULSES.measured)
-    return locate(found.detector.correct(echoes, PULSES.index, PULSES.measured), PULSES.index, PULSES.measured)
+    return locate(echoes_of_all(found, paths, PULSES, noise_w), PULSES.index, PULSES.measured)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.15])

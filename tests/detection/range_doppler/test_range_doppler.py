@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.constants import speed_of_light
 
 from beams import make_chirp
+from plain_beats import mover_beats
 from sionna_radar.detection.range_doppler.cfar import ClutterMap, RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler
 from sionna_radar.detection.range_doppler.movers import find_movers
@@ -16,14 +16,8 @@ FAST = make_chirp(bandwidth_hz=1e9, rate_hz=20e3, samples=256)
 
 
 def frame(found: RangeDoppler, range_m: float, rate_mps: float, power: float = 1.0):
-    """The beat of a mover, without approximations: its delay at every sample of every chirp."""
-    chirp = found.chirp
-    middle_s = (np.arange(found.chirps) - found.chirps // 2) / chirp.rate_hz
-    time_s = chirp.sample_time_s[None]
-    delay_s = 2 * (range_m + rate_mps * (middle_s[:, None] + time_s)) / speed_of_light
-    swept = chirp.slope_hz_s * time_s * delay_s - chirp.slope_hz_s * delay_s**2 / 2
-    phase = 2 * np.pi * chirp.direction * (chirp.carrier_hz * delay_s + swept)
-    return np.sqrt(power) * (np.exp(1j * phase) if chirp.sampling == "iq" else np.sqrt(2) * np.cos(phase))
+    middle_s = (np.arange(found.chirps) - found.chirps // 2) / found.chirp.rate_hz
+    return mover_beats(found.chirp, middle_s, range_m, rate_mps, power)
 
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.constants import speed_of_light
 
 from beams import make_antenna, make_chirp
+from plain_beats import mover_beats
 from sionna_radar.detection.build import build_detector
 from sionna_radar.detection.range_doppler.frames import RangeRates, pulse_pair_rates
 from sionna_radar.flight.frames import conical_from_antenna
@@ -18,12 +18,7 @@ CHIRP = make_chirp(bandwidth_hz=1e9, rate_hz=20e3, samples=256)
 
 
 def beat(chirp, range_m, rate_mps, power, chirps=17):
-    """The beats of a mover, without approximations: its delay at every sample of every chirp."""
-    middle_s, time_s = np.arange(chirps)[:, None] / chirp.rate_hz, chirp.sample_time_s
-    delay_s = 2 * (range_m + rate_mps * (middle_s + time_s)) / speed_of_light
-    swept = chirp.slope_hz_s * time_s * delay_s - chirp.slope_hz_s * delay_s**2 / 2
-    phase = 2 * np.pi * chirp.direction * (chirp.carrier_hz * delay_s + swept)
-    return np.sqrt(power) * (np.exp(1j * phase) if chirp.sampling == "iq" else np.sqrt(2) * np.cos(phase))
+    return mover_beats(chirp, np.arange(chirps) / chirp.rate_hz, range_m, rate_mps, power)
 
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])

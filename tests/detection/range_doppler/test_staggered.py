@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.constants import speed_of_light
 from scipy.stats import norm
 
 from beams import make_chirp
+from plain_beats import mover_beats
 from sionna_radar.detection.range_doppler.cfar import RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler
 from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
@@ -28,12 +28,7 @@ def chirp_times(found, stagger):
 
 
 def frame(found, stagger, range_m, rate_mps):
-    """The beat of a mover, without approximations: its delay at every sample of every chirp."""
-    chirp, t = found.chirp, found.chirp.sample_time_s[None]
-    delay_s = 2 * (range_m + rate_mps * (chirp_times(found, stagger)[:, None] + t)) / speed_of_light
-    swept = chirp.slope_hz_s * t * delay_s - chirp.slope_hz_s * delay_s**2 / 2
-    phase = 2 * np.pi * chirp.direction * (chirp.carrier_hz * delay_s + swept)
-    return np.exp(1j * phase) if chirp.sampling == "iq" else np.sqrt(2) * np.cos(phase)
+    return mover_beats(found.chirp, chirp_times(found, stagger), range_m, rate_mps)
 
 
 @pytest.mark.parametrize(("stagger", "foldings"), [(0.0, 2), (0.5, 5), (0.25, 9), (0.2, 2), (1.0, 3)])

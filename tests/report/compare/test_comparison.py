@@ -122,12 +122,10 @@ def test_what_is_no_result_is_refused_in_one_sentence(folders, tmp_path, what):
 
 def test_compare_prints_tables_and_writes_a_page(cli, folders, tmp_path):
     done = cli("compare", *folders, "-o", tmp_path / "both")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stderr == ""
     assert "radar.chirp_rate_hz" in done.stdout
     assert sorted(path.name for path in (tmp_path / "both").iterdir()) == ["compare.html", "manifest.json"]
-    again = cli("compare", *reversed(folders), "-o", tmp_path / "both")
-    assert again.returncode == 0
-    none = cli("compare", folders[0], tmp_path)
-    assert none.returncode == 2
+    cli("compare", *reversed(folders), "-o", tmp_path / "both")
+    none = cli("compare", folders[0], tmp_path, code=2)
     assert none.stderr.startswith("error: summary = ")
     assert none.stderr.count("\n") == 1

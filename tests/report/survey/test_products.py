@@ -131,42 +131,6 @@ def test_le90_is_defined_where_it_is_written(survey: Survey) -> None:
 # ------------------------------------------------------------------------------------------ rasters
 
 
-def test_geotiff_has_absolute_heights_at_the_right_places(georeferenced: Survey, tmp_path: Path) -> None:
-    path, place = tmp_path / "dem.tif", georeferenced.georeference
-    assert place is not None
-    georeferenced.dem.to_geotiff(path, "DEM height")
-    with rasterio.open(path) as file:
-        assert file.crs == rasterio.CRS.from_epsg(32616)
-        assert file.dtypes == ("float32",)
-        assert np.isnan(file.nodata)
-        assert file.compression.name == "deflate"
-        assert file.transform.e < 0
-        grid = georeferenced.dem.grid
-        row, column = 5, 40
-        x, y = grid.x_m[column] + place.origin_m[0], grid.y_m[row] + place.origin_m[1]
-        value = next(file.sample([(x, y)]))[0]
-        assert value == pytest.approx(georeferenced.dem.height_m[row, column] + place.origin_m[2], abs=1e-3)
-        assert np.array_equal(np.isnan(file.read(1)[::-1]), ~georeferenced.dem.filled)
-        west, east, south, north = grid.extent_m
-        assert tuple(file.bounds) == (
-            west + 747_000.0,
-            south + 4_035_000.0,
-            east + 747_000.0,
-            north + 4_035_000.0,
-        )
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_error_is_a_difference_without_origin(georeferenced: Survey, tmp_path: Path) -> None:
-    write_survey(georeferenced, tmp_path / "out")
-    layers = {}
-    for name in ("dem", "truth", "error"):
-        with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
-            layers[name] = file.read(1)
-    np.testing.assert_allclose(layers["error"], layers["dem"] - layers["truth"], atol=1e-3)
-    assert np.nanmean(layers["truth"]) > 390
-
-
 def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
     # Unit cells in the corner of the frame: the transform nearest to the identity that GDAL takes for none.
     grid = replace(survey.dem.grid, west_m=0.5, south_m=0.5 - survey.dem.grid.rows)

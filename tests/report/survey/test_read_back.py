@@ -109,6 +109,8 @@ def test_pixels_are_those_of_the_survey_bit_for_bit(flown, folder, name):
     raster = getattr(flown, name)
     with rasterio.open(folder / f"{name}.tif") as file:
         pixels = file.read(1)
+        assert (file.dtypes, file.compression.name) == (("float32",), "deflate")
+        assert np.isnan(file.nodata)
         assert file.bounds.left == pytest.approx(raster.grid.extent_m[0] + flown.georeference.origin_m[0], abs=1e-6)
         assert file.bounds.top == pytest.approx(raster.grid.extent_m[3] + flown.georeference.origin_m[1], abs=1e-6)
     np.testing.assert_array_equal(pixels, (raster.height_m[::-1] + offset_m).astype(np.float32))
@@ -195,8 +197,7 @@ def test_without_pyarrow_one_error_before_the_flight(monkeypatch, cli, small, tm
     from sionna_radar.report.files import points_table
 
     monkeypatch.setattr(points_table, "find_spec", lambda name: None)
-    done = cli("run", small, "-o", tmp_path / "out", "--points", "parquet", "-q")
-    assert done.returncode == 2
+    done = cli("run", small, "-o", tmp_path / "out", "--points", "parquet", "-q", code=2)
     assert "sionna-radar[parquet]" in done.stderr
     assert not (tmp_path / "out").exists()
 

@@ -84,12 +84,6 @@ def test_a_big_metal_plate_is_the_radars_image(height_m, polarization):
     np.testing.assert_array_equal(paths.incidence_rad, 0.0)
 
 
-def test_doubling_the_range_to_a_mirror_costs_6_db(pencil):
-    plate = mirrors(scene_with(make_surface(lambda x, y: 0 * x, size_m=20.0)), pencil, make_chirp())
-    near, far = (abs(plate.trace(make_pulses(1, position_m=(0.0, 0.0, h))).gain[0]) for h in (20.0, 40.0))
-    assert 20 * np.log10(near / far) == pytest.approx(20 * np.log10(2), abs=1e-9)
-
-
 def test_roughness_and_medium_weaken_it(pencil):
     plate = make_surface(lambda x, y: 0 * x, size_m=20.0)
     glass = building_permittivity("glass", 77e9)

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import kstest
 
 from beams import make_antenna, make_chirp
+from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.execution.execution import Execution
@@ -19,7 +20,7 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
-from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.tracing.paths import VOLUME
 from sionna_radar.weather.conditions import EvenVolume, UnevenVolume, Weather
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.path import rain_clutter_power
@@ -31,15 +32,7 @@ from worlds import make_scene, make_surface
 C = 299_792_458.0
 CARRIER_HZ = 77e9
 RATE = 30.0
-NOTHING = Paths(
-    pulse=np.zeros(0, np.int64),
-    delay_s=np.zeros(0),
-    gain=np.zeros(0, complex),
-    range_rate_mps=np.zeros(0),
-    incidence_rad=np.zeros(0),
-    hit_m=np.zeros((0, 3)),
-    surface=np.zeros(0, np.int64),
-)
+NOTHING = points_at([])
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from beams import make_antenna, make_chirp, plane_power
 from flights import make_pulses
 from sionna_radar.radar.antenna import Antenna, measured_cut
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
-from sionna_radar.tracing.paths import Engine
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0
@@ -142,19 +141,6 @@ def test_surfaces_are_named_by_their_place_in_the_scene():
     paths = engine(make_scene(west, east), make_antenna(20.0, 20.0), make_chirp()).trace(make_pulses(4))
     np.testing.assert_array_equal(paths.surface, (paths.hit_m[:, 0] > 0).astype(int))
     assert set(paths.surface) == {0, 1}
-
-
-def test_a_stronger_ground_echoes_as_much_more(pencil):
-    ground = make_surface(lambda x, y: 0 * x)
-    weak, strong = (
-        np.abs(engine(make_scene(ground, gamma=g), pencil, make_chirp()).trace(make_pulses(3)).gain) ** 2
-        for g in (0.001, 0.1)
-    )
-    np.testing.assert_allclose(strong / weak, 100.0, rtol=1e-4)
-
-
-def test_the_engine_keeps_its_protocol(plane, pencil):
-    assert isinstance(engine(plane, pencil, make_chirp()), Engine)
 
 
 def hill(x, y):

@@ -21,7 +21,6 @@ from sionna_radar.tracing.engines.gamma import facets
 from sionna_radar.tracing.engines.gamma.facet_index import MIN_ROOM, FacetIndex, Fineness, Footprint
 from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
-from sionna_radar.tracing.paths import Engine
 from worlds import make_scene, make_surface
 
 WAVELENGTH_M = speed_of_light / 77e9
@@ -54,10 +53,6 @@ def rough():
     return make_scene(
         make_surface(lambda x, y: 2 * np.sin(x / 9) * np.cos(y / 7), size_m=120.0, spacing_m=0.5, centre_m=(0, 50))
     )
-
-
-def test_it_is_an_engine(over_plane):
-    assert isinstance(over_plane, Engine)
 
 
 def test_the_file_imports_nothing_of_sionna_mitsuba_or_drjit():

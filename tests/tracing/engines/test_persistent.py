@@ -120,19 +120,6 @@ def test_speckle_is_fully_developed(mode):
     assert intensity.std() == pytest.approx(1.0, abs=0.03)
 
 
-def test_mean_power_is_the_beam_engines():
-    ground = make_scene(square(150.0))
-    position = grid_of_positions(200, 12.0)
-    pulses = looking(position, np.zeros(3), 45.0)
-    persistent = PersistentEngine(ground, PENCIL, chirp(), seed=2, density=20.0).trace(pulses)
-    beam = BeamEngine(ground, PENCIL, chirp(), 2, 512, 0.05).trace(pulses)
-    per_pulse = np.bincount(persistent.pulse, weights=np.abs(persistent.gain) ** 2)
-    expected = np.bincount(beam.pulse, weights=np.abs(beam.gain) ** 2).mean()
-    standard_error = per_pulse.std() / np.sqrt(len(per_pulse))
-    assert abs(per_pulse.mean() - expected) < 4 * standard_error
-    assert standard_error < 0.02 * expected
-
-
 def test_a_wall_hides_what_is_behind_it():
     wall = Surface(
         name="wall",
@@ -144,29 +131,6 @@ def test_a_wall_hides_what_is_behind_it():
     paths = engine.trace(looking(np.array([[0.0, 0.0, 30.0]]), np.zeros(3), 60.0))
     assert len(paths) > 100
     assert paths.hit_m[:, 1].max() < 20.0 + 1e-5
-
-
-def test_blocks_do_not_change_the_paths():
-    ground = make_scene(square(100.0))
-    engine = PersistentEngine(ground, PENCIL, chirp(), seed=2, density=5.0)
-    pulses = looking(grid_of_positions(70, 5.0), np.array([0.0, 3.0, 0.0]), 40.0)
-    whole = engine.trace(pulses)
-    pose = pulses.true
-    for row in (0, 33, 69):
-        alone = Pulses(
-            index=pulses.index[row : row + 1],
-            time_s=pulses.time_s[row : row + 1],
-            scan_rad=pulses.scan_rad[row : row + 1],
-            true=Pose(
-                position_m=pose.position_m[row : row + 1],
-                velocity_mps=pose.velocity_mps[row : row + 1],
-                R_world_antenna=pose.R_world_antenna[row : row + 1],
-            ),
-            measured=pose,
-        )
-        paths, mine = engine.trace(alone), whole.pulse == row
-        np.testing.assert_array_equal(paths.delay_s, whole.delay_s[mine])
-        np.testing.assert_array_equal(paths.gain, whole.gain[mine])
 
 
 def test_scatterers_lie_on_their_faces_in_proportion_to_area():

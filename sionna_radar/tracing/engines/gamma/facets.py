@@ -31,7 +31,7 @@ from jaxtyping import Complex, Float, Int, UInt64
 
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.randomness import FIRST_STEP, split_mix, unit_of
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.radar.antenna import Antenna
@@ -155,7 +155,7 @@ class GammaEngine:
                     f"'gamma' divides the ground in one beam into more than {MAX_FACETS:,} facets; set 'sionna', or "
                     "give an antenna that sends less beside its beam"
                 )
-                raise ScenarioError([Problem("tracing.engine", message)]) from None
+                raise ScenarioError.of("tracing.engine", message) from None
         middle = (low + high) // 2
         return _Echoes.concatenate([self._echoes(pulses, low, middle), self._echoes(pulses, middle, high)])
 
