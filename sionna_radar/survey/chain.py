@@ -127,7 +127,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         ),
         uncertainty=estimate.uncertainty,
         chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
-        warnings=survey_warnings(prepared, observed, points, comparison.lit_error, estimate),
+        warnings=survey_warnings(prepared, observed, points, comparison, estimate),
         sensor=sensor,
         saturation=_saturation(prepared, observed),
         no_echo=hits.silent & comparison.lit & ~estimate.dem.filled,
