@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.accuracy.truth import Comparison
+from sionna_radar.accuracy.truth import CLEAR_M, Comparison
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
@@ -65,6 +65,8 @@ LEAST_RATES = 4
 # Beams, and rays across each, by which covers are looked for; the share of the beams in which they move the height out
 # of the interval of 95 % that the map states, above which a warning is given.
 COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
+# So far behind a wall its roof is seen from above.
+BEHIND_M = 0.1
 
 # Share of clipped pulses above which a warning is given.
 SATURATED_SHARE_WARNED = 0.001
@@ -353,8 +355,9 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
     terrain = np.array([surface.name.startswith("terrain-") and not surface.divided for surface in scene.surfaces])
     lies = hits.hit & terrain[hits.surface]
     other = np.flatnonzero(hits.hit & ~lies)
-    above_m = place_m[other, 2] - prepared.scene.ground_m(place_m[other, :2])
-    lies[other] = np.abs(above_m) < prepared.receiver.chirp.range_resolution_m
+    behind_m = place_m[other, :2] + BEHIND_M * direction[other, :2]
+    top_m = prepared.scene.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
+    lies[other] = np.abs(top_m - prepared.scene.ground_m(behind_m)) < prepared.receiver.chirp.range_resolution_m
     lies = lies.reshape(len(pose), -1)
 
     down = np.clip(-pose.boresight[:, 2], 0.02, 1.0)
@@ -446,7 +449,8 @@ def survey_warnings(
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
-    if (remedy := _cover_remedy(prepared, observed)) is not None:
+    remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
+    if remedy is not None:
         warnings += cover_warnings(cover_shifts(prepared), comparison.error, estimate.sigma, remedy)
     for warning in warnings:
         logger.warning("%s", warning)
@@ -464,18 +468,13 @@ def _louder(prepared: Prepared) -> str:
 
 
 def _cover_remedy(prepared: Prepared, observed: Observed) -> str | None:
-    """Return what lets a map know the covers of the ground; None where it does."""
-    mapper = prepared.mapper
-    method = mapper.name
-    if method == "linear" or (method == "smooth" and observed.behind_volume):
-        method = "refined"
-    if mapper.beam is None or (observed.profiles is None and mapper.keeps_profiles):
-        return "narrow the beam, or fly lower"
-    if mapper.cover is not None and method == mapper.name:
+    """Return what helps a map that does not know the covers of the ground; None for one that does."""
+    mapper, terrain = prepared.mapper, prepared.local.terrain
+    unaware = not mapper.keeps_profiles or (mapper.name == "smooth" and observed.behind_volume)
+    keys = (["dem.method = 'refined'"] if unaware else []) + (["dem.cover = 'known'"] if mapper.cover is None else [])
+    if not keys:
         return None
-    terrain = prepared.local.terrain
-    named = isinstance(terrain, CoveredTerrain) and not cover_of(terrain).bare
-    keys = ([] if method == mapper.name else [f"dem.method = {method!r}"]) + (
-        [] if mapper.cover is not None else ["dem.cover = 'known'"]
-    )
-    return ("" if named else "name them in terrain.cover, and ") + f"set {' and '.join(keys)}, or narrow the beam"
+    if not isinstance(terrain, CoveredTerrain) or (observed.profiles is None and mapper.keeps_profiles):
+        return "narrow the beam, or fly lower"
+    name = "name them in terrain.cover and " if cover_of(terrain).bare else ""
+    return f"{name}set {' and '.join(keys)}, or narrow the beam"
