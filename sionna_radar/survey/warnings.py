@@ -65,7 +65,7 @@ LEAST_RATES = 4
 # Beams, and rays across each, by which covers are looked for; the share of the beams in which they move the height out
 # of the interval of 95 % that the map states, above which a warning is given.
 COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
-# So far behind a wall its roof is seen from above.
+# Along a ray beyond the foot of a wall, from which the roof is straight above.
 BEHIND_M = 0.1
 
 # Share of clipped pulses above which a warning is given.
@@ -354,10 +354,12 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
     place_m = origin_m + np.where(hits.hit, hits.distance_m, np.nan)[:, None] * direction
     terrain = np.array([surface.name.startswith("terrain-") and not surface.divided for surface in scene.surfaces])
     lies = hits.hit & terrain[hits.surface]
+    # Of anything else what is low, and has nothing high right behind it as the foot of a wall has.
     other = np.flatnonzero(hits.hit & ~lies)
-    behind_m = place_m[other, :2] + BEHIND_M * direction[other, :2]
+    ground_m, behind_m = prepared.scene.ground_m, place_m[other, :2] + BEHIND_M * direction[other, :2]
     top_m = prepared.scene.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
-    lies[other] = np.abs(top_m - prepared.scene.ground_m(behind_m)) < prepared.receiver.chirp.range_resolution_m
+    above_m = np.maximum(np.abs(place_m[other, 2] - ground_m(place_m[other, :2])), np.abs(top_m - ground_m(behind_m)))
+    lies[other] = above_m < prepared.receiver.chirp.range_resolution_m
     lies = lies.reshape(len(pose), -1)
 
     down = np.clip(-pose.boresight[:, 2], 0.02, 1.0)
