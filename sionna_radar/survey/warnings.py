@@ -65,6 +65,8 @@ LEAST_RATES = 4
 # Beams, and rays across each, by which covers are looked for; the share of the beams in which they move the height out
 # of the interval of 95 % that the map states, above which a warning is given.
 COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
+# A cover darker by more is as good as silent, as calm water is.
+SILENT_DB = 60
 # Along a ray beyond the foot of a wall, from which the roof is straight above.
 BEHIND_M = 0.1
 
@@ -404,10 +406,11 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     off_m, stated_m, error_m = shifts.shift_m[moved], stated_m[moved], error_m[moved]
     if share > MOVED_SHARE_WARNED and error_m @ off_m > np.linalg.norm(off_m) * np.linalg.norm(stated_m):
         most = np.flatnonzero(moved)[np.argmax(shifts.ratio[moved])]
+        ratio_db = to_db(shifts.ratio[most])
+        contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
         rms_m, sigma_m = (np.sqrt(np.mean(own**2)) for own in (error_m, stated_m))
         yield (
-            f"covers of the ground differ by up to {to_db(shifts.ratio[most]):.0f} dB ({shifts.brightest[most]!r} over "
-            f"{shifts.darkest[most]!r} at {np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam "
+            f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at {np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam "
             f"over both is that of the brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where "
             f"`dem_sigma.tif` says {sigma_m:.2g} m; {remedy}"
         )

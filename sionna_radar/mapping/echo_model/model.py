@@ -367,11 +367,17 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)
 
 
-def predicted_means(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, " pulse"]:
-    """Return the mean ranges over a surface as read, with Doppler and errors of the radar; NaN without an echo."""
+def predicted_means(
+    sightings: Sightings, surface: Heightfield
+) -> tuple[Float[np.ndarray, " pulse"], BeamFootprints | None]:
+    """Return the mean ranges over a surface as read, with Doppler and errors of the radar; NaN without an echo.
+
+    Also where the beams meet it, unless a volume is in front, behind which the axes alone are cast.
+    """
     if sightings.profiles.volume is None:
-        return EchoModel(sightings, surface).centroid_m()
+        model = EchoModel(sightings, surface)
+        return model.centroid_m(), model.footprints
     direction = sightings.echo_direction()
     range_m = surface.first_hit(sightings.pose.position_m, direction, sightings.reach_m)
     shift_m = sightings.shift_m(direction[:, None])[:, 0]
-    return np.asarray(range_m * (1 + sightings.range_scale) + sightings.range_bias_m + shift_m)
+    return np.asarray(range_m * (1 + sightings.range_scale) + sightings.range_bias_m + shift_m), None
