@@ -410,9 +410,10 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
         contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
         rms_m, sigma_m = (np.sqrt(np.mean(own**2)) for own in (error_m, stated_m))
         yield (
-            f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at {np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam "
-            f"over both is that of the brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where "
-            f"`dem_sigma.tif` says {sigma_m:.2g} m; {remedy}"
+            f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
+            f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
+            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` says "
+            f"{sigma_m:.2g} m; {remedy}"
         )
 
 
