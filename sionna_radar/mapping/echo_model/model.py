@@ -317,10 +317,12 @@ class EchoModel:
     def _ground(self) -> tuple[object, ...]:
         """Return the known cover and its levels as the kernels take them."""
         cover, boresight = self._sightings.cover, self._sightings.pose.boresight
+        position_m = np.ascontiguousarray(self._sightings.pose.position_m)
         if cover is None:
-            return self._feet.place_m, np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+            nothing = np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+            return self._feet.place_m, *nothing, position_m
         cells = cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m
-        return self._feet.place_m, *cells, cover.levels(boresight)
+        return self._feet.place_m, *cells, cover.levels(boresight), position_m
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""
