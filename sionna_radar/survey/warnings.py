@@ -62,8 +62,7 @@ LEAST_PLACES = 2 / 3
 # Fewest cells of range rate within the beam of an array.
 LEAST_RATES = 4
 
-# Beams, and rays across each, by which covers are looked for; the share of the beams in which they move the height out
-# of the interval of 95 % that the map states, above which a warning is given.
+# Beams, and rays across each, by which covers are looked for; the share of them that covers must move for a warning.
 COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
 # A cover darker by more is as good as silent, as calm water is.
 SILENT_DB = 60
@@ -392,23 +391,30 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
 def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | None, remedy: str) -> Iterator[str]:
     """Yield the warning about beams over covers of different backscatter, of which a map knows nothing.
 
-    error, sigma: of the map's heights, the latter None if its method states none. The part of the errors that follows
-        the covers has to exceed sigma: a map that has found level ground knows better than some of its echoes.
+    Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
+    by more than one: a map that has found level ground knows better than some of its echoes.
+
+    error, sigma: of the map's heights, the latter None if its method states none. A map that has learned strong covers
+        as relief states that: then the error that is left without what follows the covers stands for it.
     remedy: what helps.
     """
-    if shifts is None or sigma is None or len(shifts.shift_m) == 0:
+    if shifts is None or sigma is None:
         return
     row, column, inside = sigma.grid.cell_of(shifts.place_m)
-    stated_m, error_m = sigma.height_m[row, column], error.height_m[row, column]
-    # Empty cells are NaN, of which nothing is true.
-    moved = inside & np.isfinite(error_m) & (np.abs(shifts.shift_m) > 2 * stated_m)
-    share = np.count_nonzero(moved) / len(moved)
-    off_m, stated_m, error_m = shifts.shift_m[moved], stated_m[moved], error_m[moved]
-    if share > MOVED_SHARE_WARNED and error_m @ off_m > np.linalg.norm(off_m) * np.linalg.norm(stated_m):
-        most = np.flatnonzero(moved)[np.argmax(shifts.ratio[moved])]
+    filled = np.flatnonzero(inside & np.isfinite(error.height_m[row, column]))
+    stated_m, error_m = (each.height_m[row, column][filled] for each in (sigma, error))
+    off_m, ratio = shifts.shift_m[filled], shifts.ratio[filled]
+    if not off_m.any():
+        return
+    rest_m = error_m - off_m * (error_m @ off_m) / (off_m @ off_m)
+    usual_m = np.minimum(stated_m, np.sqrt(np.mean(rest_m**2)))
+    moved = np.abs(off_m) > 2 * usual_m
+    share, followed = np.mean(moved), error_m[moved] @ off_m[moved]
+    if share > MOVED_SHARE_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
+        most = filled[moved][np.argmax(ratio[moved])]
         ratio_db = to_db(shifts.ratio[most])
         contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
-        rms_m, sigma_m = (np.sqrt(np.mean(own**2)) for own in (error_m, stated_m))
+        rms_m, sigma_m = (np.sqrt(np.mean(own[moved] ** 2)) for own in (error_m, stated_m))
         yield (
             f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
             f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
