@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, RegularGridInterpolator
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -26,12 +26,14 @@ SPLINE = BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)
 class _Spread:
     """The samples of one pulse that fall inside its range cells, with cell and power.
 
+    slope: of the power by the place of the sample, east and north.
     share_before: share of the beam that meets the surface before the first cell.
     """
 
     sample: np.ndarray
     cell: np.ndarray
     power: np.ndarray
+    slope: np.ndarray
     stretch: np.ndarray
     share_before: float
 
@@ -71,7 +73,8 @@ class PlainEchoes:
         level, mean, weight = _fit_level(power, shape, volume, noise + PEDESTAL * top, top)
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
-        moved = self._responded(self._moved(pulse, spread, spread.power, len(shape)), len(shape))
+        moved = self._moved(pulse, spread, spread.power, len(shape)) + self._passed(pulse, spread, len(shape))
+        moved = self._responded(moved, len(shape))
         if by_height is not None:
             moved += by_height / level
         jacobian = moved[used] * (level / mean)[:, None]
@@ -82,6 +85,11 @@ class PlainEchoes:
         residual = np.minimum(power / mean, MAX_SPECKLE) - 1
         root = np.sqrt(looks * weight)[:, None] * jacobian
         return looks * (weight * residual) @ jacobian, root
+
+    def expected(self, pulse: int):
+        """Return the profile of one pulse at unit level, without noise."""
+        first, cells = float(self._sightings.profiles.first[pulse]), len(self._sightings.profiles.values(pulse))
+        return self._mean(self._spread(pulse, first, first + cells - 1), cells)
 
     def _volume(self, pulse: int):
         """Return the mean power of a volume in front of the ground, and its derivative by the nodes' heights."""
@@ -119,21 +127,22 @@ class PlainEchoes:
         inside = whole & (cell > first - self._beyond) & (cell < last + self._beyond)
         before = float(beam.share[whole & (cell <= first - self._beyond)].sum())
         cell = cell[inside] - origin
-        share = beam.share * self._levels(pulse)
-        power = share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
-        return _Spread(np.flatnonzero(inside), cell, power, sample_range[inside] ** 2, before)
+        level, slope = self._levels(pulse)
+        share = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
+        power, slope = share * level[inside], share * slope[:, inside]
+        return _Spread(np.flatnonzero(inside), cell, power, slope, sample_range[inside] ** 2, before)
 
     def _levels(self, pulse: int):
-        """Return the power of the ground under each sample over that of the brightest cover."""
-        cover = self._sightings.cover
+        """Return the power of the ground under each sample over that of the brightest cover, and its slopes."""
+        cover, samples = self._sightings.cover, len(self._sightings.beam.share)
         if cover is None:
-            return 1.0
+            return np.ones(samples), np.zeros((2, samples))
         incidence_deg = np.degrees(np.arccos(-self._sightings.pose.boresight[pulse, 2]))
         level = cover.gamma[:, round(incidence_deg)] / cover.gamma[:, round(incidence_deg)].max()
-        x, y = (self._sightings.beam.between @ self._feet.place_m[pulse]).T
-        column = [int(np.argmin(np.abs(cover.grid.x_m - each))) for each in x]
-        row = [int(np.argmin(np.abs(cover.grid.y_m - each))) for each in y]
-        return level[cover.cover[row, column]]
+        between = RegularGridInterpolator((cover.grid.y_m, cover.grid.x_m), level[cover.cover])
+        north_east = (self._sightings.beam.between @ self._feet.place_m[pulse])[:, ::-1]
+        by = np.array([[0.0, 1e-6], [1e-6, 0.0]])
+        return between(north_east), np.array([(between(north_east + d) - between(north_east - d)) / 2e-6 for d in by])
 
     def _mean(self, spread: _Spread, cells: int):
         """Return the profile of the samples at unit level."""
@@ -157,6 +166,15 @@ class PlainEchoes:
         inverse = 1 / np.maximum(np.nan_to_num(self._feet.range_m[pulse], nan=np.inf), 1.0)
         raw = onto @ sightings.beam.between[spread.sample]
         return np.asarray(raw * (inverse**2 * self._feet.range_per_height[pulse]))
+
+    def _passed(self, pulse: int, spread: _Spread, cells: int):
+        """Return the derivative of the hits by nodes that rise and are met elsewhere, where other covers are."""
+        away = np.arange(cells + 2 * self._beyond + 2)[:, None] - self._beyond - 1 - spread.cell
+        onto = [np.nan_to_num(SPLINE(away)) * slope for slope in spread.slope]
+        ray = self._sightings.direction()[pulse]
+        between = self._sightings.beam.between[spread.sample]
+        passed = sum((each @ between) * ray[:, axis] for axis, each in enumerate(onto))
+        return np.asarray(passed * self._feet.range_per_height[pulse])
 
     def _responded(self, raw, cells: int):
         """Return values on cells, convolved with the window's response."""

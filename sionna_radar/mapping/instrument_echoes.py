@@ -306,7 +306,7 @@ class WholeEchoes:
         sightings, motion = self.without(errors)
         echoes = mean_ranges(self.sightings)
         toward = self.sightings.echo_direction()[:, None]
-        excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)
+        excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)[0]
         sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
         slope = self._change(sightings, motion, surface, [*names, "range_bias"])
         return _mean_range_step(slope, excess, sigma)

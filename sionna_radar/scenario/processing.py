@@ -224,7 +224,7 @@ class DemTable(Table):
     cover: Literal["unknown", "known"] = "unknown"
     """whether a map of whole echoes knows the land cover, as from a map of it: "known" takes the scenario's covers and
     the backscatter of their materials, so that of a beam over two covers the brighter part tells its own height.
-    "linear" does not use it, nor does "smooth" through rain."""
+    "linear" does not use it, nor does "smooth" through rain. A survey warns where unknown covers move its heights."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
     """surfaces seen at a greater incidence count as shadow."""
 

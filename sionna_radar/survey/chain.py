@@ -128,7 +128,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         ),
         uncertainty=estimate.uncertainty,
         chirp=chirp,
-        warnings=survey_warnings(prepared, observed, points, comparison.lit_error, estimate),
+        warnings=survey_warnings(prepared, observed, points, comparison, estimate),
         sensor=sensor,
         saturation=_saturation(prepared, observed),
         no_echo=hits.silent & comparison.lit & ~estimate.dem.filled,

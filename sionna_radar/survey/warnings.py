@@ -1,24 +1,30 @@
 """Warnings about the result of a survey: what degrades it, and the remedy."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
-from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.truth import CLEAR_M, Comparison
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.numerics import to_db
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.radar.mimo_array import MimoArray
+from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
+from sionna_radar.scene.terrains.build import cover_of
 from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
@@ -55,6 +61,13 @@ LARGEST_GAP = 0.55
 LEAST_PLACES = 2 / 3
 # Fewest cells of range rate within the beam of an array.
 LEAST_RATES = 4
+
+# Beams, and rays across each, by which covers are looked for; the share of them that covers must move for a warning.
+COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
+# A cover darker by more is as good as silent, as calm water is.
+SILENT_DB = 60
+# Along a ray beyond the foot of a wall, from which the roof is straight above.
+BEHIND_M = 0.1
 
 # Share of clipped pulses above which a warning is given.
 SATURATED_SHARE_WARNED = 0.001
@@ -302,8 +315,116 @@ def array_warnings(
         )
 
 
+@dataclass(frozen=True)
+class CoverShifts:
+    """By how much the covers under each of some beams move its echo; see `cover_shifts`.
+
+    place_m: where the axis meets level ground at the height of the footprint.
+    shift_m: of the height that the echo tells; positive where that is too high.
+    ratio: of the brightest to the darkest cover in the beam, in power; brightest, darkest: their names.
+    incidence_rad: of the axis on level ground.
+    """
+
+    place_m: Float[np.ndarray, "beam 2"]
+    shift_m: Float[np.ndarray, " beam"]
+    ratio: Float[np.ndarray, " beam"]
+    brightest: Sequence[str]
+    darkest: Sequence[str]
+    incidence_rad: Float[np.ndarray, " beam"]
+
+
+def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | None:
+    """Return by how much covers of the ground of different backscatter move echoes; None where all are the same.
+
+    The mean range of an echo is that of its power: weighted by gamma = sigma0 / cos(incidence) of each cover, at the
+    incidence of the beam's axis on level ground, less what it is for one cover. Across a border in the middle of a
+    Gaussian beam of standard deviation s in range, of two covers of the ratio q, that is sqrt(2 / pi) s (q - 1) /
+    (q + 1). Objects count where they lie no higher than a range cell above the ground, as roads do; buildings do not.
+
+    beams: of pulses spread over the survey.
+    """
+    scene, beam = prepared.scene.scene, prepared.mapper.beam
+    own = sorted({surface.material for surface in scene.surfaces})
+    if beam is None or len(own) == 1 or prepared.angle is not None:
+        return None
+    pose = prepared.flight.sample(beams).true
+    inner, share = beam_samples(beam, COVER_RAYS)
+    direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
+    origin_m = np.repeat(pose.position_m, len(inner), axis=0)
+    hits = prepared.scene.caster.cast(origin_m, direction)
+    place_m = origin_m + np.where(hits.hit, hits.distance_m, np.nan)[:, None] * direction
+    terrain = np.array([surface.name.startswith("terrain-") and not surface.divided for surface in scene.surfaces])
+    lies = hits.hit & terrain[hits.surface]
+    # Of anything else what is low, and has nothing high right behind it as the foot of a wall has.
+    other = np.flatnonzero(hits.hit & ~lies)
+    ground_m, behind_m = prepared.scene.ground_m, place_m[other, :2] + BEHIND_M * direction[other, :2]
+    top_m = prepared.scene.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
+    above_m = np.maximum(np.abs(place_m[other, 2] - ground_m(place_m[other, :2])), np.abs(top_m - ground_m(behind_m)))
+    lies[other] = above_m < prepared.receiver.chirp.range_resolution_m
+    lies = lies.reshape(len(pose), -1)
+
+    down = np.clip(-pose.boresight[:, 2], 0.02, 1.0)
+    incidence_rad = np.arccos(down)
+    gamma = np.array([scene.materials[name].sigma0(incidence_rad) / down for name in own])
+    number = np.searchsorted(own, [surface.material for surface in scene.surfaces])[hits.surface].reshape(lies.shape)
+    range_m = np.where(lies, hits.distance_m.reshape(lies.shape), 1.0)
+    power = np.where(lies, share / range_m**2, 0.0)
+    level = np.take_along_axis(np.maximum(gamma, np.finfo(float).tiny).T, number, axis=1)
+
+    def mean_m(power: Float[np.ndarray, "beam ray"]) -> Float[np.ndarray, " beam"]:
+        total = power.sum(axis=1)
+        return (power * range_m).sum(axis=1) / np.where(total > 0, total, np.nan)
+
+    plain_m = mean_m(power)
+    brightest, darkest = (np.where(lies, sign * level, -np.inf).argmax(axis=1) for sign in (1, -1))
+    each, met = np.arange(len(pose)), np.isfinite(plain_m)
+    return CoverShifts(
+        place_m=(pose.position_m + plain_m[:, None] * pose.boresight)[met, :2],
+        shift_m=((plain_m - mean_m(power * level)) * down)[met],
+        ratio=(level[each, brightest] / level[each, darkest])[met],
+        brightest=[own[number[beam, ray]] for beam, ray in zip(each[met], brightest[met], strict=True)],
+        darkest=[own[number[beam, ray]] for beam, ray in zip(each[met], darkest[met], strict=True)],
+        incidence_rad=incidence_rad[met],
+    )
+
+
+def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | None, remedy: str) -> Iterator[str]:
+    """Yield the warning about beams over covers of different backscatter, of which a map knows nothing.
+
+    Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
+    by more than one: a map that has found level ground knows better than some of its echoes.
+
+    error, sigma: of the map's heights, the latter None if its method states none. A map that has learned strong covers
+        as relief states that: then the error that is left without what follows the covers stands for it.
+    remedy: what helps.
+    """
+    if shifts is None or sigma is None:
+        return
+    row, column, inside = sigma.grid.cell_of(shifts.place_m)
+    filled = np.flatnonzero(inside & np.isfinite(error.height_m[row, column]))
+    stated_m, error_m = (each.height_m[row, column][filled] for each in (sigma, error))
+    off_m, ratio = shifts.shift_m[filled], shifts.ratio[filled]
+    if not off_m.any():
+        return
+    rest_m = error_m - off_m * (error_m @ off_m) / (off_m @ off_m)
+    usual_m = np.minimum(stated_m, np.sqrt(np.mean(rest_m**2)))
+    moved = np.abs(off_m) > 2 * usual_m
+    share, followed = np.mean(moved), error_m[moved] @ off_m[moved]
+    if share > MOVED_SHARE_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
+        most = filled[moved][np.argmax(ratio[moved])]
+        ratio_db = to_db(shifts.ratio[most])
+        contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
+        rms_m, sigma_m = (np.sqrt(np.mean(own[moved] ** 2)) for own in (error_m, stated_m))
+        yield (
+            f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
+            f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
+            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` says "
+            f"{sigma_m:.2g} m; {remedy}"
+        )
+
+
 def survey_warnings(
-    prepared: Prepared, observed: Observed, points: Points, lit: DemError, estimate: Estimate
+    prepared: Prepared, observed: Observed, points: Points, comparison: Comparison, estimate: Estimate
 ) -> tuple[str, ...]:
     """Return the warnings about a survey's result, and log those not logged during preparation."""
     local, mapper, angle, echoes = prepared.local, prepared.mapper, prepared.angle, len(observed.echoes)
@@ -334,12 +455,15 @@ def survey_warnings(
         )
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
-    spacing_m = mapper.grid.spacing_m
+    spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
+    if remedy is not None:
+        warnings += cover_warnings(cover_shifts(prepared), comparison.error, estimate.sigma, remedy)
     for warning in warnings:
         logger.warning("%s", warning)
     return (*prepared.warnings, *warnings)
@@ -353,3 +477,16 @@ def _louder(prepared: Prepared) -> str:
         return LOUDER.get(prepared.local.sensor, LOUDER["radar"])
     key = "bits" if radar.receiver.converter.full_scale_dbm is None else "gain_db"
     return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
+
+
+def _cover_remedy(prepared: Prepared, observed: Observed) -> str | None:
+    """Return what helps a map that does not know the covers of the ground; None for one that does."""
+    mapper, terrain = prepared.mapper, prepared.local.terrain
+    unaware = not mapper.keeps_profiles or (mapper.name == "smooth" and observed.behind_volume)
+    keys = (["dem.method = 'refined'"] if unaware else []) + (["dem.cover = 'known'"] if mapper.cover is None else [])
+    if not keys:
+        return None
+    if not isinstance(terrain, CoveredTerrain) or (observed.profiles is None and mapper.keeps_profiles):
+        return "narrow the beam, or fly lower"
+    name = "name them in terrain.cover and " if cover_of(terrain).bare else ""
+    return f"{name}set {' and '.join(keys)}, or narrow the beam"

@@ -62,7 +62,12 @@ def over_covers(in_rain):
     return replace(in_rain, cover=KnownCover(grid=grid, cover=strips, gamma=gamma))
 
 
-@pytest.mark.parametrize("air", ["in_clear_air", "in_rain", "over_covers"])
+@pytest.fixture(scope="module")
+def over_covers_in_clear_air(in_clear_air, over_covers):
+    return replace(in_clear_air, cover=over_covers.cover)
+
+
+@pytest.mark.parametrize("air", ["in_clear_air", "in_rain", "over_covers", "over_covers_in_clear_air"])
 def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request):
     sightings = request.getfixturevalue(air)
     looks = LOOKS * np.linspace(1, 2, len(sightings))
@@ -121,7 +126,7 @@ def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
     np.testing.assert_array_equal(curvature_on_cells(linear, surface.grid)(np.ones(surface.height_m.size)), 0.0)
 
 
-@pytest.mark.parametrize("air", ["in_clear_air", "in_rain"])
+@pytest.mark.parametrize("air", ["in_clear_air", "in_rain", "over_covers_in_clear_air"])
 def test_the_score_alone_is_that_of_the_rows(air, surface, request):
     sightings = request.getfixturevalue(air)
     model, looks = EchoModel(sightings, surface), LOOKS * np.linspace(1, 2, len(sightings))

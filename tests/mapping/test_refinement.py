@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plain_echoes import PlainEchoes
 from seen_points import seen_points
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
@@ -143,19 +144,26 @@ def test_refinement_beats_points_on_the_axis(hilly):
     assert refined < 0.4 * plain
 
 
-@pytest.mark.parametrize("method", [smoothing, refining])
-def test_maps_that_know_the_cover_see_past_it(method):
+FINE = Grid(west_m=0.0, south_m=-60.0, spacing_m=0.25, columns=600, rows=480)
+
+
+@pytest.fixture(scope="module")
+def striped() -> tuple[Sightings, KnownCover]:
     """Strips 20 dB apart, by brute force: the mean range of a beam over two of them is the brighter one's."""
-    x, y = np.meshgrid(GRID.x_m, GRID.y_m)
-    inside = (x > 50) & (x < 80) & (np.abs(y) < 20)
-    fine = Grid(west_m=0.0, south_m=-60.0, spacing_m=0.25, columns=600, rows=480)
 
     def bright(x_m, y_m):
         return (x_m + 0.5 * y_m) // 6 % 2 == 0
 
-    on_cells = bright(fine.x_m[None], fine.y_m[:, None]).astype(np.uint16)
-    cover = KnownCover(grid=fine, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
-    lit = make_sightings(over(WIDE, hills), bright=lambda place: np.where(bright(*place.T[:2]), 1.0, 0.01))
+    on_cells = bright(FINE.x_m[None], FINE.y_m[:, None]).astype(np.uint16)
+    cover = KnownCover(grid=FINE, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
+    return make_sightings(over(WIDE, hills), bright=lambda place: np.where(bright(*place.T[:2]), 1.0, 0.01)), cover
+
+
+@pytest.mark.parametrize("method", [smoothing, refining])
+def test_maps_that_know_the_cover_see_past_it(method, striped):
+    lit, cover = striped
+    x, y = np.meshgrid(GRID.x_m, GRID.y_m)
+    inside = (x > 50) & (x < 80) & (np.abs(y) < 20)
 
     def rms_m(sightings, tiling):
         surface = Tiles(sightings, GRID, tiling).mapped(pieces_here).surface
@@ -164,6 +172,24 @@ def test_maps_that_know_the_cover_see_past_it(method):
     known = rms_m(replace(lit, cover=cover), method(SMOOTH))
     assert known < 0.2
     assert known < 0.2 * rms_m(lit, smoothing(SMOOTH))
+
+
+def test_borders_of_covers_stay_where_they_are_when_the_ground_rises(striped):
+    """A border is nearer by cos(45 deg) of a rise, a ray on one cover by 1 / cos(45 deg): echoes tell both apart."""
+    lit, cover = striped
+    lit = replace(lit, cover=cover)
+    plain = PlainEchoes(lit, over(WIDE, lambda x, y: 0.0))
+    power = np.concatenate([1e6 * plain.expected(pulse) for pulse in range(len(lit))]).astype(np.float32)
+    # Without speckle, ground of a wrong height is found to be so by just as much.
+    lit = replace(lit, profiles=replace(lit.profiles, power=power))
+    scores, factors = [], []
+    for up_m in (-0.01, 0.0, 0.01):
+        found = EchoModel(lit, over(WIDE, lambda x, y, up_m=up_m: up_m)).linearise(np.ones(len(lit)))
+        scores.append(found.score.sum(axis=1))
+        factors.append(np.add.reduceat(found.factor.sum(axis=1) ** 2, found.first))
+    found_m = (scores[0] - scores[2]) / 2 / factors[1]
+    assert np.median(found_m) == pytest.approx(0.01, rel=0.01)
+    assert np.mean(np.abs(found_m - 0.01) < 0.001) > 0.9
 
 
 def test_shadows_stay_empty(hilly):

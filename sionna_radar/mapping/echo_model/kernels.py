@@ -20,6 +20,7 @@ from sionna_radar.mapping.echo_model.power_kernels import (
     in_double,
     lit_share,
     moved_power,
+    passed_borders,
     pull_of_cells,
     spread_power,
 )
@@ -149,8 +150,11 @@ def _volume(power, share, before, cell, near, lattice, first, half, cell_m, resp
 
 @compiled
 @no_type_check
-def _jacobian(onto, low, high, response, scale, row, result):
-    """Write the derivative of one cell's power by the heights under the nodes: moved power, spread by the window."""
+def _jacobian(onto, added, low, high, response, scale, row, result):
+    """Write the derivative of one cell's power by the heights under the nodes, spread by the window.
+
+    Of power that is moved, and of power that is added where a border of covers passes; see `passed_borders`.
+    """
     half = len(response) // 2
     pad = half + BEYOND
     for node in range(len(result)):
@@ -164,6 +168,11 @@ def _jacobian(onto, low, high, response, scale, row, result):
             result[node] += factor * onto[source, node]
     for node in range(len(result)):
         result[node] *= scale[node]
+    if len(added) > 0:
+        for source in range(max(row + pad - half, low), min(row + pad + half, high + 1) + 1):
+            factor = response[row + pad - source + half]
+            for node in range(len(result)):
+                result[node] += factor * added[source, node]
 
 
 @compiled
@@ -198,7 +207,7 @@ def volume_in_front(low, high, data, clutter, geometry, antenna, result):
 
 @compiled
 @no_type_check
-def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian, own):
+def _changes(echo, onto, added, nearest, farthest, response, scale, in_front, jacobian, own):
     """Write the derivatives of log powers by the heights under the nodes, in the cells that count, and of the level.
 
     Returns the number of cells that count; 0 for too few.
@@ -214,7 +223,7 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
     for c in range(len(shape)):
         if weight[c] <= MIN_WEIGHT:
             continue
-        _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
+        _jacobian(onto, added, nearest, farthest, response, scale, c, jacobian[row])
         by_level = weight[c] * level * shape[c] / mean[c]
         for node in range(len(own)):
             if len(in_front) > 0:
@@ -259,7 +268,7 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
 @compiled
 @no_type_check
 def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit, shape):
-    """Write the shape of an echo; return the first and the last cell that power leaves.
+    """Write the shape of an echo; return the first and the last cell that power leaves, and slopes as `lit_share`.
 
     moved: written, the power of each sample that its 1 / range moves from cell to cell; scale: by how much 1 / range
     under the nodes changes with the height there; hit: room for the power on the cells.
@@ -267,7 +276,7 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     first, _, _, _, _, cell_m = data
     range_m, shift, per_height, ground = geometry
     share, lattice, response = antenna
-    share = lit_share(pulse, share, ground, lattice)
+    share, slope = lit_share(pulse, share, ground, lattice)
     cell, near, inverse = samples
     half = len(response) // 2
     pad = half + BEYOND
@@ -277,6 +286,9 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     for k in range(len(share)):
         moved[k] = share[k] * (middle * middle / cell_m)
         power[k] = share[k] * (middle * near[k]) ** 2
+    for k in range(len(slope)):
+        slope[k, 0] *= (middle * near[k]) ** 2
+        slope[k, 1] *= (middle * near[k]) ** 2
     nearest, farthest = spread_power(power, cell, float(first[pulse]), len(shape), pad, hit)
     for c in range(len(shape)):
         shape[c] = 0.0
@@ -284,7 +296,7 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
             shape[c] += response[tap] * hit[c + pad + half - tap]
         # Beside a sharp edge splines swing a little below zero.
         shape[c] = max(shape[c], 0.0)
-    return nearest, farthest
+    return nearest, farthest, slope
 
 
 @compiled
@@ -316,6 +328,7 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
     for pulse in range(low, high):
         most = max(most, start[pulse + 1] - start[pulse])
     room, all_hit = np.empty((most + 2 * (half + BEYOND), nodes)), np.empty(most + 2 * (half + BEYOND))
+    all_added = np.empty(room.shape)
     jacobian, all_shape = np.empty((most, nodes)), np.empty(most)
     for pulse in range(low, high):
         score[pulse, :] = 0.0
@@ -324,13 +337,16 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
         cells, noise = len(power), profile_noise[pulse]
         size = cells + 2 * (half + BEYOND)
         shape = all_shape[:cells]
-        nearest, farthest = predicted(
+        nearest, farthest, slope = predicted(
             pulse, data, geometry, antenna, samples, strength, moved, scale, all_hit[:size], shape
         )
         if _peak(shape) <= 0.0:
             continue
         pad = half + BEYOND
         moved_power(moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size])
+        added = all_added[: size if np.any(slope != 0.0) else 0]
+        if len(added) > 0:
+            passed_borders(pulse, geometry, slope, samples[0], antenna[1], float(data[0][pulse]), cells, pad, added)
         before, volume = in_front[start[pulse] - start[low] : start[pulse + 1] - start[low]], np.empty(cells)
         for c in range(cells):
             volume[c] = before[c, 0] if len(before) > 0 else 0.0
@@ -340,7 +356,7 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
         mean, weight = np.empty(cells), np.empty(cells)
         level = fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
         echo = level, shape, mean, weight
-        rows = _changes(echo, room, nearest, farthest, antenna[2], scale, before, jacobian, own)
+        rows = _changes(echo, room, added, nearest, farthest, antenna[2], scale, before, jacobian, own)
         if rows > 0:
             to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
             one_of = together, pulse % together
@@ -395,7 +411,7 @@ def scores(low, high, data, geometry, antenna, score):
         most = max(most, start[pulse + 1] - start[pulse])
     samples, strength, moved = (np.empty(number), np.empty(number), np.empty(nodes)), np.empty(number), np.empty(number)
     scale, all_hit, all_gained = np.empty(nodes), np.empty(most + 2 * pad), np.empty(most + 2 * pad)
-    all_cells = np.empty((4, most))
+    all_cells, all_added = np.empty((4, most)), np.empty((most + 2 * pad, nodes))
     volume = np.zeros(most)
     for pulse in range(low, high):
         score[pulse, :] = 0.0
@@ -408,7 +424,7 @@ def scores(low, high, data, geometry, antenna, score):
             all_cells[2, :cells],
             all_cells[3, :cells],
         )
-        predicted(pulse, data, geometry, antenna, samples, strength, moved, scale, hit, shape)
+        _, _, slope = predicted(pulse, data, geometry, antenna, samples, strength, moved, scale, hit, shape)
         if _peak(shape) <= 0.0:
             continue
         top = echo_level(power, profile_noise[pulse], volume[:cells])
@@ -428,3 +444,11 @@ def scores(low, high, data, geometry, antenna, score):
         pull_of_cells(gained, moved, samples[0], lattice, float(first[pulse]), cells, pad, score[pulse])
         for node in range(nodes):
             score[pulse, node] *= scale[node]
+        if np.any(slope != 0.0):
+            added = all_added[: cells + 2 * pad]
+            passed_borders(pulse, geometry, slope, samples[0], lattice, float(first[pulse]), cells, pad, added)
+            for c in range(cells):
+                for tap in range(len(response)):
+                    factor = response[tap] * gain[c]
+                    for node in range(nodes):
+                        score[pulse, node] += factor * added[c + pad + half - tap, node]

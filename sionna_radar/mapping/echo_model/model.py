@@ -317,10 +317,12 @@ class EchoModel:
     def _ground(self) -> tuple[object, ...]:
         """Return the known cover and its levels as the kernels take them."""
         cover, boresight = self._sightings.cover, self._sightings.pose.boresight
+        position_m = np.ascontiguousarray(self._sightings.pose.position_m)
         if cover is None:
-            return self._feet.place_m, np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+            nothing = np.empty((0, 0), dtype=np.uint16), 0.0, 0.0, 1.0, np.empty((len(boresight), 0))
+            return self._feet.place_m, *nothing, position_m
         cells = cover.cover, cover.grid.west_m, cover.grid.south_m, cover.grid.spacing_m
-        return self._feet.place_m, *cells, cover.levels(boresight)
+        return self._feet.place_m, *cells, cover.levels(boresight), position_m
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""
@@ -367,11 +369,17 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)
 
 
-def predicted_means(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, " pulse"]:
-    """Return the mean ranges over a surface as read, with Doppler and errors of the radar; NaN without an echo."""
+def predicted_means(
+    sightings: Sightings, surface: Heightfield
+) -> tuple[Float[np.ndarray, " pulse"], BeamFootprints | None]:
+    """Return the mean ranges over a surface as read, with Doppler and errors of the radar; NaN without an echo.
+
+    Also where the beams meet it, unless a volume is in front, behind which the axes alone are cast.
+    """
     if sightings.profiles.volume is None:
-        return EchoModel(sightings, surface).centroid_m()
+        model = EchoModel(sightings, surface)
+        return model.centroid_m(), model.footprints
     direction = sightings.echo_direction()
     range_m = surface.first_hit(sightings.pose.position_m, direction, sightings.reach_m)
     shift_m = sightings.shift_m(direction[:, None])[:, 0]
-    return np.asarray(range_m * (1 + sightings.range_scale) + sightings.range_bias_m + shift_m)
+    return np.asarray(range_m * (1 + sightings.range_scale) + sightings.range_bias_m + shift_m), None

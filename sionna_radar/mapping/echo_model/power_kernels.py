@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from sionna_radar.elevation.heightfield import first_hit, height_at, hit_near, slope_at
+from sionna_radar.elevation.heightfield import corner_of, first_hit, height_at, hit_near, slope_at
 from sionna_radar.foundation.compiled import compiled
 
 STEEPEST = 0.05
@@ -90,31 +90,74 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 @compiled
 @no_type_check
 def lit_share(pulse, share, ground, lattice):
-    """Return the power of the samples of a beam, times the known backscatter of the ground at each.
+    """Return the power of the samples of a beam, times the known backscatter of the ground, and its slopes.
 
-    ground: where the nodes of all pulses meet it, its cover by cells of a grid with their west, south and spacing, and
-        the level of each cover for each pulse; of no covers where one backscatter is taken for all of a footprint.
+    The slopes are by the place of each sample, east and north, 1/m; none for one backscatter. Between the middles of
+    cells the backscatter is bilinear, so that a border passes by samples without a jump.
+
+    ground: where the nodes of all pulses meet it, its cover by cells of a grid with their west, south and spacing, the
+        level of each cover for each pulse, of no covers where one backscatter is taken for all of a footprint, and
+        from where each pulse was sent.
     """
-    place, cover, west, south, spacing, level = ground
+    place, cover, west, south, spacing, level, _ = ground
     if level.shape[1] == 0:
-        return share
+        return share, np.empty((0, 2))
     low_u, part_u, low_v, part_v = lattice
-    nodes, along, result = low_v[-1] + 2, len(low_v), np.empty(len(share))
+    nodes, along, lit, slope = low_v[-1] + 2, len(low_v), np.empty(len(share)), np.empty((len(share), 2))
     rows, columns = cover.shape
     for i in range(len(low_u)):
         b = part_u[i]
         for j in range(along):
-            a, k = part_v[j], low_u[i] * nodes + low_v[j]
+            a, k, sample = part_v[j], low_u[i] * nodes + low_v[j], i * along + j
             corner = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
             x = y = 0.0
             for c in range(4):
                 node = k + c % 2 + c // 2 * nodes
                 x += corner[c] * place[pulse, node, 0]
                 y += corner[c] * place[pulse, node, 1]
-            column, row = int(np.rint((x - west) / spacing)), int(np.rint((y - south) / spacing))
-            own = cover[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
-            result[i * along + j] = share[i * along + j] * level[pulse, own]
-    return result
+            row, column, north, east = corner_of(x, y, west, south, spacing, rows, columns)
+            here, beside = level[pulse, cover[row, column]], level[pulse, cover[row, column + 1]]
+            beyond, across = level[pulse, cover[row + 1, column]], level[pulse, cover[row + 1, column + 1]]
+            near, far = here + east * (beside - here), beyond + east * (across - beyond)
+            lit[sample] = share[sample] * (near + north * (far - near))
+            eastward = beside - here + north * (across - beyond - beside + here)
+            slope[sample, 0] = share[sample] * eastward / spacing
+            slope[sample, 1] = share[sample] * (far - near) / spacing
+    return lit, slope
+
+
+@compiled
+@no_type_check
+def passed_borders(pulse, geometry, slope, cell, lattice, first, cells, pad, added):
+    """Write the power that each cell gains as raised nodes move the samples of a beam over borders of covers.
+
+    A raised node is met nearer, and so elsewhere: by its ray, as far as the range changes.
+    slope: power of each sample by its place, east and north.
+    """
+    range_m, _, per_height, ground = geometry
+    place, position = ground[0], ground[-1]
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along = low_v[-1] + 2, len(low_v)
+    added[:] = 0.0
+    for i in range(len(low_u)):
+        for j in range(along):
+            k = i * along + j
+            at = cell[k] - first
+            if (slope[k, 0] == 0.0 and slope[k, 1] == 0.0) or not 1 - pad < at < cells + pad - 2:
+                continue
+            below = int(np.floor(at))
+            a, b_u, b_v = at - below, part_u[i], part_v[j]
+            b = 1 - a
+            below += pad
+            spread = b * b * b / 6, 2 / 3 - a * a * (1 - a / 2), 2 / 3 - b * b * (1 - b / 2), a * a * a / 6
+            corner = (1 - b_v) * (1 - b_u), b_v * (1 - b_u), (1 - b_v) * b_u, b_v * b_u
+            for c in range(4):
+                node = low_u[i] * nodes + low_v[j] + c % 2 + c // 2 * nodes
+                east = (place[pulse, node, 0] - position[pulse, 0]) / range_m[pulse, node] * slope[k, 0]
+                north = (place[pulse, node, 1] - position[pulse, 1]) / range_m[pulse, node] * slope[k, 1]
+                gain = corner[c] * per_height[pulse, node] * (east + north)
+                for source in range(4):
+                    added[below - 1 + source, node] += gain * spread[source]
 
 
 @compiled
@@ -125,7 +168,7 @@ def centroids(low, high, range_m, shift, ground, share, lattice, cell_m, reach, 
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
-        lit = lit_share(pulse, share, ground, lattice)
+        lit, _ = lit_share(pulse, share, ground, lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import KnownCover, MeanRanges, Sightings, footprints, predicted_means
+from sionna_radar.mapping.echo_model.model import BeamFootprints, KnownCover, MeanRanges, Sightings, predicted_means
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
@@ -101,14 +101,15 @@ def heights_over(
     """
     pose = sightings.pose
     axis = pose.boresight
-    predicted = sightings.true_m(predicted_means(sightings, surface))
+    read_m, feet = predicted_means(sightings, surface)
+    predicted = sightings.true_m(read_m)
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
     known = np.isfinite(predicted) & np.isfinite(on_axis)
     on_axis_m = echoes.range_m - np.where(known, predicted - on_axis, 0.0)
     heights = _heights(sightings, echoes, pose.position_m + on_axis_m[:, None] * axis, reach, options)
     on_place_m = surface.at(*heights.place_m.T)
-    if sightings.cover is not None and sightings.profiles.volume is None:
-        place_m, footprint_m = _bright_parts(sightings, sightings.cover, surface)
+    if sightings.cover is not None and feet is not None:
+        place_m, footprint_m = _bright_parts(sightings, sightings.cover, feet)
         place_m[~known], footprint_m[~known] = heights.place_m[~known], heights.footprint_m[~known]
         heights = replace(heights, place_m=place_m, footprint_m=footprint_m)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
@@ -122,10 +123,10 @@ def heights_over(
 
 
 def _bright_parts(
-    sightings: Sightings, cover: KnownCover, surface: Heightfield
+    sightings: Sightings, cover: KnownCover, feet: BeamFootprints
 ) -> tuple[Float[np.ndarray, "pulse 2"], Float[np.ndarray, "pulse 2 2"]]:
     """Return the centre of the power of each footprint over a known cover, and its axes; see `Heights`."""
-    beam, feet = sightings.beam, footprints(sightings, surface)
+    beam = sightings.beam
     power = (beam.between.T @ beam.share) * np.isfinite(feet.range_m)
     power *= cover.brightness(feet.place_m, sightings.pose.boresight)
     power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
