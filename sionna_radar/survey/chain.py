@@ -106,6 +106,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         _make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
         estimate = map_observed(prepared, observed, points, execution)
+        _make_room(sensor, len(observed.echoes))
     hits = observed.hits
     assert hits is not None  # the truth of a simulation is known
     with timed("compare"):
@@ -136,7 +137,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
 
 
 def _make_room(sensor: Sensor, echoes: int) -> None:
-    """Release memory of the flight before a large map."""
+    """Release memory of the flight before a large map, and of the map before its results are written."""
     if echoes > MANY_ECHOES:
         if isinstance(sensor, HoldsMemory):
             sensor.release_memory()

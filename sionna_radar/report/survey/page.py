@@ -48,7 +48,7 @@ from sionna_radar.survey.sensors.sweeps import ChirpRecord
 MAX_ONE_BY_ONE = 40
 # Limit of the paths that are traced again for the chirps: wide beams over fixed scatterers have tens of thousands per
 # pulse.
-MAX_PATHS, MIN_CHIRPS, AT_ONCE = 200_000, 12, 256
+MAX_PATHS, MIN_CHIRPS, AT_ONCE = 200_000, 12, 64
 
 
 def chirps_of(survey: Survey, index: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " chirp"]:

@@ -47,7 +47,7 @@ class SeenPlaces:
         each = (np.float64, np.complex64, np.uint32, single, single, single, single, single, single, signed, signed)
         ends = np.cumsum([0, *(count * np.dtype(one).itemsize for one in each)])
         memory = np.empty(ends[-1], dtype=np.uint8)
-        parts = [memory[low:high].view(one) for low, high, one in zip(ends, ends[1:], each, strict=False)]
+        parts: list[np.ndarray] = [memory[a:b].view(one) for a, b, one in zip(ends, ends[1:], each, strict=False)]
         hit_m = memory[ends[3] : ends[6]].view(single).reshape(3, count)
         range_m, factor, row, _, _, _, range_rate_mps, cosine, solid_angle_sr, surface, face = parts
         return SeenPlaces(
