@@ -68,11 +68,13 @@ def parse(line: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_command_lines_parse(page):
+    wrong = {}
     for line in command_lines(page):
         try:
             parse(line)
         except Exception as error:
-            pytest.fail(f"{name(page)}: {line}: {error}")
+            wrong[line] = str(error)
+    assert wrong == {}
 
 
 def test_a_wrong_command_line_is_noticed():

@@ -159,7 +159,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def why_not(error: ValueError | OSError) -> str:
-    """Return why a path does not lead to a file."""
+    """Return the reason that a path does not lead to a file."""
     if isinstance(error, ValueError):
         return "contains characters that no path can contain"
     match error.errno:

@@ -121,7 +121,7 @@ def find_llvm() -> LlvmLibrary:
 
 
 def _obstacle(path: Path) -> str:
-    """Return why a library does not load, such as one that it needs and a minimal system lacks (libatomic1)."""
+    """Return the loader's message about a library, such as a dependency that a minimal system lacks (libatomic1)."""
     try:
         ctypes.CDLL(str(path))
     except OSError as error:

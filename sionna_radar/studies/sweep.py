@@ -192,7 +192,7 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
 
 
 def failure(outcome: Failure, scenario: Scenario, repeat: int) -> str:
-    """Return why a survey failed, with its seed unless the scenario itself is refused."""
+    """Return the message of a failed survey, with its seed unless the scenario itself is refused."""
     if outcome.kind in (ScenarioError.__name__, InputFileError.__name__):
         return refusal(outcome.error(), scenario)
     return f"seed {scenario.seed + repeat}: {outcome.kind}: {outcome.text}"

@@ -334,7 +334,7 @@ class CoverShifts:
 
 
 def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | None:
-    """Return by how much covers of the ground of different backscatter move echoes; None where all are the same.
+    """Return the shifts of echoes by covers of the ground of different backscatter; None where all are the same.
 
     The mean range of an echo is that of its power: weighted by gamma = sigma0 / cos(incidence) of each cover, at the
     incidence of the beam's axis on level ground, less what it is for one cover. Across a border in the middle of a
@@ -480,7 +480,7 @@ def _louder(prepared: Prepared) -> str:
 
 
 def _cover_remedy(prepared: Prepared, observed: Observed) -> str | None:
-    """Return what helps a map that does not know the covers of the ground; None for one that does."""
+    """Return the remedy for a map that does not know the covers of the ground; None for one that does."""
     mapper, terrain = prepared.mapper, prepared.local.terrain
     unaware = not mapper.keeps_profiles or (mapper.name == "smooth" and observed.behind_volume)
     keys = (["dem.method = 'refined'"] if unaware else []) + (["dem.cover = 'known'"] if mapper.cover is None else [])

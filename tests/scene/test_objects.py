@@ -177,6 +177,13 @@ def test_the_ground_of_a_mesh_is_its_lowest_top(site):
     np.testing.assert_allclose(built.caster.from_above(place, 50.0), [5, 0, 8, 15, np.nan], atol=0.01)
 
 
+def test_what_stands_on_a_mesh_is_seen_and_is_no_ground(site):
+    built = build({"kind": "mesh", "path": site}, buildings=[{"position_m": [20.0, 30.0], "size_m": [8.0, 8.0, 6.0]}])
+    place = np.array([[20.0, 30.0], [10.0, 20.0]])
+    np.testing.assert_allclose(built.caster.from_above(place, 50.0), [6, 0], atol=1e-4)
+    np.testing.assert_allclose(built.ground_m(place), [0, 0], atol=1e-5)
+
+
 def test_overhanging_cells_are_those_with_air_under_them(site):
     """The bridge's 30 x 10 and the ball's pi 3^2 cells, and not the house's 200, nor the ground over its plate."""
     built = build({"kind": "mesh", "path": site})

@@ -212,6 +212,8 @@ def test_constants(folder, recordings):
         str(each) for each in varied if any(decides(kept(folder, f"{each}-{which}")) for which in ("half", "double"))
     ]
     print("constants that decide:", *deciding, sep="\n")
+    listed = PAGE[: PAGE.index("## Technical tolerances")]
+    assert [each for each in deciding if f"`{each.rsplit('.', 1)[-1]}`" not in listed] == []
 
 
 def options() -> list[tuple[str, str, float]]:

@@ -45,7 +45,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
-from sionna_radar.foundation.progress import advance, expect_steps
+from sionna_radar.foundation.progress import advance, expect_steps, release_memory
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, several_at_once
 from sionna_radar.mapping.coverage import closed
@@ -284,6 +284,7 @@ def step_surface(
     for number, window in enumerate(windows_of(part)):
         inside = part[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
+    release_memory()
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
     height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
     echoes_of = height, points.position_m, step_m, grid
@@ -443,7 +444,7 @@ class SteppedTiles:
         return [(slice(*some), slice(*others)) for some in rows for others in columns]
 
     def piece(self, number: int) -> SteppedPiece | None:
-        """Return what is mapped of a tile; None with too few echoes."""
+        """Return the map of a tile; None with too few echoes."""
         margin = round(self.options.overlap_m / self.grid.spacing_m)
         core = self.windows[number]
         reach = tuple(

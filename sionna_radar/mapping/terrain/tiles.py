@@ -119,11 +119,11 @@ class MapTiles(Protocol[AnyPiece_co]):
         ...
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return their number."""
         ...
 
     def piece(self, number: int) -> AnyPiece_co | None:
-        """Return what is mapped of a tile; None with too few echoes."""
+        """Return the map of a tile; None with too few echoes."""
         ...
 
     def unpacked(self, content: bytes) -> AnyPiece_co:

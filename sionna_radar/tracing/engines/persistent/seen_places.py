@@ -43,24 +43,18 @@ class SeenPlaces:
 
         Its columns share one array, so large that only what is written of it takes memory.
         """
-        single, signed = np.float32, np.int32
-        each = (np.float64, np.complex64, np.uint32, single, single, single, single, single, single, signed, signed)
-        ends = np.cumsum([0, *(count * np.dtype(one).itemsize for one in each)])
-        memory = np.empty(ends[-1], dtype=np.uint8)
-        parts: list[np.ndarray] = [memory[a:b].view(one) for a, b, one in zip(ends, ends[1:], each, strict=False)]
-        hit_m = memory[ends[3] : ends[6]].view(single).reshape(3, count)
-        range_m, factor, row, _, _, _, range_rate_mps, cosine, solid_angle_sr, surface, face = parts
-        return SeenPlaces(
-            row=row,
-            hit_m=hit_m,
-            range_m=range_m,
-            range_rate_mps=range_rate_mps,
-            cosine=cosine,
-            solid_angle_sr=solid_angle_sr,
-            surface=surface,
-            face=face,
-            factor=factor,
-        )
+        types = {f.name: np.float32 for f in fields(SeenPlaces)} | {
+            "row": np.uint32,
+            "range_m": np.float64,
+            "surface": np.int32,
+            "face": np.int32,
+            "factor": np.complex64,
+        }
+        shape = dict.fromkeys(types, (count,)) | {"hit_m": (3, count)}
+        # Widest first, so that each column begins at a multiple of its width.
+        widest = sorted(types, key=lambda name: -np.dtype(types[name]).itemsize)
+        table = np.empty((), dtype=[(name, types[name], shape[name]) for name in widest])
+        return SeenPlaces(**{name: table[name] for name in widest})
 
     def first(self, count: int) -> "SeenPlaces":
         """Return the first entries, in the memory of this table."""
