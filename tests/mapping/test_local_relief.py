@@ -19,6 +19,7 @@ from sionna_radar.mapping.terrain.local_relief import (
     _off_other_lines,
     calm,
     local_relief,
+    misfit_between_lines,
 )
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
@@ -143,23 +144,26 @@ def test_tables_for_all_windows_are_those_of_each_window():
         rng.permuted(np.arange(400)).reshape(20, 20),
     )
     tables = DividedTables.of(measured, member, TERRAIN, BROKEN)
-    for own in (member[3], member[3][:1]):
+    middle = np.median(spread[member], axis=1)
+    long, short = tables.between(place[member], middle)
+    for k, own in enumerate(member):
         away = cdist(place[own], place[own])
-        exact = [table.at(away) for table in BROKEN.divided(TERRAIN, 80.0, float(np.median(spread[own])), 4000)]
-        for found, expected in zip(tables.between(place[own], spread[own]), exact, strict=True):
+        exact = [table.at(away) for table in BROKEN.divided(TERRAIN, 80.0, float(middle[k]), 4000)]
+        for found, expected in zip((long[k], short[k]), exact, strict=True):
             np.testing.assert_allclose(found, expected, atol=5e-4 * TERRAIN.variance_m2)
 
 
 def test_modes_of_a_covariance_that_rounding_left_indefinite():
-    """They are those of the least raised one, which is definite; a definite one is not touched."""
+    """They are those of the least raised one, which is definite; a definite one beside it is not touched."""
     rng = np.random.default_rng(2)
     base, rotation = rng.standard_normal((6, 6)), np.linalg.qr(rng.standard_normal((6, 6)))[0]
     short, rest = base @ base.T, (rotation * [5e5, 3e2, 2.0, 1.0, 0.3, -0.6]) @ rotation.T
-    share, vector = _modes(short, rest)
-    np.testing.assert_allclose(vector.T @ (rest + 1.2 * np.eye(6)) @ vector, np.eye(6), atol=1e-6)
-    np.testing.assert_allclose(vector.T @ short @ vector, np.diag(share), atol=1e-6 * share.max())
     definite = rest + np.eye(6)
-    np.testing.assert_array_equal(_modes(short, definite)[0], eigh(short, definite, check_finite=False)[0])
+    shares, vectors = _modes(np.stack([short, short]), np.stack([rest, definite]))
+    for share, vector, raised in zip(shares, vectors, (rest + 1.2 * np.eye(6), definite), strict=True):
+        np.testing.assert_allclose(vector.T @ raised @ vector, np.eye(6), atol=1e-6)
+        np.testing.assert_allclose(vector.T @ short @ vector, np.diag(share), atol=1e-6 * share.max())
+    np.testing.assert_allclose(shares[1], eigh(short, definite, eigvals_only=True), rtol=1e-6)
 
 
 def scanned(rng, walls_along: bool) -> Heights:
@@ -191,8 +195,10 @@ def test_lines_left_out_are_predicted_by_the_others(local):
     variance = before + SIGMA_M**2 - weight @ np.concatenate([to_first, [1.0, 0.0, 0.0]])
     plainly = (measured.height_m[own[0]] - weight[:-3] @ measured.height_m[others]) / np.sqrt(variance)
     tables = DividedTables.of(measured, own[None], TERRAIN, local)
-    found = _off_other_lines(measured, own, FittedCovariance(TERRAIN, 1.0), local, tables)
-    assert found == pytest.approx(plainly, rel=1e-3)
+    # Beside it a window of one line alone, of which nothing is told.
+    alone = np.argsort(np.hypot(*(heights.place_m - [20.0, 30.0]).T) + 100 * (heights.place_m[:, 0] != 20.0))[:40]
+    found = _off_other_lines(measured, np.array([alone, own]), FittedCovariance(TERRAIN, 1.0), local, tables)
+    assert found == pytest.approx([plainly], rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -203,9 +209,13 @@ def test_errors_are_wider_where_walls_run_along_the_scan_lines_alone(seed):
     place = scanned(rng, walls_along=True)
     total = terrain.covariance.at(cdist(place.place_m, place.place_m)) + SIGMA_M**2 * np.eye(600)
     drawn = replace(place, height_m=np.linalg.cholesky(total) @ rng.standard_normal(600))
+
+    def misfit(measured, fitted):
+        return misfit_between_lines(measured, fitted, local_relief(measured, fitted))
+
     for heights, wider in ((place, True), (drawn, False)):
-        assert (local_relief(heights.above(np.zeros(3)), terrain).misfit > 1) == wider
+        assert (misfit(heights.above(np.zeros(3)), terrain) > 1) == wider
     along, across = (scanned(rng, walls).above(np.zeros(3)) for walls in (True, False))
-    along, across = (local_relief(each, fit_covariance(each)).misfit for each in (along, across))
+    along, across = (misfit(each, fit_covariance(each)) for each in (along, across))
     assert along > 1.3
     assert across == 1.0

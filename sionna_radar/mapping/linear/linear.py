@@ -25,7 +25,7 @@ from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.terrain import covariance
 from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, calm, local_relief, misfit_between_lines
 
 TABLE = 3000
 Floats = Float[np.ndarray, "..."]
@@ -40,17 +40,16 @@ AT_ONCE = 50_000
 
 @dataclass(frozen=True)
 class LinearUncertainty:
-    """The uncertainty of a map of linear interpolation."""
+    """The uncertainty of a map of linear interpolation.
+
+    misfit: how many times larger than stated errors between scan lines are; see `misfit_between_lines`.
+    """
 
     interpolated: Interpolated
     heights: Heights
     fitted: FittedCovariance
     local: LocalRelief
-
-    @property
-    def misfit(self) -> float:
-        """How many times larger the errors between scan lines are than the covariance says; see `LocalRelief`."""
-        return self.local.misfit
+    misfit: float = 1.0
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
@@ -122,7 +121,9 @@ def linear_uncertainty(
         return None
     measured = heights.above(heights.trend(), microrelief_m)
     fitted = fit_covariance(measured.rows(calm(measured)), noise_factor_spread=noise_factor_spread)
-    return LinearUncertainty(interpolated, heights, fitted, local_relief(measured, fitted) or UNIFORM)
+    local = local_relief(measured, fitted)
+    misfit = misfit_between_lines(measured, fitted, local)
+    return LinearUncertainty(interpolated, heights, fitted, local or UNIFORM, misfit)
 
 
 class Linear:

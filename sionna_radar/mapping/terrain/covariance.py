@@ -59,9 +59,19 @@ class CovarianceTable:
 
     def between(self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "n m"]:
         """Return the covariance between places."""
-        result = np.empty((len(one_m), len(other_m)))
-        between(*(np.ascontiguousarray(place) for place in (one_m, other_m)), self.step_m, self.value_m2, result)
-        return result
+        return covariances_between(one_m[None], other_m[None], self.step_m, self.value_m2[None])[0]
+
+
+def covariances_between(
+    one_m: Float[np.ndarray, "window n 2"],
+    other_m: Float[np.ndarray, "window m 2"],
+    step_m: float,
+    value_m2: Float[np.ndarray, "table entry"],
+) -> Float[np.ndarray, "window n m"]:
+    """Return the covariances between the places of windows, from a table for each of them, or one for all."""
+    result = np.empty((len(one_m), one_m.shape[1], other_m.shape[1]))
+    between(*(np.ascontiguousarray(each) for each in (one_m, other_m)), step_m, np.ascontiguousarray(value_m2), result)
+    return result
 
 
 # Bounds of the smoothness; beyond them terrain is Gaussian.
@@ -334,10 +344,11 @@ class Group:
         return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
 
 
-def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+def repeated(order: Float[np.ndarray, "... n"], reach: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n n"]:
     """Return the correlation of errors from speckle that neighbouring pulses share; see `Measured`."""
-    together = repeated_pairs(order[:, None], order[None], reach[:, None], reach[None])
-    np.fill_diagonal(together, 1.0)
+    together = repeated_pairs(order[..., None], order[..., None, :], reach[..., None], reach[..., None, :])
+    diagonal = np.arange(order.shape[-1])
+    together[..., diagonal, diagonal] = 1.0
     return together
 
 
@@ -455,12 +466,14 @@ def look_up(distance, step, value, result):
 @compiled
 @no_type_check
 def between(one, other, step, value, result):
-    """Write the covariance between places."""
-    for i in range(len(one)):
-        for j in range(len(other)):
-            x, y = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1]
-            k, share = entry_of(np.sqrt(x * x + y * y), step, len(value) - 1)
-            result[i, j] = value[k] + share * (value[k + 1] - value[k])
+    """Write the covariance between the places of windows; value: a table for each window, or one for all."""
+    for w in range(len(one)):
+        own = value[min(w, len(value) - 1)]
+        for i in range(one.shape[1]):
+            for j in range(other.shape[1]):
+                x, y = one[w, i, 0] - other[w, j, 0], one[w, i, 1] - other[w, j, 1]
+                k, share = entry_of(np.sqrt(x * x + y * y), step, len(own) - 1)
+                result[w, i, j] = own[k] + share * (own[k + 1] - own[k])
 
 
 @compiled

@@ -30,7 +30,6 @@ from math import comb
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import eigh, eigvalsh
 from scipy.spatial import KDTree
 from scipy.special import logsumexp
 
@@ -45,6 +44,7 @@ from sionna_radar.mapping.terrain.covariance import (
     CovarianceTable,
     FittedCovariance,
     Measured,
+    covariances_between,
     decorrelated,
     repeated,
 )
@@ -65,6 +65,8 @@ HELD_OUT, MIN_OTHERS, LINE_GAP = 200, 12, 8
 # Standard deviation of a scatter that is the median of n deviations, times sqrt(n) (Rousseeuw and Croux 1993), and how
 # many of them are no chance: one tile in 160 of ground as the covariance says.
 MEDIAN_SIGMA, SURE = 1.17, 2.5
+# Windows at once, to bound memory.
+AT_ONCE = 32
 # Entries of tables of covariances, and how many spreads of footprints they are made for.
 TABLE, SPREADS = 1600, 16
 # Of the variance: tables of covariances are interpolated.
@@ -81,14 +83,12 @@ class LocalRelief:
 
     west_m, south_m, spacing_m: of the nodes.
     log_amplitude: logarithm of the amplitude at the nodes: bilinear between them, constant beyond.
-    misfit: how many times larger than stated the errors are of heights predicted from other scan lines, at least one.
     """
 
     west_m: float
     south_m: float
     spacing_m: float
     log_amplitude: Float[np.ndarray, "row column"]
-    misfit: float = 1.0
 
     @property
     def cut_m(self) -> float:
@@ -158,30 +158,12 @@ class Windows:
         tables = DividedTables.of(measured, self.member, fitted.covariance, found)
 
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
-            return np.array([_log_likelihood(measured, own, tables, fitted) for own in self.member[low:high]])
+            return _log_likelihood(measured, self.member[low:high], tables, fitted)
 
-        likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
+        likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), AT_ONCE))))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
-        log_amplitude = 0.5 * np.log(mean_square).reshape(self.shape)
-        learned = replace(found, log_amplitude=log_amplitude)
-        return replace(learned, misfit=self.misfit(measured, fitted, learned))
-
-    def misfit(self, measured: Measured, fitted: FittedCovariance, relief: LocalRelief) -> float:
-        """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
-
-        One unless it is surely more.
-        """
-        kept = decorrelated(measured)
-        place = measured.place_m[kept]
-        held_out = place[spread_indices(HELD_OUT, len(kept))]
-        near = kept[KDTree(place).query(held_out, k=self.member.shape[1])[1]]
-        tables = DividedTables.of(measured, near, fitted.covariance, relief)
-        off = [each for own in near if (each := _off_other_lines(measured, own, fitted, relief, tables)) is not None]
-        if not off:
-            return 1.0
-        scatter = 1.4826 * float(np.median(np.abs(off)))
-        return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
+        return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
 @dataclass(frozen=True)
@@ -214,13 +196,14 @@ class DividedTables:
         return cls(spread, unaveraged.step_m, long, short, unaveraged)
 
     def between(
-        self, place_m: Float[np.ndarray, "n 2"], spread_m: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
-        """Return the covariances of long waves and of short ones between places, for the median of their spreads."""
-        at = float(np.interp(np.median(spread_m), self.spread_m, np.arange(len(self.spread_m))))
-        low, high = int(at), min(int(at) + 1, len(self.spread_m) - 1)
-        values = (own[low] + (at - low) * (own[high] - own[low]) for own in (self.long_m2, self.short_m2))
-        long, short = (CovarianceTable(self.step_m, each).between(place_m, place_m) for each in values)
+        self, place_m: Float[np.ndarray, "window n 2"], spread_m: Float[np.ndarray, " window"]
+    ) -> tuple[Float[np.ndarray, "window n n"], Float[np.ndarray, "window n n"]]:
+        """Return the covariances of long waves and of short ones between the places of each window."""
+        at = np.interp(spread_m, self.spread_m, np.arange(len(self.spread_m)))
+        low = at.astype(int)
+        high, share = np.minimum(low + 1, len(self.spread_m) - 1), (at - low)[:, None]
+        values = (own[low] + share * (own[high] - own[low]) for own in (self.long_m2, self.short_m2))
+        long, short = (covariances_between(place_m, place_m, self.step_m, each) for each in values)
         return long, short
 
 
@@ -229,7 +212,7 @@ def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Boo
     windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
-    log = np.log([_rms_above_plane(measured, own) for own in windows.member])
+    log = np.log(_rms_above_plane(measured, windows.member))
     scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))
     standing = windows.member[log > np.median(log) + OUTSTANDING * scatter]
     return ~np.isin(np.arange(len(measured.height_m)), standing)
@@ -248,86 +231,147 @@ def local_relief(
     return None if windows is None else windows.relief(measured, fitted)
 
 
-def _rms_above_plane(measured: Measured, own: Int[np.ndarray, " member"]) -> float:
-    """Return the RMS of neighbouring heights above their plane."""
-    contrast = _contrast(measured.place_m[own] - measured.place_m[own].mean(axis=0))
-    return float(np.linalg.norm(contrast.T @ measured.height_m[own]) / np.sqrt(len(own)))
+def misfit_between_lines(
+    measured: Measured,
+    fitted: FittedCovariance,
+    relief: LocalRelief | None,
+    window_heights: int = SMOOTH.window_heights,
+) -> float:
+    """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
+
+    One unless it is surely more, and where there were too few heights for a `local_relief`.
+    """
+    if relief is None:
+        return 1.0
+    kept = decorrelated(measured)
+    place = measured.place_m[kept]
+    held_out = place[spread_indices(HELD_OUT, len(kept))]
+    near = kept[KDTree(place).query(held_out, k=window_heights)[1]]
+    off = _off_other_lines(measured, near, fitted, relief, DividedTables.of(measured, near, fitted.covariance, relief))
+    if len(off) == 0:
+        return 1.0
+    scatter = 1.4826 * float(np.median(np.abs(off)))
+    return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
 
 
-def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "member contrast"]:
-    """Return an orthonormal basis of what heights at some places are above their plane."""
-    return np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
+def _rms_above_plane(measured: Measured, member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, " window"]:
+    """Return the RMS of the heights of each window above their plane."""
+    place = measured.place_m[member]
+    above = _plane_free(_contrast(place - place.mean(axis=1, keepdims=True)), measured.height_m[member])
+    return np.linalg.norm(above, axis=1) / np.sqrt(member.shape[1])
+
+
+def _contrast(away_m: Float[np.ndarray, "window n 2"]) -> Float[np.ndarray, "window n contrast"]:
+    """Return an orthonormal basis, for each window, of what heights at some places are above their plane."""
+    return _above(np.concatenate([np.ones((*away_m.shape[:2], 1)), away_m], axis=2))
+
+
+def _above(trend: Float[np.ndarray, "window n trend"]) -> Float[np.ndarray, "window n contrast"]:
+    """Return an orthonormal basis, for each window, of what no trend explains."""
+    return np.linalg.qr(trend, mode="complete")[0][:, :, trend.shape[2] :]
+
+
+def _plane_free(
+    contrast: Float[np.ndarray, "window n contrast"], height_m: Float[np.ndarray, "window n"]
+) -> Float[np.ndarray, "window contrast"]:
+    return (height_m[:, None] @ contrast)[:, 0]
+
+
+def _noise_m2(measured: Measured, member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, "window n n"]:
+    """Return the covariance of the noise of the heights of each window."""
+    sigma = np.maximum(measured.sigma_m[member], MIN_NOISE_M)
+    return sigma[:, :, None] * sigma[:, None] * repeated(measured.order[member], measured.reach[member])
 
 
 def _off_other_lines(
     measured: Measured,
-    own: Int[np.ndarray, " member"],
+    member: Int[np.ndarray, "window n"],
     fitted: FittedCovariance,
     relief: LocalRelief,
     tables: DividedTables,
-) -> float | None:
-    """Return the error of predicting the first of neighbouring heights from other scan lines, over its sigma.
+) -> Float[np.ndarray, " told"]:
+    """Return the errors of predicting the first height of windows from those of other scan lines, over their sigmas.
 
-    The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4); None with too few of
-    other lines, or without lines before and after its own: beside them errors of all heights are those of one slope.
+    The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4). Windows with too few
+    heights of other lines, or without lines before and after that of the first, are left out: beside them errors of
+    all heights are those of one slope.
     """
-    order = np.sort(measured.order[own])
-    ends = order[:-1][np.diff(order) > LINE_GAP * np.median(np.diff(order))]
-    line = np.searchsorted(ends, measured.order[own])
-    rows = np.concatenate([own[:1], own[line != line[0]]])
-    if len(rows) <= MIN_OTHERS or not line.min() < line[0] < line.max():
-        return None
-    place = np.ascontiguousarray(measured.place_m[rows])
-    sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
-    noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
-    long, short = tables.between(place, measured.spread_m[rows])
-    amplitude = relief.at(place)
-    total = long + np.outer(amplitude, amplitude) * short + fitted.noise_factor * noise
-    total += JITTER * fitted.covariance.variance_m2 * np.eye(len(rows))
+    line = _scan_line(measured.order[member])
+    used = line != line[:, :1]
+    used[:, 0] = True
+    told = (used.sum(axis=1) > MIN_OTHERS) & (line.min(axis=1) < line[:, 0]) & (line[:, 0] < line.max(axis=1))
+    member, used = member[told], used[told]
+    place, spread = measured.place_m[member], np.where(used, measured.spread_m[member], np.nan)
+    long, short = tables.between(place, np.nanmedian(spread, axis=1))
+    amplitude = relief.at(place.reshape(-1, 2)).reshape(member.shape)
+    total = long + amplitude[:, :, None] * amplitude[:, None] * short
+    total += fitted.noise_factor * _noise_m2(measured, member)
+    # Heights that are not used are zeros of their own, which no trend reaches.
+    total *= used[:, :, None] & used[:, None]
+    diagonal = np.arange(member.shape[1])
+    total[:, diagonal, diagonal] += np.where(used, JITTER, 1.0) * fitted.covariance.variance_m2
+    trend = np.concatenate([np.ones((*member.shape, 1)), place - place[:, :1]], axis=2) * used[:, :, None]
     # With the inverse Q of the covariance of what no plane explains, the error of leaving out i is (Q h)_i / Q_ii, and
     # its variance 1 / Q_ii.
-    contrast = _contrast(place - place[0])
-    weight = np.linalg.solve(contrast.T @ total @ contrast, contrast[0])
-    return float(weight @ (contrast.T @ measured.height_m[rows]) / np.sqrt(weight @ contrast[0]))
+    contrast = _above(trend)
+    first = contrast[:, 0]
+    weight = np.linalg.solve(contrast.transpose(0, 2, 1) @ total @ contrast, first[:, :, None])[:, :, 0]
+    above = _plane_free(contrast, measured.height_m[member] * used)
+    return np.sum(weight * above, axis=1) / np.sqrt(np.sum(weight * first, axis=1))
+
+
+def _scan_line(order: Float[np.ndarray, "window n"]) -> Int[np.ndarray, "window n"]:
+    """Return the scan line, counted within each window, that each of its pulses is of."""
+    rank = np.argsort(order, axis=1)
+    step = np.diff(np.take_along_axis(order, rank, axis=1), axis=1)
+    begins = step > LINE_GAP * np.median(step, axis=1, keepdims=True)
+    line = np.zeros(order.shape, dtype=int)
+    np.put_along_axis(line, rank[:, 1:], np.cumsum(begins, axis=1), axis=1)
+    return line
 
 
 def _log_likelihood(
-    measured: Measured, own: Int[np.ndarray, " member"], tables: DividedTables, fitted: FittedCovariance
-) -> Float[np.ndarray, " value"]:
-    """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights.
+    measured: Measured, member: Int[np.ndarray, "window n"], tables: DividedTables, fitted: FittedCovariance
+) -> Float[np.ndarray, "window value"]:
+    """Return the restricted log-likelihood of each of `LOG_SQUARES`, given the heights of each window.
 
     It ends where short waves, not averaged, would have more power above a plane than was measured.
     """
-    place = np.ascontiguousarray(measured.place_m[own])
-    contrast = _contrast(place - place.mean(axis=0))
-    long, short = tables.between(place, measured.spread_m[own])
-    sigma = np.maximum(measured.sigma_m[own], MIN_NOISE_M)
-    noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
-    rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
-    share, vector = _modes(contrast.T @ short @ contrast, contrast.T @ rest @ contrast)
-    above = contrast.T @ measured.height_m[own]
-    square = (vector.T @ above) ** 2
-    total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)
-    result: Float[np.ndarray, " value"] = -0.5 * np.sum(np.log(total) + square / total, axis=1)
-    largest = np.sum(above**2) / np.sum(contrast * (tables.unaveraged.between(place, place) @ contrast))
-    result[max(np.log(largest), 0.0) < LOG_SQUARES] = -np.inf
+    place = measured.place_m[member]
+    contrast = _contrast(place - place.mean(axis=1, keepdims=True))
+    long, short = tables.between(place, np.median(measured.spread_m[member], axis=1))
+    rest = long + fitted.noise_factor * _noise_m2(measured, member)
+    diagonal = np.arange(member.shape[1])
+    rest[:, diagonal, diagonal] += JITTER * fitted.covariance.variance_m2
+    back = contrast.transpose(0, 2, 1)
+    share, vector = _modes(back @ short @ contrast, back @ rest @ contrast)
+    above = _plane_free(contrast, measured.height_m[member])
+    square = _plane_free(vector, above) ** 2
+    total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)[:, None]
+    result = -0.5 * np.sum(np.log(total) + square[:, None] / total, axis=2)
+    unaveraged = covariances_between(place, place, tables.unaveraged.step_m, tables.unaveraged.value_m2[None])
+    largest = np.sum(above**2, axis=1) / np.sum(contrast * (unaveraged @ contrast), axis=(1, 2))
+    result[np.maximum(np.log(largest), 0.0)[:, None] < LOG_SQUARES] = -np.inf
     return result
 
 
 def _modes(
-    short: Float[np.ndarray, "n n"], rest: Float[np.ndarray, "n n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    short: Float[np.ndarray, "window n n"], rest: Float[np.ndarray, "window n n"]
+) -> tuple[Float[np.ndarray, "window n"], Float[np.ndarray, "window n n"]]:
     """Return the modes in which two covariances are both diagonal, the second one, and the first relative to it.
 
     Rounding of tables may leave the second one slightly indefinite: it is raised until it is definite.
     """
     try:
-        share, vector = eigh(short, rest, check_finite=False)
+        root = np.linalg.cholesky(rest)
     except np.linalg.LinAlgError:
-        values = eigvalsh(rest, check_finite=False)
-        lift = 2 * abs(values[0]) + len(rest) * np.finfo(float).eps * abs(values[-1])
-        share, vector = eigh(short, rest + lift * np.eye(len(rest)), check_finite=False)
-    return share, vector
+        values = np.linalg.eigvalsh(rest)
+        rounding = rest.shape[1] * np.finfo(float).eps * np.abs(values[:, -1])
+        lift = np.where(values[:, 0] < rounding, 2 * np.abs(values[:, 0]) + rounding, 0.0)
+        root = np.linalg.cholesky(rest + lift[:, None, None] * np.eye(rest.shape[1]))
+    inverse = np.linalg.inv(root)
+    share, turn = np.linalg.eigh(inverse @ short @ inverse.transpose(0, 2, 1))
+    return share, inverse.transpose(0, 2, 1) @ turn
 
 
 def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: float) -> Float[np.ndarray, " node"]:

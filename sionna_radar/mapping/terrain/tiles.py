@@ -92,6 +92,7 @@ class Piece:
             local=kriging.local,
             information=known.information,
             plausible=np.array([_numbers(each) for each in known.plausible]),
+            misfit=np.array(known.misfit),
             **({} if known.outstanding is None else {"outstanding": known.outstanding}),
         )
 
@@ -210,7 +211,8 @@ class Tiles:
         plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
         information = table_of(Information, "information", columns)
         bounds = (west, east, south, north)
-        known = TileUncertainty(bounds, kriging, information, plausible, columns.get("outstanding"))
+        outstanding, misfit = columns.get("outstanding"), columns["misfit"].item()
+        known = TileUncertainty(bounds, kriging, information, plausible, outstanding, misfit)
         return Piece(columns["first"], columns["weight"], columns["height_m"], known)
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:

@@ -48,7 +48,7 @@ from sionna_radar.mapping.terrain.covariance import (
 )
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, misfit_between_lines
 
 # No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
 # counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
@@ -257,6 +257,7 @@ class TileUncertainty:
     plausible: the terrains that they allow.
     outstanding: echoes that the surface does not explain, such as those of poles and walls: place, radius of the
         footprint, and how far they are from the surface, m.
+    misfit: how many times larger than stated errors between scan lines are; see `misfit_between_lines`.
     """
 
     bounds_m: tuple[float, float, float, float]
@@ -264,6 +265,7 @@ class TileUncertainty:
     information: Information
     plausible: tuple[Plausible, ...]
     outstanding: Float[np.ndarray, "echo 4"] | None = None
+    misfit: float = 1.0
 
     @classmethod
     def of(
@@ -281,7 +283,8 @@ class TileUncertainty:
         plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
-        return cls(bounds_m, as_told, told, plausible, outstanding)
+        misfit = misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights)
+        return cls(bounds_m, as_told, told, plausible, outstanding, misfit)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return True where places lie in the tile."""
@@ -295,11 +298,6 @@ class TileUncertainty:
         kriging = self.kriging
         told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
         return np.asarray(self.misfit * np.sqrt(told))
-
-    @property
-    def misfit(self) -> float:
-        """How many times larger the errors between scan lines are than the covariance says; see `LocalRelief`."""
-        return 1.0 if self.kriging.local is None else self.kriging.local.misfit
 
     def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return the largest residual, m, of unexplained echoes whose footprints hold each place; 0 for none."""
