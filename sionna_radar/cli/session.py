@@ -193,7 +193,7 @@ def progress_shown(quiet: bool) -> "Iterator[None]":
 
 
 def log_to_stderr(quiet: bool = False) -> None:
-    """Send warnings (with `quiet` only errors) to standard error, each once but for those of workers that come and go."""
+    """Send warnings (with `quiet` only errors) to standard error, each once; what workers do is told each time."""
     from sionna_radar.report.terminal import printable
 
     class Literal(logging.Formatter):
