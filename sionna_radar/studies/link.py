@@ -310,7 +310,9 @@ def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: 
         problems.append(Problem("incidence", f"{', '.join(invalid) or 'none'} given; give angles from 0 to 85 deg"))
     invalid = [f"{rate:g}" for rate in rains_mm_per_h if rate and not SMALLEST <= rate <= 300]
     if invalid or not rains_mm_per_h:
-        problems.append(Problem("rain", f"{', '.join(invalid) or 'none'} given; give 0, or rates from {SMALLEST:g} to 300 mm/h"))
+        problems.append(
+            Problem("rain", f"{', '.join(invalid) or 'none'} given; give 0, or rates from {SMALLEST:g} to 300 mm/h")
+        )
     if problems:
         raise ScenarioError(problems)
 
