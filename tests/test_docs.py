@@ -175,6 +175,15 @@ def test_console_output_on_a_page_is_that_of_its_commands(cli, tmp_path, monkeyp
         )
 
 
+def test_the_report_of_a_machine_on_a_page_has_the_lines_of_doctor(cli):
+    """What stands in them is another machine's."""
+    ((_, shown),) = shown_by_commands(DOCS / "install.md")
+    lines = shown.splitlines()
+    printed = [line for line in cli("doctor").stdout.splitlines() if not line.startswith("plug-in")]
+    assert [line[:16] for line in lines[:-1]] == [line[:16] for line in printed[:-1]]
+    assert lines[-1] == printed[-1]
+
+
 def test_every_example_has_a_place_in_the_gallery_and_a_title():
     placed = (DOCS / "_ext" / "example_gallery.py").read_text(encoding="utf-8")
     for path in sorted((ROOT / "examples").glob("plot_*.py")):

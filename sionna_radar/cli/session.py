@@ -193,12 +193,20 @@ def progress_shown(quiet: bool) -> "Iterator[None]":
 
 
 def log_to_stderr(quiet: bool = False) -> None:
-    """Send warnings (with `quiet` only errors) to standard error."""
+    """Send warnings (with `quiet` only errors) to standard error, each once; what workers do is told each time."""
     from sionna_radar.report.terminal import printable
 
     class Literal(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
             return printable(super().format(record))
+
+    said: set[str] = set()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        known = text in said and not record.name.startswith("sionna_radar.execution")
+        said.add(text)
+        return not known
 
     logger = logging.getLogger("sionna_radar")
     if not logger.handlers:
@@ -208,6 +216,7 @@ def log_to_stderr(quiet: bool = False) -> None:
     for each in logger.handlers:
         # Set on the handler, not the logger: results record warnings even if they are not shown.
         each.setLevel(logging.ERROR if quiet else logging.WARNING)
+        each.filters = [is_new]
 
 
 def complete_scenario(incomplete: str) -> list[str]:

@@ -193,8 +193,12 @@ class Detector:
             toward = np.einsum("eij,ej->ei", measured.R_world_antenna[row], echoes.direction)
             rate_mps = -np.einsum("ei,ei->e", measured.velocity_mps[row], toward)
             return replace(echoes, range_m=echoes.range_m - self.analyser.chirp.doppler_range_m(rate_mps))
-        shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
-        return replace(echoes, range_m=echoes.range_m - shift[row])
+        return replace(echoes, range_m=echoes.range_m - self.shift_m(measured)[row])
+
+    def shift_m(self, measured: Pose) -> Float[np.ndarray, " pulse"]:
+        """Return the range shift of pulses by the Doppler of stationary ground on the boresight; zero if it is left."""
+        moving = measured.boresight_range_rate_mps * self.doppler_correction
+        return self.analyser.chirp.doppler_range_m(moving)
 
     def range_loop(self) -> RangeLoop | None:
         """Return a new loop over the ranges of pulses; None for an estimator that takes each by itself."""

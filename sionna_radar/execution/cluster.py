@@ -216,6 +216,8 @@ def _remote_client(address: str) -> Iterator["Client"]:
         except TimeoutError as error:
             message = f"--scheduler: the cluster at {address} has no workers; start some with `dask worker {address}`"
             raise WorkerError(message) from error
+        except OSError as error:
+            raise WorkersLostError("the dask scheduler is gone") from error
         yield client
 
 

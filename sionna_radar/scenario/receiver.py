@@ -404,7 +404,7 @@ class ArrayTable(Table):
 class LidarTable(Table):
     """A range sensor on the radar's scan: the range along the beam axis, exact but for white noise.
 
-    Without wavelength_nm it sees through everything. With it the weather's extinction and echoes act on its pulses:
+    Without wavelength_nm it sees through everything. With it the weather's extinction and echoes act on its pulses.
     """
 
     range_noise_m: NonNegative = 0.0

@@ -20,6 +20,7 @@ from sionna_radar.foundation.numerics import to_db
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average, refuse_gate, refuse_squint
+from sionna_radar.scenario.table import SMALLEST
 from sionna_radar.studies.link_spectra import STEPS_PER_BIN, Expected, GroundCase, phase_noise
 from sionna_radar.survey.preparation import prepare
 
@@ -307,9 +308,11 @@ def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: 
     invalid = [f"{angle:g}" for angle in incidences_deg if not 0 <= angle <= 85]
     if invalid or not incidences_deg:
         problems.append(Problem("incidence", f"{', '.join(invalid) or 'none'} given; give angles from 0 to 85 deg"))
-    invalid = [f"{rate:g}" for rate in rains_mm_per_h if not 0 <= rate <= 300]
+    invalid = [f"{rate:g}" for rate in rains_mm_per_h if rate and not SMALLEST <= rate <= 300]
     if invalid or not rains_mm_per_h:
-        problems.append(Problem("rain", f"{', '.join(invalid) or 'none'} given; give rates from 0 to 300 mm/h"))
+        problems.append(
+            Problem("rain", f"{', '.join(invalid) or 'none'} given; give 0, or rates from {SMALLEST:g} to 300 mm/h")
+        )
     if problems:
         raise ScenarioError(problems)
 

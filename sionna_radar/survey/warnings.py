@@ -42,8 +42,8 @@ WARNED_PULSES = 200
 
 # Warn below this share of filled lit cells, and above this share of pulses without an echo.
 MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
-# Echoes on a strip narrower than this many cells count as a line.
-NARROWEST_CELLS = 3
+# Echoes on a strip narrower than this many cells count as a line; fewer echoes than the other always do.
+NARROWEST_CELLS, LEAST_ON_STRIP = 3, 3
 # Rain echoes lie tens of metres above the ground; a few ruin a DEM.
 RAIN_SHARE_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
@@ -131,6 +131,8 @@ def map_warnings(
     if silent > MAX_SILENT * pulses:
         share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
         yield f"{share} have no echo; raise {louder}, or fly lower"
+        if len(points) < LEAST_ON_STRIP:
+            return
     width_m = _strip_m(points)
     if width_m < NARROWEST_CELLS * spacing_m:
         yield (
@@ -145,7 +147,7 @@ def map_warnings(
 
 def _strip_m(points: Points) -> float:
     """Return the width of the strip on which points lie, across its length."""
-    if len(points) < 3:
+    if len(points) < LEAST_ON_STRIP:
         return 0.0
     place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
     across = np.linalg.svd(place_m, full_matrices=False)[2][1]

@@ -1,6 +1,7 @@
 """The command line: exit codes, one clear error, nothing written on bad input."""
 
 import json
+import logging
 import re
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import rasterio
 
 from elevation_files import from_origin, write_heights
 from flight_logs import flown, regular, write_csv
+from sionna_radar.cli.session import log_to_stderr
 from sionna_radar.foundation.errors import WorkersLostError
 
 
@@ -148,6 +150,19 @@ def test_doctor_names_variant_and_library():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "ad_mono_polarized" in done.stdout
     assert "one ray traced correctly" in done.stdout
+
+
+def test_a_warning_is_shown_once_in_a_command(monkeypatch, capsys):
+    monkeypatch.setattr(logging.getLogger("sionna_radar"), "handlers", [])
+    for _ in range(2):
+        log_to_stderr()
+        for name in ("surfaces.build", "surfaces.build", "execution.cluster", "execution.cluster"):
+            logging.getLogger(f"sionna_radar.{name}").warning("of %s", name)
+        assert capsys.readouterr().err.splitlines() == [
+            "WARNING: of surfaces.build",
+            "WARNING: of execution.cluster",
+            "WARNING: of execution.cluster",
+        ]
 
 
 def test_help_loads_no_heavy_library():

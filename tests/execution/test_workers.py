@@ -223,6 +223,19 @@ def test_a_cluster_without_workers_is_told_of_before_it_is_given_up(cluster_of, 
     assert caplog.messages == ["the cluster has no worker yet; waiting 0.2 s for one"]
 
 
+def test_a_scheduler_that_dies_before_it_has_workers_is_one_error(cluster_of, monkeypatch):
+    process, address = cluster_of(0)
+
+    def gone(client, count, timeout):
+        process.kill()
+        process.wait()
+        raise OSError("Timed out trying to connect")  # as dask says ten seconds later
+
+    monkeypatch.setattr("distributed.Client.wait_for_workers", gone)
+    with pytest.raises(WorkersLostError, match="the dask scheduler is gone"), open_workers(None, address):
+        pass
+
+
 def test_a_scheduler_that_dies_is_one_error(cluster_of, caplog):
     process, address = cluster_of(1)
     with open_workers(None, address) as workers:

@@ -70,7 +70,8 @@ def test_exports_of_other_programs_are_the_flight_that_they_are_of(program, tmp_
     assert log.on_map
     np.testing.assert_allclose(log.positions.time_s, FLIGHT.time_s, atol=1e-3)
     np.testing.assert_allclose(log.positions.place, FLIGHT.degrees, rtol=0, atol=1e-6)
-    assert any(note.startswith("columns read: ") for note in log.notes)
+    (read,) = (note for note in log.notes if note.startswith("columns read: "))
+    assert all(f"' as {key}" in read for key in ("lon_deg", "lat_deg"))
     if "roll" in FILES[program]:
         expected = read_log(write_csv(tmp_path / "b.csv", FLIGHT)).attitudes.quaternion
         np.testing.assert_allclose(np.abs(np.sum(log.attitudes.quaternion * expected, axis=1)), 1.0, atol=1e-9)

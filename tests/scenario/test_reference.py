@@ -29,7 +29,7 @@ def validator():
 
 def test_every_key_of_every_table_says_what_it_means():
     for section in sections():
-        assert section.about, section
+        assert section.about.rstrip().endswith("."), section
         silent = [key.name for key in section.keys if not key.meaning and key.name != "kind"]
         assert not silent, f"{section.place} {section.chosen}: {silent}"
 

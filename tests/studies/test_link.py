@@ -107,6 +107,7 @@ def test_a_reach_beyond_the_sampled_ranges_is_told(capsys):
         ({"tracing.engine": "path_solver"}, {}, "tracing.engine: 'path_solver' sends too few"),
         ({}, {"incidences_deg": [90.0]}, "incidence"),
         ({}, {"rains_mm_per_h": []}, "rain"),
+        ({}, {"rains_mm_per_h": [1e-300]}, "rain: 1e-300 given; give 0, or rates from 1e-15"),
     ],
 )
 def test_what_has_no_link_budget_is_refused(changes, arguments, says):

@@ -245,6 +245,14 @@ def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     assert "come from the rain" in printed
 
 
+def test_a_study_of_linear_maps_names_the_better_map(flown, capsys):
+    print_sweep(flown[1])
+    assert "a better map: dem.method = 'refined': 0.47 to 0.85 of this error" in capsys.readouterr().out
+    flown_twice = replace(flown[1], axes=(Axis(key="dem.method", values=("linear", "refined")),))
+    print_sweep(flown_twice)
+    assert "a better map" not in capsys.readouterr().out
+
+
 def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
     figure = errors(flown[1])
     figure.draw_without_rendering()

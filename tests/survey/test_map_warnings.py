@@ -12,6 +12,7 @@ from elevation_files import from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.presets import PRESETS
+from sionna_radar.survey.warnings import map_warnings
 
 SHORT = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0}
 
@@ -29,6 +30,13 @@ def test_a_beam_that_draws_a_line_makes_no_map():
         warnings = warned({"radar.scan": {"mode": "fixed"}, "platform.heading_deg": heading_deg})
         assert has(warnings, "strip 0.0 m wide", "radar.scan.mode = 'whisk_broom'")
         assert len(warnings) == 1
+
+
+def test_a_lone_echo_is_told_as_silence_and_not_as_a_line():
+    points = run(load_scenario("hills", SHORT)).points.rows(np.arange(1))
+    for pulses, start in ((300, "299 of 300 pulses (100%) have no echo"), (1, "all echoes lie on a strip")):
+        (only,) = map_warnings(points, pulses, filled=0, coverage=0.0, spacing_m=1.0, louder="radar.snr_db")
+        assert only.startswith(start)
 
 
 def test_pulses_without_echoes_and_cells_without_heights_are_told():

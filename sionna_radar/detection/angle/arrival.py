@@ -131,7 +131,8 @@ class AngleEstimator:
         spans = self.detector.spans(self.detector.spectra(beats[0]), window_m)
         signals = [self.detector.analyser.amplitude(beat) for beat in beats]
         strips = range_strips(measured, self.spread)
-        stretches = Stretches.of(spans, strips, signals[0], self._length_m(spans, strips))
+        shift_m = self.detector.shift_m(measured)
+        stretches = Stretches.of(spans, strips, signals[0], self._length_m(spans, strips), shift_m)
         stretches, directions = self._directions(stretches, signals)
         usable = directions.usable & self._strong(stretches)
         return Echoes(

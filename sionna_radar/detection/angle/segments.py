@@ -94,6 +94,7 @@ class Stretches:
     length: bins of each.
     power, peak_power: of the first receiver, sum and maximum; noise: mean noise power in a cell.
     range_m, range_variance_m2: mean and variance of the cells' ranges, weighted with their power.
+    shift_m: of the cells' ranges by the Doppler shift of stationary ground on the boresight.
     """
 
     row: Int[np.ndarray, " point"]
@@ -107,6 +108,7 @@ class Stretches:
     noise: Float[np.ndarray, " point"]
     range_m: Float[np.ndarray, " point"]
     range_variance_m2: Float[np.ndarray, " point"]
+    shift_m: Float[np.ndarray, " point"]
     bin_m: float
     first_bin: int
     looks_per_bin: float
@@ -117,6 +119,7 @@ class Stretches:
         strips: RangeStrips,
         signal: Complex[np.ndarray, "pulse bin"],
         length_m: Float[np.ndarray, " echo"],
+        shift_m: Float[np.ndarray, " pulse"],
     ) -> "Stretches":
         """Divide echoes into stretches of about some lengths."""
         cell_row, cell_bin, start = span_cells(spans.row, spans.start, spans.stop)
@@ -142,6 +145,7 @@ class Stretches:
             noise=receiver_noise(spans.noise)[row],
             range_m=mean_m,
             range_variance_m2=sums(power * offset_m**2, begin) / total,
+            shift_m=shift_m[row],
             bin_m=spans.bin_m,
             first_bin=spans.first_bin,
             looks_per_bin=spans.looks_per_bin,
@@ -150,7 +154,7 @@ class Stretches:
     def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
         nothing = np.zeros(0, dtype=np.int64)
-        kept = ("row", "length", "noise", "range_m", "range_variance_m2")
+        kept = ("row", "length", "noise", "range_m", "range_variance_m2", "shift_m")
         noise_power = self.noise_power[chosen]
         return replace(
             self,
@@ -181,7 +185,7 @@ class Stretches:
     @property
     def climb_per_m(self) -> Float[np.ndarray, " point"]:
         """Gradient of the direction with range over level ground, rad/m."""
-        return 1 / (self.range_m * np.tan(self.strips.incidence_rad))
+        return 1 / ((self.range_m - self.shift_m) * np.tan(self.strips.incidence_rad))
 
     @property
     def range_sigma_m(self) -> Float[np.ndarray, " point"]:
@@ -198,12 +202,12 @@ class Stretches:
         """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
 
         ramp_rad_m: expected gradient of the phase with range, removed.
-        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range.
+        bend_rad_m: phase of the wavefronts' curvature times the range, removed at each cell's range without `shift_m`.
         """
         side, reference = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
         cell_m = (self.first_bin + self.cell_bin) * self.bin_m
         ramp = np.repeat(ramp_rad_m, self.length) * (cell_m - np.repeat(self.range_m, self.length))
-        ramp += bend_rad_m / np.maximum(cell_m, self.bin_m)
+        ramp += bend_rad_m / np.maximum(cell_m - np.repeat(self.shift_m, self.length), self.bin_m)
         # In real arithmetic: complex products may be rounded differently at the end of a block.
         cosine, sine = np.cos(ramp), np.sin(ramp)
         real = side.real * reference.real + side.imag * reference.imag

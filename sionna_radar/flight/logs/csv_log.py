@@ -58,6 +58,8 @@ ALIASES = {
 UNITS = {"(millisecond)": 1e-3, "(ms)": 1e-3, "(feet)": 0.3048, "(ft)": 0.3048}
 # Seconds since 1970 have ten digits; more are milliseconds.
 MAX_SECONDS = 1e11
+# Columns that a note names.
+MAX_LISTED = 12
 NOTHING = {"", "nan", "--", "--.--", "n/a", "null"}
 MAX_ROWS = 3_000_000
 LONGEST_LINE = 100_000
@@ -102,6 +104,11 @@ def read_csv(path: Path, name: str, named: Mapping[str, str] = AS_THEY_ARE) -> F
     )
 
 
+def _listed(texts: Sequence[str]) -> str:
+    more = len(texts) - MAX_LISTED
+    return ", ".join(texts[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
 def _columns(
     path: Path, name: str, column_names: Mapping[str, str]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
@@ -116,8 +123,8 @@ def _columns(
             header = _renamed(cells, column_names, label)
             _check_header(header, label)
             columns, notes = _numbers(header, rows, label, [_unit(cell) for cell in cells], delimiter != ",")
-            changed = [f"{cell} as {key}" for cell, key in zip(cells, header, strict=True) if cell != key]
-            return columns, (*notes, *([f"columns read: {shown(', '.join(changed))[1:-1]}"] if changed else []))
+            changed = [f"{shown(cell)} as {key}" for cell, key in zip(cells, header, strict=True) if cell != key]
+            return columns, (*notes, *([f"columns read: {_listed(changed)}"] if changed else []))
     except (UnicodeDecodeError, csv.Error, OSError) as error:
         message = f"{name} {shown(path)} is not CSV ({str(error)[:100]}); save it in UTF-8, with a header"
         raise InputFileError(message) from error
@@ -201,7 +208,7 @@ def _numbers(
             cell = row[column_index].replace(",", ".") if decimal_comma else row[column_index]
             cells[key].append(_number(cell, key, f"{label}: line {count + 2}") * unit[column_index])
     unused = [key for key in header if key not in KNOWN]
-    notes = (f"columns not used: {shown(', '.join(unused))[1:-1]}",) if unused else ()
+    notes = (f"columns not used: {_listed([shown(key) for key in unused])}",) if unused else ()
     columns = {key: np.array(values) for key, values in cells.items()}
     if np.nanmax(np.abs(columns["time_s"]), initial=0.0) > MAX_SECONDS:
         columns["time_s"] /= 1000.0

@@ -34,6 +34,7 @@ from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, R
 from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text, strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import check_parquet
+from sionna_radar.report.survey.summary import better_map
 from sionna_radar.report.terminal import NONE, console, number, print_whole, say, table_of
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
@@ -485,6 +486,9 @@ def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
     hidden = len(result.cases) - MAX_ROWS
     if hidden > 0:
         out.print(f"and {hidden:,} more settings in table.csv")
+    better = [better_map(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
+    if any(better) and METHOD not in [axis.key for axis in result.axes]:
+        say(f"a better map: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
     for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             say(f"{label(case.setting)}: {note}")

@@ -15,6 +15,8 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import strict_json, without_nan
 from sionna_radar.report.terminal import console, reference_rows, table_of_values
+from sionna_radar.scenario import Scenario
+from sionna_radar.studies.sweep import Trial
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
 
@@ -224,18 +226,23 @@ def _flown(survey: Survey) -> dict[str, str]:
     return rows
 
 
-def _could_be_refined(survey: Survey) -> bool:
-    """Return True if "refined" applies: whole echoes of ground without walls, in clear air, mapped by points only."""
-    local = survey.prepared.local
-    whole_echoes = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
-    return (
+def better_map(scenario: Scenario, flown: Survey | Trial) -> str:
+    """Return by how much "refined" betters a map of points; "" where it does not apply or was not measured.
+
+    It applies to whole echoes of ground without walls, in clear air.
+    """
+    whole_echoes = scenario.sensor == "radar" and scenario.processing.angle == "off"
+    applies = (
         whole_echoes
-        and local.processing.average.chirps == 1
-        and survey.prepared.mapper.name == "linear"
-        and survey.off_wall_error is None
-        and not local.weather.falling
-        and survey.lit_error.count > 0
+        and scenario.radar.sweep != "triangular"
+        and scenario.processing.average.chirps == 1
+        and scenario.dem.map_method == "linear"
+        and flown.off_wall_error is None
+        and not scenario.weather.falling
+        and flown.lit_error.count > 0
     )
+    low, high = REFINED_OVER_LINEAR
+    return f"dem.method = 'refined': {low:.2f} to {high:.2f} of this error over ten lidar DEMs" if applies else ""
 
 
 def _errors(survey: Survey) -> dict[str, str]:
@@ -261,9 +268,9 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": part for key, part in survey.replaced.items()}
-    if _could_be_refined(survey):
-        low, high = REFINED_OVER_LINEAR
-        rows["a better map"] = f"dem.method = 'refined': {low:.2f} to {high:.2f} of this error over ten lidar DEMs"
+    better = better_map(survey.prepared.local, survey)
+    if better and "dem.method" not in survey.replaced:
+        rows["a better map"] = better
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
         west, south, east, north = over.places[0].extent_m

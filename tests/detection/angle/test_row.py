@@ -43,17 +43,17 @@ def row_of(receivers, spacing, **keys):
     return estimator("row", kind="row", receivers=receivers, baseline_wavelengths=spacing, **keys)
 
 
-def echo_of(range_m, cosine_up, gain, left=(-0.05, 0.05)):
+def echo_of(range_m, cosine_up, gain, left=(-0.05, 0.05), pulses=PULSES):
     """Scatterers in each pulse at ranges and directions, spread across the beam as well."""
-    rng, shape = np.random.default_rng(7), (len(PULSES), len(range_m))
+    rng, shape = np.random.default_rng(7), (len(pulses), len(range_m))
     left = rng.uniform(*left, shape)
     direction = np.stack(np.broadcast_arrays(np.sqrt(1 - left**2 - cosine_up**2), left, cosine_up), axis=2)
-    away = np.einsum("pij,pkj->pki", PULSES.true.R_world_antenna, direction)
-    place = PULSES.true.position_m[:, None] + np.broadcast_to(range_m, shape)[..., None] * away
+    away = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, direction)
+    place = pulses.true.position_m[:, None] + np.broadcast_to(range_m, shape)[..., None] * away
     phase = np.exp(2j * np.pi * rng.random(shape))
     return Paths.to_points(
-        PULSES,
-        np.repeat(np.arange(len(PULSES)), len(range_m)),
+        pulses,
+        np.repeat(np.arange(len(pulses)), len(range_m)),
         place.reshape(-1, 3),
         gain=(gain * phase).ravel(),
         incidence_rad=np.full(phase.size, 0.5),
@@ -68,8 +68,8 @@ def surfaces(*cosines, count=400):
     return echo_of(range_m.ravel(), up.ravel(), 1e-6)
 
 
-def found_by(found, paths, noise_w=1e-13):
-    return echoes_of_all(found, paths, PULSES, noise_w)
+def found_by(found, paths, noise_w=1e-13, pulses=PULSES):
+    return echoes_of_all(found, paths, pulses, noise_w)
 
 
 def near(echoes):
@@ -162,7 +162,7 @@ def test_neighbours_so_far_apart_that_the_phase_wraps_are_refused():
         row_of(4, 8.0)
 
 
-@pytest.mark.parametrize("range_m", [40.0, 90.0])
+@pytest.mark.parametrize(("range_m", "speed_mps"), [(40.0, 10.0), (90.0, 10.0), (40.0, 40.0)])
 @pytest.mark.parametrize(
     ("keys", "sweep", "within"),
     [
@@ -171,13 +171,17 @@ def test_neighbours_so_far_apart_that_the_phase_wraps_are_refused():
         ({"baseline_wavelengths": 4.5}, "up", 1.5e-4),
     ],
 )
-def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, within, range_m):
-    """Wavefronts are spheres: the middle of a row of 0.08 m sees it 1e-3 off at 40 m, and 3e-3 to the side."""
+def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, within, range_m, speed_mps):
+    """Wavefronts are spheres: the middle of a row of 0.08 m sees it 1e-3 off at 40 m, and 3e-3 to the side.
+
+    At 40 m/s the Doppler shift moves its range by 12 m, a third of that.
+    """
+    pulses = make_pulses(24, incidence_deg=45.0, position_m=(0.0, 0.0, HEIGHT_M), velocity_mps=(0.0, speed_mps, 0.0))
     left, up, angle = 0.021, -0.033, "row" if "kind" in keys else "interferometric"
     found = estimator(angle, sweep, axis="both", **keys)
-    echoes = found_by(found, echo_of(np.array([range_m]), up, 1e-6, (left, left)), noise_w=1e-19)
+    echoes = found_by(found, echo_of(np.array([range_m]), up, 1e-6, (left, left), pulses), 1e-19, pulses)
     strongest = echoes.power > 0.5 * echoes.power.max()
-    assert strongest.sum() >= len(PULSES)
+    assert strongest.sum() >= len(pulses)
     np.testing.assert_allclose(echoes.direction[strongest, 1:], [[left, up]] * strongest.sum(), atol=within)
 
 

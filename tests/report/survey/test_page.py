@@ -36,6 +36,11 @@ def test_nothing_is_loaded_from_anywhere(page):
     assert len(page) < 6_000_000
 
 
+def test_sentences_stand_apart(page):
+    words = re.sub(r"<[^>]*>", "", re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL))
+    assert not re.search(r"[a-z]{2}\.[A-Z][a-z]+ [a-z]+ ", words)
+
+
 def test_the_numbers_are_those_of_the_summary(page, survey):
     document, _ = numbers_of(page)
     expected = json.loads(summary_json(survey))
