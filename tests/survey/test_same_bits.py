@@ -26,7 +26,8 @@ tell("buildings", small | few | {"radar.antenna.beamwidth_deg": 20.0})
 
 
 def flown(cores: str, threads: str) -> list[str]:
-    settings = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+    settings = {name: value for name, value in os.environ.items() if name != "SIONNA_RADAR_THREADS"}
+    settings |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
     command = [sys.executable, "-c", FLOWN, cores]
     done = subprocess.run(command, capture_output=True, text=True, env=settings, check=False)
     assert done.returncode == 0, done.stderr
