@@ -36,10 +36,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import logsumexp, ndtri
+from scipy.special import ndtri
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
+from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
@@ -105,9 +106,9 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
     share = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
         joint = log + np.log(share)
-        share = np.exp(joint - logsumexp(joint, axis=1, keepdims=True)).mean(axis=0)
+        share = np.exp(joint - log_sum_exp(joint, axis=1, keepdims=True)).mean(axis=0)
         share = (share + 1e-6) / np.sum(share + 1e-6)
-    return share, float(logsumexp(log + np.log(share), axis=1).sum())
+    return share, float(log_sum_exp(log + np.log(share), axis=1).sum())
 
 
 # Half-length of the window in which shapes are compared, in cells.
@@ -227,7 +228,7 @@ class VolumeEnd:
             silence = float(self._silence(strength)[at])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
-            share = np.exp(terms - logsumexp(terms))
+            share = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
             level[row] = share.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
@@ -329,8 +330,8 @@ class VolumeEnd:
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
-        log = logsumexp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
-        log -= logsumexp(log, axis=-1, keepdims=True)
+        log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
+        log -= log_sum_exp(log, axis=-1, keepdims=True)
         place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
         share = (place - below)[:, None]
