@@ -23,8 +23,7 @@ def prepared(scene, **changes):
     return prepare(load_scenario(scene, small | {k.replace("__", "."): v for k, v in changes.items()}))
 
 
-@pytest.mark.parametrize("scene", ["hills", "buildings"])
-@pytest.mark.parametrize("speckle", ["expected", "fixed"])
+@pytest.mark.parametrize(("scene", "speckle"), [("hills", "expected"), ("buildings", "fixed")])
 def test_derivatives_agree_with_differences_for_every_parameter(scene, speckle):
     """To 1 % of the RMS of the difference on the same places: the call itself ends in an error otherwise."""
     found = sensitivities(

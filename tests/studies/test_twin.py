@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pyproj import Transformer
 from scipy.constants import speed_of_light
+from scipy.signal import lfilter
 
 from elevation_files import cell_centres, from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run, run_twin
@@ -25,9 +26,7 @@ def walk(rng: np.random.Generator, correlation: float) -> np.ndarray:
     """A stationary series of unit variance whose neighbours correlate."""
     steps = rng.normal(size=BLOCKS * LENGTH) * np.sqrt(1 - correlation**2)
     steps[0] = rng.normal()
-    for n in range(1, len(steps)):
-        steps[n] += correlation * steps[n - 1]
-    return steps
+    return lfilter([1.0], [1.0, -correlation], steps)
 
 
 def means(measured: np.ndarray, simulated: np.ndarray) -> Statistic:
