@@ -387,10 +387,7 @@ def _fitted(
 def _coarse_shift(
     dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]
 ) -> Float[np.ndarray, "2"]:
-    """Return the trial shift after which DEM and surface differ least, by NMAD.
-
-    Shifts are of whole cells, so that the surface is brought onto cells once, around the DEM, and not for each.
-    """
+    """Return the trial shift, of whole cells of one surface around the DEM, after which both differ least, by NMAD."""
     grid = dem.grid
     trials = np.unique(np.rint(SEARCHED_M / TRIALS / grid.spacing_m * np.arange(-TRIALS, TRIALS + 1)).astype(int))
     reach = int(trials[-1])
