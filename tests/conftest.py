@@ -4,6 +4,10 @@ import gc
 import logging
 import os
 import sys
+
+# The workers share the cores: they, and the programs that they start, take this over; NumPy reads it when it loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +26,6 @@ from sionna_radar.scene.model import Scene
 from surveys import SMALL
 from worlds import make_scene, make_surface
 
-# The workers share the cores; they and the programs they start take this over.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # How long an example takes says more of the machine than of the code.
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")

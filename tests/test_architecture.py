@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from statistics import median
 
@@ -54,6 +55,7 @@ def name_of(path: Path) -> str:
 MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py")) if name_of(path)}
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return all modules that a file imports, inside functions and by a constant string too, and what it takes."""
     found = set()
@@ -76,7 +78,10 @@ def known(path: Path) -> set[str]:
     return {module for module in found if not any(other.startswith(f"{module}.") for other in found)}
 
 
-GRAPH = {name: known(path) - {name} for name, path in MODULES.items()}
+@cache
+def imported() -> dict[str, set[str]]:
+    """Return which modules of the package each of them imports; read in the tests, not wherever they are collected."""
+    return {name: known(path) - {name} for name, path in MODULES.items()}
 
 
 def circles(graph: Mapping[str, set[str]]) -> Iterator[str]:
@@ -99,7 +104,7 @@ def within(package: str) -> dict[str, set[str]]:
     """Return what the parts of a package, files and packages, import of one another."""
     depth = package.count(".") + 2 if package else 1
     parts: dict[str, set[str]] = {}
-    for name, others in GRAPH.items():
+    for name, others in imported().items():
         if package and not name.startswith(f"{package}."):
             continue
         own = ".".join(name.split(".")[:depth])
@@ -113,7 +118,7 @@ def test_no_module_imports_a_later_room(name):
     room = name.split(".")[0]
     if room == "__main__":
         return
-    for other in GRAPH[name]:
+    for other in imported()[name]:
         assert ROOMS.index(other.split(".")[0]) <= ROOMS.index(room), f"{name} imports {other}"
 
 
@@ -122,7 +127,7 @@ def test_every_module_is_in_a_room():
 
 
 def test_no_circle_between_files():
-    assert list(circles(GRAPH)) == []
+    assert list(circles(imported())) == []
 
 
 @pytest.mark.parametrize("package", ["", *sorted({name.rpartition(".")[0] for name in MODULES} - {""})])
@@ -153,7 +158,7 @@ def test_no_map_knows_the_truth():
     """Neither detection nor mapping reads the true pose, or traces."""
     for name, path in MODULES.items():
         if name.split(".")[0] in ("detection", "mapping"):
-            assert not any(other.startswith("tracing.") for other in GRAPH[name]), name
+            assert not any(other.startswith("tracing.") for other in imported()[name]), name
             assert ".true." not in path.read_text(encoding="utf-8"), name
 
 
@@ -165,7 +170,7 @@ def test_physics_reads_tables_of_a_scenario_at_its_doors_alone():
     readers = {
         name
         for name in MODULES
-        if name.split(".")[0] in PHYSICS and any(other.split(".")[0] == "scenario" for other in GRAPH[name])
+        if name.split(".")[0] in PHYSICS and any(other.split(".")[0] == "scenario" for other in imported()[name])
     }
     assert {name for name in readers if name.rpartition(".")[2] not in ("build", "options")} == set()
     assert len(readers) <= 14

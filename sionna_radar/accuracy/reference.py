@@ -387,15 +387,31 @@ def _fitted(
 def _coarse_shift(
     dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]
 ) -> Float[np.ndarray, "2"]:
-    """Return the trial shift after which DEM and surface differ least, by NMAD."""
-    trials = SEARCHED_M / TRIALS * np.arange(-TRIALS, TRIALS + 1)
+    """Return the trial shift, of whole cells of one surface around the DEM, after which both differ least, by NMAD."""
+    grid = dem.grid
+    trials = np.unique(np.rint(SEARCHED_M / TRIALS / grid.spacing_m * np.arange(-TRIALS, TRIALS + 1)).astype(int))
+    reach = int(trials[-1])
+    around = reference.on(_widened(grid, reach)).height_m
     spreads = {}
-    for east_m, north_m in product(trials, trials):
-        difference = (dem.height_m - reference.on(dem.grid, (east_m, north_m)).height_m)[cells]
+    for east, north in product(trials, trials):
+        moved = around[reach - north :, reach - east :][: grid.rows, : grid.columns]
+        difference = (dem.height_m - moved)[cells]
         finite = difference[np.isfinite(difference)]
         if len(finite) > len(difference) / 2:
-            spreads[east_m, north_m] = nmad(finite)
-    return np.array(min(spreads, key=lambda trial: (spreads[trial], np.hypot(*trial)))) if spreads else np.zeros(2)
+            spreads[east, north] = nmad(finite)
+    best = min(spreads, key=lambda trial: (spreads[trial], np.hypot(*trial))) if spreads else (0, 0)
+    return grid.spacing_m * np.array(best, dtype=float)
+
+
+def _widened(grid: Grid, cells: int) -> Grid:
+    """Return a grid with so many cells more to each side."""
+    return replace(
+        grid,
+        west_m=grid.west_m - cells * grid.spacing_m,
+        south_m=grid.south_m - cells * grid.spacing_m,
+        columns=grid.columns + 2 * cells,
+        rows=grid.rows + 2 * cells,
+    )
 
 
 def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], middle_m: np.ndarray) -> Shift:
@@ -503,14 +519,7 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
 
     Where fewer than half of the cells within the cloud's bounds have a point, its points are checkpoints.
     """
-    margin = int(np.ceil(SEARCHED_M / grid.spacing_m))
-    wide = replace(
-        grid,
-        west_m=grid.west_m - margin * grid.spacing_m,
-        south_m=grid.south_m - margin * grid.spacing_m,
-        columns=grid.columns + 2 * margin,
-        rows=grid.rows + 2 * margin,
-    )
+    wide = _widened(grid, int(np.ceil(SEARCHED_M / grid.spacing_m)))
     with open_cloud(path, KEY) as cloud:
         crs = CRS.from_wkt(_same_kind_of_crs(cloud.crs_wkt, grid, cloud.name))
         east_m, north_m = _origin_m(grid)[:2]

@@ -42,6 +42,27 @@ def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 # Machine code on disk keeps the value that it was compiled with.
 MAX_SPECKLE = 8.0
 
+
+@lru_cache(maxsize=64)
+def gauss_legendre(count: int) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+    """Return the nodes from -1 to 1, and the weights, of Gauss and Legendre's rule; 200 take tens of milliseconds."""
+    return np.polynomial.legendre.leggauss(count)
+
+
+def log_sum_exp(
+    terms: Float[np.ndarray, "..."], axis: int | None = -1, keepdims: bool = False
+) -> Float[np.ndarray, "..."]:
+    """Return log sum exp over an axis, or over all with None; -inf if all terms are.
+
+    That of `scipy.special` takes three times as long, which is a quarter of a survey in rain.
+    """
+    peak = terms.max(axis=axis, keepdims=True)
+    peak = np.where(np.isfinite(peak), peak, 0.0).astype(terms.dtype)
+    with np.errstate(divide="ignore"):
+        total = np.log(np.exp(terms - peak).sum(axis=axis, keepdims=True)) + peak
+    return total if keepdims else np.asarray(total.squeeze(axis))
+
+
 # Rows that a triangular system is solved by at once.
 ROWS = 96
 

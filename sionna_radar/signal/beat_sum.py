@@ -17,6 +17,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled, turned
+from sionna_radar.foundation.numerics import gauss_legendre
 from sionna_radar.foundation.threads import cores, over_rows
 
 # Oversampling of the frequency grid, and width of the spreading function in points.
@@ -65,7 +66,7 @@ def _spreading(offset: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 @cache
 def sample_correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
     """Return the inverse of the spreading function's transform at each sample, by Gaussian quadrature."""
-    node, weight = np.polynomial.legendre.leggauss(NODES)
+    node, weight = gauss_legendre(NODES)
     offset = node * WIDTH / 2
     sample = np.arange(samples) - samples // 2
     wave = np.cos(2 * np.pi * np.outer(sample / points, offset))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -143,7 +143,8 @@ class Weather:
 
     def rain_echo(self, rain_rate_mm_per_h: float) -> tuple[float, EchoSpeeds]:
         """Return the reflectivity (m2/m3) and fall speeds of rain at a rate, which must be positive."""
-        return _rain_echo(self.carrier_hz, rain_rate_mm_per_h, self.temperature_k)
+        drops = marshall_palmer(rain_rate_mm_per_h)
+        return drop_echo(self.carrier_hz, drops=drops, temperature_k=self.temperature_k)
 
     @cached_property
     def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
@@ -159,12 +160,6 @@ class Weather:
         ]
         floating = [(aerosol.reflectivity_per_m(self.carrier_hz), FLOATING) for aerosol in self._aerosols.values()]
         return (*snow, *floating)
-
-
-@lru_cache(maxsize=16)
-def _rain_echo(carrier_hz: float, rain_rate_mm_per_h: float, temperature_k: float) -> tuple[float, EchoSpeeds]:
-    """Return the echo of rain, which a survey needs several times, summed in 50 ms."""
-    return drop_echo(carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=temperature_k)
 
 
 # Numbers of rates and of fall-speed quantiles at which non-uniform rain is computed, interpolated in between.

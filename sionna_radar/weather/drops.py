@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.numerics import gauss_legendre
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.scattering import spheroid_echo
 from sionna_radar.weather.validity import Precipitation, ValidityError
@@ -181,7 +182,7 @@ def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_
 
 def _diameters() -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
     """Return the nodes of integrals over the diameter and their weights, as shares of the span."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    nodes, weights = gauss_legendre(NODES)
     return SMALLEST_M + (LARGEST_M - SMALLEST_M) * (1 + nodes) / 2, weights / 2
 
 

@@ -17,6 +17,8 @@ from miepython import efficiencies_mx
 from scipy.constants import speed_of_light
 from scipy.special import lpmv, spherical_jn, spherical_yn
 
+from sionna_radar.foundation.numerics import gauss_legendre
+
 
 def mie_backscatter(size: Float[np.ndarray, " n"], refractive_index: complex) -> Float[np.ndarray, " n"]:
     """Return the radar cross-sections of spheres over their geometric ones, pi a^2.
@@ -65,7 +67,7 @@ def spheroid_echo(
 
     """
     degree = int(np.ceil(size + 4.0 * np.cbrt(size) + MIN_DEGREES))
-    cosine, weight = np.polynomial.legendre.leggauss(NODES_PER_DEGREE * degree)
+    cosine, weight = gauss_legendre(NODES_PER_DEGREE * degree)
     boundary = _Boundary.of(size, axis_ratio, cosine, weight)
     turn = 2 * np.pi * np.arange(4 * degree) / (4 * degree)
     incident = _incident(boundary, turn, look_rad)

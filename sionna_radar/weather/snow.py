@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.numerics import gauss_legendre
 from sionna_radar.weather.drops import EchoSpeeds, fall_speed_mps, weighted_speeds
 from sionna_radar.weather.permittivity import ICE_DENSITY_KG_PER_M3, MELTING_K, ice_permittivity, water_permittivity
 from sionna_radar.weather.permittivity import WATER_DENSITY_KG_PER_M3 as WATER_KG_PER_M3
@@ -110,7 +111,7 @@ def sekhon_srivastava(snowfall_mm_per_h: float, kind: Precipitation, *, largest:
     """Return the flakes of a snowfall with the number densities of Sekhon and Srivastava 1970."""
     slope_per_m = SLOPE_PER_M * snowfall_mm_per_h**SLOPE_EXPONENT
     intercept_per_m4 = INTERCEPT_PER_M4 * snowfall_mm_per_h**INTERCEPT_EXPONENT
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    nodes, weights = gauss_legendre(NODES)
     half_span_m = largest / slope_per_m / 2.0
     melted_m = half_span_m * (1.0 + nodes)
     diameter_m = _flake_diameter_m(melted_m)
@@ -194,7 +195,7 @@ def snow_attenuation_db_per_km(
     polarizability = _polarizability(frequency_hz, kind, temperature_k)
     absorbed_m2 = 6 * np.pi * frequency_hz / speed_of_light * polarizability.imag * falling.mass_kg / WATER_KG_PER_M3
     # For a scattering angle t, the phase is that of backscatter from an extent scaled by sin(t / 2).
-    cosine, weight = np.polynomial.legendre.leggauss(ANGLES)
+    cosine, weight = gauss_legendre(ANGLES)
     size = np.sqrt((1.0 - cosine) / 2.0)[:, None]
     scattered_m2 = (weight * (1.0 + cosine**2) / 4.0) @ _backscatter_m2(frequency_hz, falling, polarizability, size)
     return DB_PER_KM_PER_NEPER_PER_M * float(np.sum(falling.count_per_m3 * (absorbed_m2 + scattered_m2)))

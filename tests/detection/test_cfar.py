@@ -132,18 +132,19 @@ def false_alarms(sampling: str, zero_padding: int, guard: int, training: int, ch
 
 # A Hann window leaves half as many independent cells as there are: with 2.6 million the error of the count is 2.7 %.
 @pytest.mark.parametrize(
-    ("sampling", "zero_padding", "guard", "training", "chirps", "ends"),
+    ("sampling", "zero_padding", "guard", "training", "chirps", "parts"),
     [
-        *((sampling, zero_padding, 3, 16, 10_000, False) for sampling in ("real", "iq") for zero_padding in (1, 2)),
-        ("real", 2, 40, 24, 10_000, True),
-        ("iq", 1, 40, 24, 20_000, True),
+        ("real", 1, 3, 16, 10_000, 1),
+        ("iq", 2, 3, 16, 10_000, 1),
+        ("real", 2, 40, 24, 10_000, 2),
+        ("iq", 1, 40, 24, 20_000, 2),
     ],
 )
-def test_false_alarms_in_noise_and_at_the_ends_of_the_spectrum(sampling, zero_padding, guard, training, chirps, ends):
+def test_false_alarms_in_noise_and_at_the_ends_of_the_spectrum(sampling, zero_padding, guard, training, chirps, parts):
     for kind, counts in false_alarms(sampling, zero_padding, guard, training, chirps).items():
-        alarms, cells = counts[ends]
-        assert cells >= 2_000_000
-        assert alarms / cells == pytest.approx(1e-3, rel=0.1), kind
+        for alarms, cells in counts[:parts]:
+            assert cells >= 2_000_000
+            assert alarms / cells == pytest.approx(1e-3, rel=0.1), kind
 
 
 def test_guard_cells_that_the_window_reaches_over_are_refused():

@@ -32,7 +32,6 @@ SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_
 SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
 
 RESULTS = {
-    "survey": (lambda: run(load_scenario("hills", SHORT)), "RMSE of lit cells"),
     "sweep": (lambda: run_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
     "crosscheck": (lambda: run_crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
     "budget": (
@@ -43,9 +42,9 @@ RESULTS = {
 }
 
 
-@pytest.mark.parametrize("name", RESULTS)
-def test_a_result_shows_a_table_and_a_picture(name):
-    make, words = RESULTS[name]
+@pytest.mark.parametrize("name", ["survey", *RESULTS])
+def test_a_result_shows_a_table_and_a_picture(name, survey):
+    make, words = RESULTS.get(name, (lambda: survey, "RMSE of lit cells"))
     result = make()
     shown = html_of(result)
     assert words in shown
@@ -61,10 +60,9 @@ def test_a_warning_is_shown():
     assert "<p>warning: no echo was detected" in html_of(survey)
 
 
-def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell):
+def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell, survey):
     register_with_ipython()
     assert all(hasattr(import_module(module), name) for module, name in SHOWN)
-    survey = run(load_scenario("hills", SHORT))
     data, _ = shell.display_formatter.format(survey)
     assert data["text/html"] == html_of(survey)
     assert data["text/plain"] == repr(survey)

@@ -65,7 +65,7 @@ def recorded(folder: Path, overrides: dict, errors: dict = ERRORS) -> tuple[Path
 @pytest.fixture(scope="module")
 def lines(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lines")
-    return (*recorded(folder, flight(30.0, 3, 4)), folder)
+    return (*recorded(folder, flight(30.0, 3, 4, **{"radar.chirp_rate_hz": 200.0})), folder)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import h5py
 import numpy as np
@@ -253,27 +254,39 @@ def zigzag(path):
     return {"log": str(path), "log_height": "datum"}
 
 
-def test_a_recording_of_the_simulated_flight_gives_its_images(imagery, tmp_path):
-    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
-    recorded = image_recording(tmp_path / "strip.nc")
+@pytest.fixture(scope="module")
+def flown(imagery, tmp_path_factory):
+    path = tmp_path_factory.mktemp("strip") / "strip.nc"
+    run(imagery.scenario, recordings={"signals": path})
+    return path
+
+
+@pytest.fixture
+def strip(flown, tmp_path):
+    """The recording of the flight, to be changed."""
+    return shutil.copy(flown, tmp_path / "strip.nc")
+
+
+def test_a_recording_of_the_simulated_flight_gives_its_images(imagery, strip):
+    recorded = image_recording(strip)
     np.testing.assert_array_equal(recorded.focused.amplitude, imagery.focused.amplitude)
     np.testing.assert_array_equal(recorded.slant.power, imagery.slant.power)
     assert recorded.sar == imagery.sar
-    with h5py.File(tmp_path / "strip.nc", "r+") as file:
+    with h5py.File(strip, "r+") as file:
         for name in ("scenario", "survey", "true_height", "lit"):
             del file[name]
     with pytest.raises(ScenarioError, match="--ground-height: is needed"):
-        image_recording(tmp_path / "strip.nc")
+        image_recording(strip)
     antenna = {"radar.antenna.beamwidth_deg": [2.5, 12.0], "radar.antenna.side_lobe_db": -25.0}
-    foreign = image_recording(tmp_path / "strip.nc", antenna, ground_m=0.0)
+    foreign = image_recording(strip, antenna, ground_m=0.0)
     np.testing.assert_array_equal(foreign.focused.amplitude, imagery.focused.amplitude)
     with pytest.raises(InputFileError, match=r"the ground is -2.0 m below the track"):
-        image_recording(tmp_path / "strip.nc", antenna, ground_m=30.0)
-    with h5py.File(tmp_path / "strip.nc", "r+") as file:
+        image_recording(strip, antenna, ground_m=30.0)
+    with h5py.File(strip, "r+") as file:
         turned = file["measured_rotation"][...]
         file["measured_rotation"][...] = Rotation.from_euler("z", -20, degrees=True).as_matrix() @ turned
     with pytest.raises(InputFileError, match=r"looks -20.0 deg ahead of the side of the track"):
-        image_recording(tmp_path / "strip.nc", antenna, ground_m=0.0)
+        image_recording(strip, antenna, ground_m=0.0)
 
 
 def test_a_recording_is_focused_along_its_measured_poses(imagery, tmp_path):
@@ -302,20 +315,19 @@ def test_a_recording_is_focused_along_its_measured_poses(imagery, tmp_path):
         ("beat_q", lambda q: q, ""),
     ],
 )
-def test_poses_and_signs_that_contradict_what_is_seen_are_told(imagery, tmp_path, caplog, name, change, words):
-    path, antenna = tmp_path / "strip.nc", {"radar.antenna.beamwidth_deg": [2.5, 12.0]}
-    run(imagery.scenario, recordings={"signals": path})
-    with h5py.File(path, "r+") as file:
+def test_poses_and_signs_that_contradict_what_is_seen_are_told(strip, caplog, name, change, words):
+    antenna = {"radar.antenna.beamwidth_deg": [2.5, 12.0]}
+    with h5py.File(strip, "r+") as file:
         for own in ("scenario", "survey", "true_height", "lit"):
             del file[own]
         file[name][...] = change(file[name][...])
     caplog.clear()
     if name == "measured_rotation":
         with pytest.raises(InputFileError, match=words):
-            image_recording(path, antenna, ground_m=0.0)
-        assert "looks to the horizon or above it in 100%" in process(path, antenna).warnings[0]
+            image_recording(strip, antenna, ground_m=0.0)
+        assert "looks to the horizon or above it in 100%" in process(strip, antenna).warnings[0]
         return
-    image_recording(path, antenna, ground_m=0.0)
+    image_recording(strip, antenna, ground_m=0.0)
     assert re.search(words, caplog.text) if words else not caplog.text
 
 
@@ -337,9 +349,8 @@ def test_what_is_recorded_otherwise_is_not_focused(tmp_path, changes, words):
         image_recording(tmp_path / "strip.nc")
 
 
-def test_the_command_images_a_recording(imagery, tmp_path):
-    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
-    done = CliRunner().invoke(app, ["image", str(tmp_path / "strip.nc"), "-q", "-o", str(tmp_path / "out")])
+def test_the_command_images_a_recording(imagery, strip, tmp_path):
+    done = CliRunner().invoke(app, ["image", str(strip), "-q", "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "out" / MARKER).read_text())
     assert told["recording"] == "strip.nc"
@@ -348,11 +359,10 @@ def test_the_command_images_a_recording(imagery, tmp_path):
         CliRunner().invoke(app, ["image", "slar", "--ground-height", "3"], catch_exceptions=False)
 
 
-def test_a_recording_of_powers_has_a_slant_range_image_alone(imagery, tmp_path, capsys):
+def test_a_recording_of_powers_has_a_slant_range_image_alone(imagery, strip, tmp_path, capsys):
     """Range profiles of the same flight, described by a TOML file, whose log flies straight and looks to the right."""
     chirp = imagery.focused.chirp
-    run(imagery.scenario, recordings={"signals": tmp_path / "strip.nc"})
-    with h5py.File(tmp_path / "strip.nc") as file:
+    with h5py.File(strip) as file:
         beat = file["beat_i"][...] + 1j * file["beat_q"][...]
         time_s, (x, y, z), speed = file["time"][...], file["measured_position"][0], file["measured_velocity"][0]
     power = np.abs(np.fft.fft(beat * np.hanning(256) / np.hanning(256).sum(), axis=1)) ** 2

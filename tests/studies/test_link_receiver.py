@@ -48,7 +48,7 @@ def test_noise_folds_with_what_both_filters_let_pass(keys, sampling):
 @pytest.mark.parametrize("sampling", ["real", "iq"])
 @pytest.mark.parametrize("order", [1, 4])
 def test_phase_noise_of_the_leakage_folds_too(order, sampling):
-    difference_db = differences_db(NOISY | filtered(order), sampling)[40:-4]
+    difference_db = differences_db(NOISY | filtered(order), sampling, pulses=900)[40:-4]
     assert np.mean(difference_db) == pytest.approx(0.0, abs=0.1)
 
 

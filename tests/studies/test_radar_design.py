@@ -67,12 +67,20 @@ def _pretend(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def designed(small):
+def plan(small):
+    return plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1", "coverage > 0.5"], surveys=40)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    return Checkpoints(tmp_path_factory.mktemp("parts"))
+
+
+@pytest.fixture(scope="module")
+def designed(plan, kept):
     with pytest.MonkeyPatch.context() as patch:
         pretend(patch)
-        requirements = ["rms_m < 0.1", "coverage > 0.5"]
-        plan = plan_design(small, FREE, minimise=["aperture_m"], require=requirements, surveys=40)
-        return run_design(plan)
+        return run_design(plan, execution=Execution(checkpoints=kept))
 
 
 def test_the_optimum_lies_where_the_error_reaches_its_limit(designed):
@@ -109,18 +117,13 @@ def test_settings_that_fail_are_kept_with_their_reason_and_avoided(designed):
     assert len(failed) <= 5
 
 
-def test_the_same_seed_gives_the_same_answer_on_a_resumed_run(designed, small, tmp_path):
-    plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1", "coverage > 0.5"], surveys=40)
-    (tmp_path / "parts").mkdir()
-    kept = Checkpoints(tmp_path / "parts")
-    first = run_design(plan, execution=Execution(checkpoints=kept))
+def test_the_same_seed_gives_the_same_answer_on_a_resumed_run(designed, plan, kept):
     calls = len(kept)
     for part in list(kept.folder.glob("*.part"))[::2]:
         part.unlink()
     again = run_design(plan, execution=Execution(checkpoints=kept, block_size=7))
-    assert [o.setting for o in again.observations] == [o.setting for o in first.observations]
-    assert repr(first.observations) == repr(designed.observations)
-    assert again.best.standing == first.best.standing == designed.best.standing
+    assert repr(again.observations) == repr(designed.observations)
+    assert again.best.standing == designed.best.standing
     assert len(kept) == calls
 
 

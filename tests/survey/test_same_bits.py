@@ -16,7 +16,8 @@ def tell(name, changes):
     survey = run(load_scenario(name, changes))
     print(survey.points.sha256(), hashlib.sha256(survey.dem.height_m.tobytes()).hexdigest())
 
-tell("san_francisco", {"platform.length_m": 3.0, "platform.start_m": [180.0, 20.0]})
+city = {"terrain.kind": "sionna:etoile", "platform.length_m": 3.0, "platform.start_m": [0.0, 0.0]}
+tell("san_francisco", city)
 small = {"platform.length_m": 2.5, "platform.start_m": [-60.0, 0.0], "dem.spacing_m": 2.0}
 tell("buildings", small | {"dem.method": "refined"})
 tell("buildings", small | {"tracing.speckle": "per_pulse"})
@@ -26,7 +27,8 @@ tell("buildings", small | few | {"radar.antenna.beamwidth_deg": 20.0})
 
 
 def flown(cores: str, threads: str) -> list[str]:
-    settings = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+    settings = {name: value for name, value in os.environ.items() if name != "SIONNA_RADAR_THREADS"}
+    settings |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
     command = [sys.executable, "-c", FLOWN, cores]
     done = subprocess.run(command, capture_output=True, text=True, env=settings, check=False)
     assert done.returncode == 0, done.stderr

@@ -36,10 +36,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import logsumexp, ndtri
+from scipy.special import ndtri
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
+from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
@@ -105,9 +106,9 @@ def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[
     share = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
         joint = log + np.log(share)
-        share = np.exp(joint - logsumexp(joint, axis=1, keepdims=True)).mean(axis=0)
+        share = np.exp(joint - log_sum_exp(joint, axis=1, keepdims=True)).mean(axis=0)
         share = (share + 1e-6) / np.sum(share + 1e-6)
-    return share, float(logsumexp(log + np.log(share), axis=1).sum())
+    return share, float(log_sum_exp(log + np.log(share), axis=1).sum())
 
 
 # Half-length of the window in which shapes are compared, in cells.
@@ -190,10 +191,10 @@ class VolumeEnd:
         """
         out = np.full((len(tilts), *ratio.shape), -np.inf)
         for rows, terms in self._terms(ratio, views):
-            of_widths = _log_sum(terms + self._log_level_share)
+            of_widths = log_sum_exp(terms + self._log_level_share)
             for number, tilt in enumerate(tilts):
                 widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
-                out[number][np.ix_(rows, self._columns)] = _log_sum(of_widths + widths)
+                out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
         return out
 
     def by_slope_and_level(
@@ -211,7 +212,7 @@ class VolumeEnd:
                 relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
                 for number, width in enumerate(widths):
                     weighed = terms[i, relevant] + width[i, relevant][..., None]
-                    out[number, row] = _log_sum(weighed.reshape(-1, weighed.shape[-1]).T)
+                    out[number, row] = log_sum_exp(weighed.reshape(-1, weighed.shape[-1]).T)
         return out, cell
 
     def shape_at(
@@ -227,7 +228,7 @@ class VolumeEnd:
             silence = float(self._silence(strength)[at])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
-            share = np.exp(terms - logsumexp(terms))
+            share = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
             level[row] = share.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
@@ -329,8 +330,8 @@ class VolumeEnd:
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
-        log = logsumexp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
-        log -= logsumexp(log, axis=-1, keepdims=True)
+        log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
+        log -= log_sum_exp(log, axis=-1, keepdims=True)
         place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
         share = (place - below)[:, None]
@@ -354,14 +355,6 @@ def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
 
 def _strength_step(strength: float) -> int:
     return round(float(np.log(strength) / np.log(STRENGTH_STEP)))
-
-
-def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "..."]:
-    """Return log sum exp over the last axis, in the precision of the terms; -inf if all terms are -inf."""
-    peak = terms.max(axis=-1)
-    with np.errstate(divide="ignore"):
-        total = np.exp(terms - np.where(np.isfinite(peak), peak, 0.0)[..., None]).sum(axis=-1)
-        return np.asarray(np.log(total) + np.where(np.isfinite(peak), peak, 0.0))
 
 
 def _spans(

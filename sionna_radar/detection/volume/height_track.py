@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import logsumexp
+
+from sionna_radar.foundation.numerics import log_sum_exp
 
 # Probability that the height jumps from pulse to pulse.
 JUMP_PROBABILITY = 0.03
@@ -110,7 +111,7 @@ def track(
     for rows in np.split(np.arange(len(line)), np.flatnonzero(np.diff(line)) + 1):
         if len(rows):
             posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows, slope, step_m)
-    total = logsumexp(posterior, axis=1)
+    total = log_sum_exp(posterior, axis=1)
     share = np.exp(posterior - total[:, None])
     cell = np.arange(evidence.shape[1])
     same = np.abs(cell - share.argmax(axis=1)[:, None]) <= SAME_SURFACE_CELLS

@@ -31,10 +31,9 @@ from math import comb
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
-from scipy.special import logsumexp
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.numerics import spread_indices
+from sionna_radar.foundation.numerics import log_sum_exp, spread_indices
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.options import SMOOTH
@@ -380,7 +379,7 @@ def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: fl
     overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
     """
     prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
-    prior -= logsumexp(prior, axis=1, keepdims=True)
-    told = logsumexp(log_likelihood[:, None] + prior, axis=2)
+    prior -= log_sum_exp(prior, axis=1, keepdims=True)
+    told = log_sum_exp(log_likelihood[:, None] + prior, axis=2)
     posterior = log_likelihood + prior[np.argmax(told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2)]
-    return np.exp(logsumexp(posterior + LOG_SQUARES, axis=1) - logsumexp(posterior, axis=1))
+    return np.exp(log_sum_exp(posterior + LOG_SQUARES, axis=1) - log_sum_exp(posterior, axis=1))

@@ -49,17 +49,26 @@ def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) 
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_text_keeps_apart_on_small_and_large_ground(draw: Callable[[Survey], Figure]) -> None:
-    for size_m in (100.0, 2000.0):
-        figure = draw(make_survey(size_m=size_m, height_m=700.0, sampling="iq"))
+def test_text_keeps_apart_on_small_and_large_ground(large: Survey, draw: Callable[[Survey], Figure]) -> None:
+    for shown in (make_survey(size_m=100.0, height_m=700.0, sampling="iq"), large):
+        figure = draw(shown)
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
 
 
+@pytest.fixture(scope="module")
+def narrow() -> Survey:
+    return run(load_scenario("hills", {"platform.length_m": 5.0}))
+
+
+@pytest.fixture(scope="module")
+def large() -> Survey:
+    return make_survey(size_m=2000.0, height_m=700.0, sampling="iq")
+
+
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_no_text_is_cut_off(survey: Survey, draw: Callable[[Survey], Figure]) -> None:
-    narrow = run(load_scenario("hills", {"platform.length_m": 5.0}))
-    for flown in (survey, make_survey(size_m=2000.0, height_m=700.0), narrow):
+def test_no_text_is_cut_off(survey: Survey, large: Survey, narrow: Survey, draw: Callable[[Survey], Figure]) -> None:
+    for flown in (survey, large, narrow):
         assert texts_outside(draw(flown)) == []
 
 
