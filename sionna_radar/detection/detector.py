@@ -185,7 +185,10 @@ class Detector:
         )
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the sorted echoes of some pulses, ranges corrected for the Doppler shift of stationary ground."""
+        """Return echoes with ranges corrected for the Doppler shift of stationary ground.
+
+        pulse: indices, increasing, of the pulses that `measured` has the poses of.
+        """
         if not self.doppler_correction:
             return echoes
         row = rows_of(pulse, echoes.pulse)

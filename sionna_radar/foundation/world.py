@@ -45,7 +45,7 @@ class World:
 
 
 class LogCapture(logging.Filter):
-    """Record this thread's log messages, and let them pass: a handler would silence the one of last resort."""
+    """Record this thread's log messages without suppressing them; a handler would disable `logging.lastResort`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -61,11 +61,11 @@ class LogCapture(logging.Filter):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings among them, each once."""
+        """Distinct messages of level WARNING or above."""
         return tuple(dict.fromkeys(r.getMessage() for r in self.records if r.levelno >= logging.WARNING))
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Keep a record, and let it pass."""
+        """Record a message of this thread; suppress none."""
         if threading.get_ident() == self._thread:
             self.records.append(record)
         return True

@@ -9,7 +9,7 @@ from pydantic import Field
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, CoverVector
 from sionna_radar.scenario.table import Point2, Real, Table
 
-# Products store positions as 32-bit millimetres; no navigation error is that large.
+# Lever arms and offsets stay within the range of positions stored as 32-bit millimetres.
 Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
 
 
@@ -18,7 +18,7 @@ class ScanParameters(Table):
 
     mode: str
     stabilised: bool = Field(default=True, strict=True)
-    """roll and pitch of the platform are taken out of the pointing."""
+    """the pointing is stabilised against roll and pitch of the platform."""
 
 
 class AntennaParameters(Table):
@@ -29,7 +29,7 @@ class AntennaParameters(Table):
     """as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave)."""
     receive_polarization: Literal["co", "cross"] = "co"
     """"co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same sense, in which
-    spheres and mirrors return nothing, and "cross" the opposite sense."""
+    single reflections from spheres and mirrors return nothing, and "cross" the opposite sense."""
     squint_deg_per_ghz: Annotated[Real, Field(ge=-90, le=90)] = 0.0
     """turn of the beam to the left about the antenna's up axis as the frequency rises over the sweep, as of a slotted
     waveguide; the pattern is that in the middle of the used sweep."""
@@ -40,7 +40,7 @@ class NavigationParameters(Table):
 
     kind: str
     lever_arm_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    """from it to the antenna: nose, right, down."""
+    """from its reference point to the antenna, in body axes: nose, right, down."""
 
 
 class TerrainParameters(Table):

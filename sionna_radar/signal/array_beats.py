@@ -5,12 +5,12 @@ from the places of the scatterers and from the radar's true pose at that chirp, 
 place, exactly.
 
 The sum of the exponentials of a chirp is that of `beat_sum`. What differs between the receivers of a chirp is each
-path's phase, and by little its frequency: a way longer by d moves an exponential by x = S d / c, a small part of a
-point of the grid. All share one set of powers of x,
+path's phase, and slightly its frequency: a path longer by d shifts it by S d / c, S being the slope of the sweep, which
+is x = S d N / (c f_s), a small part of a point, on the grid of N points. All share one set of powers of x,
 
     w(t - x) = w - x w' + x^2 w'' / 2 - x^3 w''' / 6,
 
-as many as the widest x asks for, so that a receiver costs a few multiplications a path and not another search and
+as many as the largest x requires, so that a receiver costs a few multiplications a path and not another search and
 evaluation. Transmitters that send at once are summed for all receivers: x is the sum of a transmitter's and a
 receiver's part, and its powers are sums of products of both. A sweep's own drift in frequency by motion (the bend of
 `beat_sum`) is that of the power-weighted mean of its paths.
@@ -83,7 +83,7 @@ def array_beats(
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
     pieces, correction = spreading_pieces(), sample_correction(samples, points)
     receivers = len(array.receiver_m)
-    # Processors handle several at once; others are computed for nothing, in less time than one by one.
+    # Receivers are padded to whole SIMD vectors: computing the padding is faster than a scalar remainder.
     lanes = receivers if receivers == 1 else -(-receivers // LANES) * LANES
     beats = np.empty((count, receivers, samples), dtype=np.complex128)
     time_s = (np.arange(count) - (count - 1) / 2) * array.period_s

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
-from pattern_files import WRITERS, csv_grid
+from pattern_files import WRITERS, csv_grid, sphere
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.antenna import antenna_of
 from sionna_radar.radar.array_antenna import beams_of, read_elements
@@ -83,6 +83,22 @@ def test_a_part_of_the_sphere_is_enough(tmp_path):
     a = 3.0 / 5.0**2 * 0.1 * np.log(10) * np.rad2deg(1.0) ** 2
     assert antenna.peak_gain == pytest.approx(4 * a, rel=0.01)
     assert antenna.gain(directions_of(np.array([np.deg2rad(60.0)]), np.zeros(1)))[0] == 0.0
+
+
+@pytest.mark.parametrize(("low", "high"), [(-50.0, 50.0), (10.0, 370.0)], ids=["a sector", "all around"])
+def test_phis_may_begin_anywhere(low, high, lopsided, tmp_path, caplog):
+    """The pattern goes on through the first one, wherever that is, and is zero where none was measured."""
+    theta, phi, power = sphere(lopsided, boresight="x", step_deg=2.5)
+    phi = low + (phi - low) % 360
+    rows = np.column_stack([theta, phi, power])[phi < high + 0.1]
+    path = tmp_path / "grid.csv"
+    np.savetxt(path, rows, "%.5f", ",", header="theta_deg,phi_deg,gain_db", comments="")
+    copy = antenna_of(read_pattern(path, "radar.antenna.pattern", "x"))
+    assert ("covers 50 deg around boresight" in caplog.text) == (high < 180)
+    azimuth = np.deg2rad([-3.0, 0.0, 4.0, 20.0, 49.0, 90.0, 180.0])
+    found, expected = (each.gain(directions_of(azimuth, np.zeros(7))) for each in (copy, lopsided))
+    np.testing.assert_allclose(found / found.max(), expected / expected.max(), atol=0.01)
+    assert ((found == 0) == (np.abs(np.rad2deg(azimuth)) > high)).all()
 
 
 def test_antennas_of_a_scenario(lopsided, tmp_path):

@@ -110,7 +110,7 @@ class Sightings:
 
     @property
     def followed_m(self) -> float:
-        """How far rays are followed: between those in reach and the next ones there is ground that is."""
+        """Length of cast rays: beyond the reach, so that the node next to the last one in reach meets ground too."""
         return FOLLOWED * self.reach_m
 
     def repeated(self, range_m: Float[np.ndarray, " pulse"], *, of_power: bool = False) -> Float[np.ndarray, " pulse"]:
@@ -212,7 +212,7 @@ def footprints(
 ) -> BeamFootprints:
     """Cast the beam's nodes of every pulse, or some of the nodes, on a surface.
 
-    near: where they met a surface that was the same within centimetres: what has come to hide what since is not seen.
+    near: start values, from a surface that was the same within centimetres; new shadowing since then is not found.
     """
     from sionna_radar.mapping.echo_model.power_kernels import meet
 
@@ -340,13 +340,13 @@ class EchoModel:
         return np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cells)])
 
 
-CELLS_BELOW_PEAK = 1e-2
+MIN_POWER_OF_PEAK = 1e-2
 MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeanRanges(Columns):
-    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle error."""
+    """Power-weighted mean range of each whole echo, without Doppler shift and known errors, and its speckle error."""
 
     range_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
@@ -364,7 +364,7 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
         return MeanRanges(range_m=sightings.true_m(profiles.volume.echo_m), sigma_m=profiles.volume.echo_sigma_m)
     mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     looks = float(sightings.looks_per_cell)
-    mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
+    mean_cells(profiles.start, profiles.power, profiles.noise, looks, MIN_POWER_OF_PEAK, mean, sigma)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS) * profiles.cell_m
     return MeanRanges(range_m=sightings.true_m((profiles.first + mean) * profiles.cell_m), sigma_m=sigma)
 

@@ -6,7 +6,7 @@ Rows of theta, phi and power, in any order, are arranged in a grid.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, directions_of
@@ -19,7 +19,7 @@ FINER = 4
 COARSEST_RAD, FINEST_RAD, FINEST_CUT_RAD = np.deg2rad([0.5, 0.05, 0.005])
 
 
-def check_levels(power_db: Float[np.ndarray, " n"]) -> None:
+def check_unique_angles(power_db: Float[np.ndarray, " n"]) -> None:
     """Raise ValueError for implausible levels."""
     highest = float(power_db.max())
     if not -HIGHEST_DB <= highest <= HIGHEST_DB:
@@ -41,27 +41,31 @@ class PatternCuts:
     turnable: bool = False
 
     def __post_init__(self) -> None:
-        check_levels(np.concatenate([self.azimuth_db, self.elevation_db]))
+        check_unique_angles(np.concatenate([self.azimuth_db, self.elevation_db]))
 
-    @property
-    def reach_deg(self) -> float:
-        """Angle from boresight covered on every side."""
-        return float(min(-self.azimuth_deg[0], self.azimuth_deg[-1], -self.elevation_deg[0], self.elevation_deg[-1]))
+    def reach_deg(self, boresight: str) -> float:
+        """Return the angle from boresight covered on every side; see `pattern`."""
+        elevation, _ = self._elevation(boresight)
+        return float(min(-self.azimuth_deg[0], self.azimuth_deg[-1], -elevation[0], elevation[-1]))
 
     def pattern(self, boresight: str = "z") -> ProductPattern:
         """Return the product of the cuts, zero where a cut was not measured.
 
         boresight: "z" for cuts about boresight; "x" for a vertical cut whose angles count from the zenith.
         """
-        elevation, power = self.elevation_deg, self.elevation_db
-        if self.turnable and boresight == "x":
-            turned = (elevation + 90 + 180) % 360 - 180
-            order = np.argsort(turned)
-            elevation, power = turned[order], power[order]
+        elevation, power = self._elevation(boresight)
         return ProductPattern(
             _resampled(self.azimuth_deg, self.azimuth_db, np.pi, turns=True),
             _resampled(elevation, power, np.pi / 2, turns=False),
         )
+
+    def _elevation(self, boresight: str) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Return the elevations, increasing, and the powers there."""
+        if not self.turnable or boresight != "x":
+            return self.elevation_deg, self.elevation_db
+        turned = (self.elevation_deg + 90 + 180) % 360 - 180
+        order = np.argsort(turned)
+        return turned[order], self.elevation_db[order]
 
 
 @dataclass(frozen=True)
@@ -69,17 +73,21 @@ class PatternGrid:
     """Power on a grid over the sphere or a part of it.
 
     theta_deg: from the z axis of the file, increasing within 0 to 180. phi_deg: from its x axis toward its y axis,
-    increasing within 0 to 360; a last one of 360 repeats the first. Powers in decibels of any reference.
+    increasing over one turn at most, at whose end the first one repeats. Powers in decibels of any reference.
     """
 
     theta_deg: Float[np.ndarray, " theta"]
     phi_deg: Float[np.ndarray, " phi"]
     power_db: Float[np.ndarray, "theta phi"]
 
-    @property
-    def reach_deg(self) -> float:
-        """Largest covered angle from the z axis."""
-        return float(self.theta_deg[-1])
+    def reach_deg(self, boresight: str) -> float:
+        """Return the angle from boresight covered on every side."""
+        if boresight == "z":
+            return float(self.theta_deg[-1])
+        ahead = self.phi_deg[0] + -self.phi_deg[0] % 360
+        right, left = ahead - self.phi_deg[0], self.phi_deg[-1] - ahead
+        around = 180.0 if right + left > 360 - SAME_DEG else max(min(right, left), 0.0)
+        return float(min(around, 90 - self.theta_deg[0], self.theta_deg[-1] - 90))
 
     def pattern(self, boresight: str) -> SphericalPattern:
         """Return the pattern, zero where it was not measured.
@@ -95,7 +103,8 @@ class PatternGrid:
         def amplitude_at(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
             ahead, left, up = direction.T
             x, y, z = (left, up, ahead) if boresight == "z" else (ahead, left, up)
-            return interpolate(np.column_stack([np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi)]))
+            around = phi[0] + (np.arctan2(y, x) - phi[0]) % (2 * np.pi)
+            return interpolate(np.column_stack([np.arccos(np.clip(z, -1, 1)), around]))
 
         return SphericalPattern.of(amplitude_at, float(step))
 
@@ -116,9 +125,9 @@ def _resampled(
 ) -> Float[np.ndarray, " m"]:
     """Return amplitudes over the peak's, equally spaced within +-`half_span`, zero where not measured."""
     angle, power = np.deg2rad(angle_deg), np.maximum(power_db - power_db.max(), FLOOR_DB)
-    if turns and angle[-1] - angle[0] < 2 * np.pi - 1e-9 and _is_closed(angle):
-        # From the last sample around the back to the first.
-        angle, power = np.append(angle, angle[0] + 2 * np.pi), np.append(power, power[0])
+    if turns and angle[-1] - angle[0] < 2 * np.pi - 1e-9:
+        order, angle = _around(angle, 2 * np.pi)
+        power = power[order]
     step = np.clip(np.diff(angle).min() / FINER, FINEST_CUT_RAD, COARSEST_RAD)
     samples = np.linspace(-half_span, half_span, 2 * int(np.ceil(half_span / step)) + 1)
     if turns:
@@ -126,12 +135,6 @@ def _resampled(
     measured = (samples >= angle[0] - 1e-9) & (samples <= angle[-1] + 1e-9)
     amplitude = 10 ** (PchipInterpolator(angle, power)(np.clip(samples, angle[0], angle[-1])) / 20)
     return np.where(measured, amplitude, 0.0)
-
-
-def _is_closed(angle: Float[np.ndarray, " n"]) -> bool:
-    """Whether a cut covers the full circle but for one step."""
-    gap = angle[0] + 2 * np.pi - angle[-1]
-    return bool(gap <= 1.5 * np.diff(angle).max())
 
 
 def axis_gain_db(pattern: ProductPattern | SphericalPattern) -> float:
@@ -155,11 +158,11 @@ def grid_of(
     """
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
         raise ValueError("theta beyond 180 deg or phi beyond 720 deg; give angles in degrees")
-    check_levels(power_db)
+    check_unique_angles(power_db)
     theta, phi = np.abs(theta_deg), np.where(theta_deg < 0, phi_deg + 180, phi_deg) % 360
     phi[360 - phi < SAME_DEG] = 0.0
-    thetas, row = _levels(theta)
-    phis, column = _levels(phi)
+    thetas, row = _unique_angles(theta)
+    phis, column = _unique_angles(phi)
     power = np.full((len(thetas), len(phis)), -np.inf)
     filled = np.zeros(power.shape, dtype=bool)
     power[row, column] = np.maximum(power_db, FLOOR_DB + power_db.max())
@@ -174,16 +177,24 @@ def grid_of(
             f"{np.count_nonzero(~filled):,} of the {filled.size:,} directions of its {len(thetas):,} thetas and "
             f"{len(phis):,} phis are missing; give every pair of at least two of each"
         )
-    if phis[0] + 360 - phis[-1] <= 1.5 * np.diff(phis).max():  # all around
-        phis, power = np.append(phis, phis[0] + 360), np.column_stack([power, power[:, 0]])
-    if phis[0] > SAME_DEG and phis[-1] > 360:
-        # The first phi need not be 0: wrap the last interval to cover smaller ones.
-        phis, power = np.append(phis[-2] - 360, phis[:-1]), np.column_stack([power[:, -2], power[:, :-1]])
-        phis, power = np.append(phis, phis[1] + 360), np.column_stack([power, power[:, 1]])
-    return PatternGrid(thetas, phis, power - power.max())
+    order, phis = _around(phis, 360.0)
+    return PatternGrid(thetas, phis, power[:, order] - power.max())
 
 
-def _levels(angle_deg: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " level"], np.ndarray]:
+def _around(angle: Float[np.ndarray, " n"], turn: float) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return the order of angles of a circle, increasing within one turn, in which none of its gaps lies inside.
+
+    All around, the first one again ends them, a turn later; of a sector the first one follows the gap.
+    """
+    gap = np.diff(angle, append=angle[0] + turn)
+    widest, second = np.argmax(gap), np.partition(gap, -2)[-2]
+    if gap[widest] <= 1.5 * second:
+        return np.append(np.arange(len(angle)), 0), np.append(angle, angle[0] + turn)
+    order = np.roll(np.arange(len(angle)), -(int(widest) + 1))
+    return order, angle[order] + turn * (order < order[0])
+
+
+def _unique_angles(angle_deg: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " level"], np.ndarray]:
     """Return the unique angles, and the index of each angle among them."""
     order = np.sort(angle_deg)
     levels = order[np.concatenate([[True], np.diff(order) > SAME_DEG])]

@@ -61,7 +61,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
         pattern = contents.pattern(boresight)
     except ValueError as error:
         raise InputFileError(f"{key} = {shown(path)}: {error}") from error
-    reach_deg = contents.reach_deg
+    reach_deg = contents.reach_deg(boresight)
     if reach_deg < MIN_REACH_DEG:
         logger.warning(
             "%s: covers %.3g deg around boresight; nothing is sent beyond, and the directivity counts what is there "

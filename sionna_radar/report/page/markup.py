@@ -44,7 +44,7 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any
     scripts: names of scripts of this folder besides `core.js`, which starts them.
     shown: variables of the template, which escapes text.
 
-    Raises OutputError if the page is larger than `MAX_BYTES`; or plotly.js is not installed.
+    Raises OutputError if the page is larger than `MAX_BYTES`, or if plotly.js is not installed.
     """
     text = (
         _templates()
@@ -58,8 +58,9 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any
             **shown,
         )
     )
-    if len(text) > MAX_BYTES:
-        raise OutputError(f"the page has {len(text):,} bytes, more than {MAX_BYTES:,}; write it without (--no-report)")
+    size = len(text.encode())
+    if size > MAX_BYTES:
+        raise OutputError(f"the page has {size:,} bytes, more than {MAX_BYTES:,}; use --no-report to run without it")
     return text
 
 
@@ -87,6 +88,6 @@ def _plotly() -> str:
     places = list(spec.submodule_search_locations or ()) if spec else []
     path = Path(places[0]) / "package_data" / "plotly.min.js" if places else Path()
     if not path.is_file():
-        message = "the package plotly, which draws pages, is not installed whole; install it, or give --no-report"
+        message = "the package plotly, which draws pages, is missing or incomplete; install it, or use --no-report"
         raise OutputError(message)
     return compressed(path.read_bytes())

@@ -77,7 +77,7 @@ def _draw_grades(axes: Axes, budget: Budget) -> None:
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.0})
     axes.axvline(budget.rms_m * (1 + budget.growth), color="black", lw=1, ls="--", zorder=0.5)
     axes.set(yticks=range(len(names)), yticklabels=names)
-    axes.set_xlabel("RMS error of lit cells (m); dashed: the limit")
+    axes.set_xlabel("RMS error of lit cells (m); dashed: allowed")
     axes.invert_yaxis()
     axes.margins(x=0.15)
     axes.spines[["top", "right"]].set_visible(False)
@@ -131,7 +131,7 @@ def print_budget(budget: Budget) -> None:
 def limits_table(budget: Budget) -> Table:
     """Return the limits: a row per error; columns constant, white, Gauss-Markov."""
     title = (
-        f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
+        f"RMS error of lit cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
         f"limits: the navigation error that alone raises it by {budget.growth:.0%}"
     )
     rows: dict[str, dict[str, str]] = {}

@@ -72,7 +72,9 @@ def statements(design: RadarDesign) -> list[str]:
         if cut.flat:
             low, high = cut.flat[0], cut.flat[-1]
             kept = f"{low:g} to {high:g}" if isinstance(low, Real) else ", ".join(map(str, cut.flat))
-            found.append(f"{cut.key}: {kept} costs at most {FLAT:.0%} more, with the requirements likely to hold")
+            found.append(
+                f"{cut.key}: {kept} changes the objective by at most {FLAT:.0%}, with the requirements likely to hold"
+            )
         if _at_its_end(cut, design.plan):
             end = design.best.setting[cut.key]
             found.append(f"{cut.key}: the range ends near {end:g} and binds; a wider --free may give a better design")
@@ -296,7 +298,7 @@ def _nearest(cut: Slice, value: Any) -> int:
 
 
 def draw_sensitivity(design: RadarDesign) -> Figure:
-    """Draw the share of each free parameter in the variance of results and objectives."""
+    """Draw the total Sobol index of each free parameter for results and objectives."""
     keys = design.plan.space.keys
     figure = ReportFigure(figsize=(7.0, 1.2 + 0.35 * len(keys) * len(design.sensitivity)), layout="constrained")
     axes = figure.subplots()
