@@ -54,7 +54,7 @@ def log_sum_exp(
 ) -> Float[np.ndarray, "..."]:
     """Return log sum exp over an axis, or over all with None; -inf if all terms are.
 
-    That of `scipy.special` takes three times as long, which is a quarter of a survey in rain.
+    That of `scipy.special` takes a third of the time of a survey in rain.
     """
     peak = terms.max(axis=axis, keepdims=True)
     peak = np.where(np.isfinite(peak), peak, 0.0).astype(terms.dtype)

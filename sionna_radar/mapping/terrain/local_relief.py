@@ -255,24 +255,23 @@ def misfit_between_lines(
 
 def _rms_above_plane(measured: Measured, member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, " window"]:
     """Return the RMS of the heights of each window above their plane."""
-    place = measured.place_m[member]
-    above = _plane_free(_contrast(place - place.mean(axis=1, keepdims=True)), measured.height_m[member])
+    above = _plane_free(_contrast(measured.place_m[member]), measured.height_m[member])
     return np.linalg.norm(above, axis=1) / np.sqrt(member.shape[1])
 
 
-def _contrast(away_m: Float[np.ndarray, "window n 2"]) -> Float[np.ndarray, "window n contrast"]:
-    """Return an orthonormal basis, for each window, of what heights at some places are above their plane."""
-    return _above(np.concatenate([np.ones((*away_m.shape[:2], 1)), away_m], axis=2))
-
-
-def _above(trend: Float[np.ndarray, "window n trend"]) -> Float[np.ndarray, "window n contrast"]:
-    """Return an orthonormal basis, for each window, of what no trend explains."""
-    return np.linalg.qr(trend, mode="complete")[0][:, :, trend.shape[2] :]
+def _contrast(
+    place_m: Float[np.ndarray, "window n 2"], used: Bool[np.ndarray, "window n"] | bool = True
+) -> Float[np.ndarray, "window n contrast"]:
+    """Return an orthonormal basis, for each window, of what heights are above the plane of those that are used."""
+    away = place_m - place_m.mean(axis=1, keepdims=True)
+    plane = np.concatenate([np.ones((*away.shape[:2], 1)), away], axis=2) * np.expand_dims(used, -1)
+    return np.linalg.qr(plane, mode="complete")[0][:, :, 3:]
 
 
 def _plane_free(
     contrast: Float[np.ndarray, "window n contrast"], height_m: Float[np.ndarray, "window n"]
 ) -> Float[np.ndarray, "window contrast"]:
+    """Return the contrasts of the heights of each window."""
     return (height_m[:, None] @ contrast)[:, 0]
 
 
@@ -305,14 +304,13 @@ def _off_other_lines(
     amplitude = relief.at(place.reshape(-1, 2)).reshape(member.shape)
     total = long + amplitude[:, :, None] * amplitude[:, None] * short
     total += fitted.noise_factor * _noise_m2(measured, member)
-    # Heights that are not used are zeros of their own, which no trend reaches.
+    # Heights that are not used are zeros of their own, which no plane reaches.
     total *= used[:, :, None] & used[:, None]
     diagonal = np.arange(member.shape[1])
     total[:, diagonal, diagonal] += np.where(used, JITTER, 1.0) * fitted.covariance.variance_m2
-    trend = np.concatenate([np.ones((*member.shape, 1)), place - place[:, :1]], axis=2) * used[:, :, None]
     # With the inverse Q of the covariance of what no plane explains, the error of leaving out i is (Q h)_i / Q_ii, and
     # its variance 1 / Q_ii.
-    contrast = _above(trend)
+    contrast = _contrast(place, used)
     first = contrast[:, 0]
     weight = np.linalg.solve(contrast.transpose(0, 2, 1) @ total @ contrast, first[:, :, None])[:, :, 0]
     above = _plane_free(contrast, measured.height_m[member] * used)
@@ -337,7 +335,7 @@ def _log_likelihood(
     It ends where short waves, not averaged, would have more power above a plane than was measured.
     """
     place = measured.place_m[member]
-    contrast = _contrast(place - place.mean(axis=1, keepdims=True))
+    contrast = _contrast(place)
     long, short = tables.between(place, np.median(measured.spread_m[member], axis=1))
     rest = long + fitted.noise_factor * _noise_m2(measured, member)
     diagonal = np.arange(member.shape[1])

@@ -227,7 +227,7 @@ def _flown(survey: Survey) -> dict[str, str]:
 
 
 def better_map(scenario: Scenario, flown: Survey | Trial) -> str:
-    """Return by how much "refined" betters a map of points; "" where it does not apply or was not measured.
+    """Return the words for the smaller error of "refined"; "" where it does not apply or was not measured.
 
     It applies to whole echoes of ground without walls, in clear air.
     """
