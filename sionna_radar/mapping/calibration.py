@@ -50,7 +50,7 @@ from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.instrument_echoes import Drift, ErrorsLinearised, Nearness, Step, Together, WholeEchoes
-from sionna_radar.mapping.terrain.echo_heights import ROUGH, echo_surface, reaching
+from sionna_radar.mapping.terrain.echo_heights import echo_surface, reaching
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
 # Share of its standard deviation beforehand to which that of an error must fall to be told: the echoes then hold eight
@@ -436,7 +436,7 @@ def solve_over_unknown_ground(
     line = echoes.motion.line
     own = echoes.sightings.rows(line == np.bincount(line).argmax())
     reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
-    alone = echo_surface(own, mean_ranges(own), reached, tolerance=ROUGH).smoothed
+    alone = echo_surface(own, mean_ranges(own), reached).smoothed
     terrain = replace(alone.model, local=None)
     waves = _waves(terrain)
     first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface

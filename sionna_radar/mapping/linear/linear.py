@@ -80,7 +80,7 @@ class LinearUncertainty:
         away, apart = self._distances(grid, part)
         share, corner = self.interpolated.share[part], self.interpolated.corner[part]
         of_cell = self.local.at(self._cells_m(grid, part))[:, None]
-        of_corner = self.local.at(self.heights.place_m[corner].reshape(-1, 2)).reshape(corner.shape)
+        of_corner = self.local.at(self.heights.place_m[corner])
         of_next = np.roll(of_corner, -1, axis=1)
 
         def covariance(tables: LongAndShort, distance_m: Floats, one: Floats, other: Floats) -> Floats:

@@ -42,7 +42,7 @@ from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.terrain.covariance import fit_covariance
-from sionna_radar.mapping.terrain.echo_heights import ROUGH, echo_surface
+from sionna_radar.mapping.terrain.echo_heights import echo_surface
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import calm
 from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel, smooth
@@ -188,7 +188,7 @@ def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: Smo
 
 def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SmoothParameters) -> TileSurface:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
-    first = echo_surface(sightings, echoes, grid, options, ROUGH)
+    first = echo_surface(sightings, echoes, grid, options)
     volume = sightings.profiles.volume
     reach = first.heights.reach if volume is None else sightings.repeated(echoes.range_m)
     looks = sightings.looks_per_cell / repeats(reach)

@@ -15,7 +15,8 @@ of smooth hills. The echoes hardly constrain it, so it is stated, not fitted: a 
 the difference of two heights grows as the square root of their distance.
 
 Covariances of many pairs of heights are interpolated linearly in a table that is dense near zero. Its entries are
-equally spaced in the square root of the distance, so that one is found without a search.
+equally spaced in the square root of the distance, so that one is found without a search. They are those of a cubic
+spline in its fourth root, which is smoother than the table is dense.
 """
 
 import math
@@ -26,6 +27,7 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.interpolate import CubicSpline
 from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
@@ -46,6 +48,11 @@ class CovarianceTable:
     step_m: float
     value_m2: Float[np.ndarray, " entry"]
 
+    @classmethod
+    def of(cls, value_m2: Float[np.ndarray, " knot"], farthest_m: float, entries: int) -> "CovarianceTable":
+        """Return the table of covariances at the `knots`."""
+        return cls(float(cls.distances(farthest_m, entries)[1]), tabulated(value_m2, farthest_m, entries))
+
     @staticmethod
     def distances(farthest_m: float, entries: int) -> Float[np.ndarray, " {entries}"]:
         """Return the distances of the entries of a table that reaches to the farthest."""
@@ -57,9 +64,26 @@ class CovarianceTable:
         look_up(np.ascontiguousarray(distance_m).ravel(), self.step_m, self.value_m2, result.reshape(-1))
         return result
 
-    def between(self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "n m"]:
-        """Return the covariance between places."""
-        return covariances_between(one_m[None], other_m[None], self.step_m, self.value_m2[None])[0]
+    def between(
+        self, one_m: Float[np.ndarray, "*window n 2"], other_m: Float[np.ndarray, "*window m 2"]
+    ) -> Float[np.ndarray, "*window n m"]:
+        """Return the covariance between places, of windows or not."""
+        one, other = (each.reshape(-1, *each.shape[-2:]) for each in (one_m, other_m))
+        found = covariances_between(one, other, self.step_m, self.value_m2[None])
+        return found.reshape(*one_m.shape[:-1], -1)
+
+
+def knots(farthest_m: float) -> Float[np.ndarray, " knot"]:
+    """Return the distances of covariances that `tabulated` makes tables from, up to the farthest."""
+    return np.linspace(0.0, farthest_m**0.25, KNOTS) ** 4
+
+
+def tabulated(
+    value_m2: Float[np.ndarray, "... knot"], farthest_m: float, entries: int
+) -> Float[np.ndarray, "... {entries}"]:
+    """Return the values of tables from those at the `knots`."""
+    spline = CubicSpline(np.linspace(0.0, farthest_m**0.25, KNOTS), value_m2, axis=-1)
+    return spline(CovarianceTable.distances(farthest_m, entries) ** 0.25)
 
 
 def covariances_between(
@@ -92,6 +116,8 @@ ROUGHER, OF_GAUSSIAN = 6.0, 12.0
 # The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
 MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
+# Knots of the spline that tables are made from: it errs by less than 1e-8 variances, ten times less than they do.
+KNOTS = 400
 ITERATIONS, STEP = 30, 1e-3
 # Initial smoothness of the search, and the smoothness above which Gaussian terrain is tried too.
 FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
@@ -144,8 +170,7 @@ class Covariance:
 
     def table(self, farthest_m: float, spread_m: float, entries: int) -> CovarianceTable:
         """Return a table of the covariance up to a distance; see `at`."""
-        distance = CovarianceTable.distances(farthest_m, entries)
-        return CovarianceTable(float(distance[1]), self.at(distance, spread_m))
+        return CovarianceTable.of(self.at(knots(farthest_m), spread_m), farthest_m, entries)
 
     def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""

@@ -17,10 +17,8 @@ from sionna_radar.mapping.echo_model.model import BeamFootprints, KnownCover, Me
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
-from sionna_radar.mapping.terrain.smoothing import TOLERANCE, Smoothed, TerrainModel, smooth
+from sionna_radar.mapping.terrain.smoothing import Smoothed, TerrainModel, smooth
 
-# Tolerance of a surface that only begins an iteration.
-ROUGH = 1e-4
 MIN_SIGMA_M = 0.02
 # Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
 OUTSTANDING_SIGMAS = 6.0
@@ -53,14 +51,12 @@ def echo_surface(
     echoes: MeanRanges,
     grid: Grid,
     options: SmoothParameters = SMOOTH,
-    tolerance: float = TOLERANCE,
 ) -> EchoSurface:
     """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
 
     sightings, echoes: whole echoes, their measured poses, and their mean ranges.
     grid: cells of the DEM.
     options: of the method.
-    tolerance: of the last of them; see `smooth`.
     """
     grid = reaching(grid, sightings, echoes)
     reach = sightings.repeated(echoes.range_m)
@@ -71,12 +67,10 @@ def echo_surface(
     )
     for number in range(options.rounds):
         heights, fits = heights_over(surface, sightings, echoes, reach, options)
-        last = number == options.rounds - 1
         smoothed = smooth(
             heights.rows(fits),
             grid,
-            tolerance=tolerance if last else ROUGH,
-            groups=GROUPS if last else 1,
+            groups=GROUPS if number == options.rounds - 1 else 1,
             window_heights=options.window_heights,
             microrelief_m=sightings.microrelief_m,
         )

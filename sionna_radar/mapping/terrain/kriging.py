@@ -8,17 +8,25 @@ is still unknown about a height z, or about a mean of heights, is (Rasmussen and
 It depends on where the echoes are and how uncertain, not on what they say. A block of cells takes it from the echoes in
 and around it; those farther off tell it nothing more.
 
+Conjugate gradients that solve for what heights say need nearly the inverse of B C B^T + N. By a chain of conditional
+distributions that is L^T L, row i of L telling height i from those before it; only the nearest of these tell much
+(Vecchia 1988, "Estimation and model identification for continuous spatial processes"). The first, of all places, are
+told from each other exactly: they hold the long waves.
+
 Heights are those above a plane through all echoes, which is known no better than these tell (universal kriging, Chiles
 and Delfiner 2012, section 3.4). An error of the plane remains in the map as far as echoes do not tell of the terrain
 above it: by the share of var z that is unknown, next to nothing over hills, all of it over level ground.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_triangular
+from scipy.sparse import csr_matrix
+from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import solve_lower
 from sionna_radar.foundation.raster import Grid
@@ -35,6 +43,12 @@ MAX_OF_A_WINDOW = 1500
 SQUARES_OF_A_WINDOW = 300
 TABLE = 6000
 JITTER = 1e-10
+# Heights whose covariance is inverted exactly, the nearest that tell of another one, and how many at once.
+EXACT, NEAREST, AT_ONCE = 1000, 15, 2000
+# Of the variance: tables, which are interpolated, must not make the covariance of nearly the same heights indefinite.
+ROUNDING = 1e-7
+
+Places = Float[np.ndarray, "... 2"]
 
 
 @dataclass(frozen=True)
@@ -68,6 +82,53 @@ class Kriging:
 
         list(in_threads(some, parts(len(blocks), 1)))
         return sigma
+
+    def near_inverse(self) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
+        """Return a function that nearly applies the inverse of the covariance of the measured heights."""
+        count = len(self.heights)
+        # Any first heights are places all over the area.
+        order = np.random.default_rng(0).permutation(count)
+        place_m, noise_m2 = self.heights.place_m[order], self.heights.variance_m2(self.noise_factor)[order]
+        noise_m2 += ROUNDING * self.covariance.variance_m2
+        between = self._covariance(_farthest(place_m), float(np.median(self.heights.spread_m)))
+
+        def total(member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, "window n n"]:
+            covariance, diagonal = between(place_m[member], place_m[member]), np.arange(member.shape[1])
+            covariance[:, diagonal, diagonal] += noise_m2[member]
+            return covariance
+
+        exact = min(EXACT, count)
+        root = np.linalg.cholesky(total(np.arange(exact)[None])[0])
+        tree, known, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
+        while known < count:
+            # A quarter more at once, which are not told from each other.
+            new = np.arange(known, min(known + -(-known // 4), count))
+            member = np.concatenate([member, np.column_stack([tree.query(place_m[new], k=NEAREST)[1], new])])
+            known += len(new)
+            tree = KDTree(place_m[:known])
+
+        def some(low: int, high: int) -> Float[np.ndarray, "some member"]:
+            last = np.zeros((high - low, NEAREST + 1, 1))
+            last[:, -1] = 1.0
+            told = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
+            return told / np.sqrt(told[:, -1:])
+
+        rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, parts(len(member), AT_ONCE))])
+        chain = csr_matrix(
+            (rows.ravel(), member.ravel(), np.arange(len(rows) + 1) * (NEAREST + 1)), shape=(len(rows), count)
+        )
+        back = chain.T.tocsr()
+
+        def applied(height_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            ordered = height_m[order]
+            told = back @ (chain @ ordered)
+            first = solve_triangular(root, ordered[:exact], lower=True, check_finite=False)
+            told[:exact] += solve_triangular(root, first, lower=True, trans=1, check_finite=False)
+            result = np.empty(count)
+            result[order] = told
+            return result
+
+        return applied
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
@@ -138,12 +199,24 @@ class Kriging:
         self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"], spread_m: float
     ) -> Float[np.ndarray, "n m"]:
         """Return the covariance of heights between places, both averaged over a Gaussian of the spread."""
-        farthest = float(np.hypot(*np.ptp(np.concatenate([one_m, other_m]), axis=0))) + 1.0
+        return self._covariance(_farthest(np.concatenate([one_m, other_m])), spread_m)(one_m, other_m)
+
+    def _covariance(self, farthest_m: float, spread_m: float) -> Callable[[Places, Places], Float[np.ndarray, "..."]]:
+        """Return the function of that covariance, up to a distance; of places, or of windows of places."""
         if self.local is None:
-            return self.covariance.table(farthest, spread_m, TABLE).between(one_m, other_m)
-        long, short = self.local.divided(self.covariance, farthest, spread_m, TABLE)
-        amplitude = np.outer(self.local.at(one_m), self.local.at(other_m))
-        return long.between(one_m, other_m) + amplitude * short.between(one_m, other_m)
+            return self.covariance.table(farthest_m, spread_m, TABLE).between
+        local, (long, short) = self.local, self.local.divided(self.covariance, farthest_m, spread_m, TABLE)
+
+        def between(one_m: Places, other_m: Places) -> Float[np.ndarray, "..."]:
+            amplitude = local.at(one_m)[..., :, None] * local.at(other_m)[..., None, :]
+            return long.between(one_m, other_m) + amplitude * short.between(one_m, other_m)
+
+        return between
+
+
+def _farthest(place_m: Float[np.ndarray, "n 2"]) -> float:
+    """Return a distance that any two places are nearer than, m."""
+    return float(np.hypot(*np.ptp(place_m, axis=0))) + 1.0
 
 
 def _in_squares(

@@ -12,7 +12,7 @@ models). Long waves, which the heights know whatever their prior, stay as they a
 Around each node the nearest heights, freed of a plane, have the covariance a^2 C_short + C_long + N, N being their
 noise. In the basis that diagonalises both terms the likelihood of each amplitude is a sum over independent numbers. The
 logarithm of a^2 has a normal prior over all nodes, about zero, whose width is the likeliest one (empirical Bayes): over
-stationary ground it is small, and all amplitudes are one. The mean of a^2 is used, so that what a few heights cannot
+stationary ground it is none, and all amplitudes are one. The mean of a^2 is used, so that what a few heights cannot
 tell widens the uncertainty.
 
 One covariance serves all directions. Where walls run along the scan lines, echoes show fewer steps along a line than
@@ -45,7 +45,9 @@ from sionna_radar.mapping.terrain.covariance import (
     Measured,
     covariances_between,
     decorrelated,
+    knots,
     repeated,
+    tabulated,
 )
 
 # Short waves are those of 1 - (1 - g)^ORDER, g being the Gaussian: of the long waves of smooth hills next to nothing. A
@@ -53,7 +55,7 @@ from sionna_radar.mapping.terrain.covariance import (
 ORDER = 3
 CUT_OF_SPACING = float(np.sqrt(-np.log(1 - 0.5 ** (1 / ORDER))) / np.pi)
 # Values of log a^2, and the widths of their prior. The width has a half-normal prior of the standard deviation 1
-# (Gelman 2006): over ground that does not tell it is small.
+# (Gelman 2006): over ground that does not tell it is none.
 LOG_SQUARES = np.arange(-8.0, 8.01, 0.25)
 PRIOR_WIDTHS = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
 # Windows whose relief stands out by this many standard deviations of its logarithm are no part of the terrain.
@@ -98,20 +100,25 @@ class LocalRelief:
         self, covariance: Covariance, farthest_m: float, spread_m: float, entries: int
     ) -> tuple[CovarianceTable, CovarianceTable]:
         """Return tables of the covariances of long waves and of short ones; see `Covariance.table`."""
-        every = covariance.table(farthest_m, spread_m, entries)
-        long = np.zeros(entries)
+        long, short = self.parts(covariance, knots(farthest_m), spread_m)
+        return CovarianceTable.of(long, farthest_m, entries), CovarianceTable.of(short, farthest_m, entries)
+
+    def parts(
+        self, covariance: Covariance, distance_m: Float[np.ndarray, " n"], spread_m: float
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the covariances of long waves and of short ones at distances; see `Covariance.at`."""
+        long = np.zeros(len(distance_m))
         for wider, share in LONG:
-            averaged = covariance.table(farthest_m, float(np.hypot(spread_m, wider * self.cut_m)), entries)
-            long += share * averaged.value_m2
-        return CovarianceTable(every.step_m, long), CovarianceTable(every.step_m, every.value_m2 - long)
+            long += share * covariance.at(distance_m, float(np.hypot(spread_m, wider * self.cut_m)))
+        return long, covariance.at(distance_m, spread_m) - long
 
     def long_share(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the share of each wave's power, rad/m, that counts as long."""
         return 1 - (1 - np.exp(-((wavenumber * self.cut_m) ** 2))) ** ORDER
 
-    def at(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    def at(self, place_m: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
         """Return the amplitude at horizontal positions."""
-        return np.exp(self._field.at(*place_m.T))
+        return np.exp(self._field.at(*place_m.reshape(-1, 2).T)).reshape(place_m.shape[:-1])
 
     def on(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the amplitude in the cells of a grid."""
@@ -151,8 +158,8 @@ class Windows:
         near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights)[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
-    def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief:
-        """Return the local amplitudes of a terrain's short waves."""
+    def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
+        """Return the local amplitudes of a terrain's short waves; None where they are likeliest the same."""
         found = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
         tables = DividedTables.of(measured, self.member, fitted.covariance, found)
 
@@ -162,6 +169,8 @@ class Windows:
         likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), AT_ONCE))))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
+        if mean_square is None:
+            return None
         return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
@@ -189,8 +198,8 @@ class DividedTables:
         away = place - place.mean(axis=1, keepdims=True)
         farthest = 2 * float(np.linalg.norm(away, axis=2).max()) + 1.0
         spread = np.unique(np.quantile(measured.spread_m[member], np.linspace(0.0, 1.0, SPREADS)))
-        pairs = [relief.divided(covariance, farthest, float(each), TABLE) for each in spread]
-        long, short = (np.array([table.value_m2 for table in tables]) for tables in zip(*pairs, strict=True))
+        at_knots = np.array([relief.parts(covariance, knots(farthest), float(each)) for each in spread])
+        long, short = tabulated(at_knots.swapaxes(0, 1), farthest, TABLE)
         unaveraged = relief.divided(covariance, farthest, 0.0, TABLE)[1]
         return cls(spread, unaveraged.step_m, long, short, unaveraged)
 
@@ -220,7 +229,7 @@ def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Boo
 def local_relief(
     measured: Measured, fitted: FittedCovariance, window_heights: int = SMOOTH.window_heights
 ) -> LocalRelief | None:
-    """Return the local amplitude of a terrain's short waves; None with too few heights to tell.
+    """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights to tell.
 
     measured: heights above a trend.
     fitted: the covariance that the amplitude is relative to.
@@ -240,9 +249,9 @@ def misfit_between_lines(
 
     One unless it is surely more, and where there were too few heights for a `local_relief`.
     """
-    if relief is None:
+    kept, relief = decorrelated(measured), relief or UNIFORM
+    if len(kept) < 2 * window_heights:
         return 1.0
-    kept = decorrelated(measured)
     place = measured.place_m[kept]
     held_out = place[spread_indices(HELD_OUT, len(kept))]
     near = kept[KDTree(place).query(held_out, k=window_heights)[1]]
@@ -301,7 +310,7 @@ def _off_other_lines(
     member, used = member[told], used[told]
     place, spread = measured.place_m[member], np.where(used, measured.spread_m[member], np.nan)
     long, short = tables.between(place, np.nanmedian(spread, axis=1))
-    amplitude = relief.at(place.reshape(-1, 2)).reshape(member.shape)
+    amplitude = relief.at(place)
     total = long + amplitude[:, :, None] * amplitude[:, None] * short
     total += fitted.noise_factor * _noise_m2(measured, member)
     # Heights that are not used are zeros of their own, which no plane reaches.
@@ -371,13 +380,18 @@ def _modes(
     return share, inverse.transpose(0, 2, 1) @ turn
 
 
-def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: float) -> Float[np.ndarray, " node"]:
-    """Return the mean of a^2 at each node.
+def _posterior_mean(
+    log_likelihood: Float[np.ndarray, "node value"], overlap: float
+) -> Float[np.ndarray, " node"] | None:
+    """Return the mean of a^2 at each node; None where no width of its prior is likelier than none, so that it is one.
 
     overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
     """
     prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
     prior -= log_sum_exp(prior, axis=1, keepdims=True)
     told = log_sum_exp(log_likelihood[:, None] + prior, axis=2)
-    posterior = log_likelihood + prior[np.argmax(told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2)]
+    evidence = told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
+    if log_likelihood[:, LOG_SQUARES == 0].sum() / overlap >= evidence.max():
+        return None
+    posterior = log_likelihood + prior[np.argmax(evidence)]
     return np.exp(log_sum_exp(posterior + LOG_SQUARES, axis=1) - log_sum_exp(posterior, axis=1))

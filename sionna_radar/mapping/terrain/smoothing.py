@@ -4,10 +4,12 @@ A terrain is a plane plus a Gaussian field, z = trend + root * white, on a padde
 the fast Fourier transform. Where relief varies, long and short waves have fields of their own, the latter times the
 local amplitude. In terms of the white field the posterior is
 
-    |white|^2 / 2 + sum over data of (data - prediction)^2 / (2 sigma^2),
+    |white|^2 / 2 + sum over data of (data - prediction)^2 / (2 sigma^2).
 
-whose normal equations, identity plus data, are well conditioned: conjugate gradients solve them without a matrix,
-whatever the covariance. This is kriging with noise, at a cost that grows like the number of cells.
+Scattered heights are fewer than cells, and the equations are solved for theirs: kriging with noise, where a covariance
+is applied by Fourier transforms and conjugate gradients know nearly its inverse (`Kriging.near_inverse`). Whole echoes
+tell more of each place than one height; there the normal equations of the white field, identity plus data, are solved
+(`TerrainModel.solve`).
 """
 
 from collections.abc import Callable
@@ -25,6 +27,7 @@ from sionna_radar.foundation.threads import own_cores
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
@@ -33,7 +36,7 @@ PADDING_M = 20.0
 # Tolerance at which one iteration more or less, which rounding may decide, has no visible effect.
 MAX_ITERATIONS = 1000
 # Of the residual; heights are then within 0.1 mm of the exact solution.
-TOLERANCE = 1e-7
+TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,13 @@ class TerrainModel:
         spectrum = self.root * scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape))
         white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
         return white.ravel()
+
+    def covaried(self, field: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        """Return `coloured` of the `adjoint` of a field: the covariance of all heights with the sum that it weighs."""
+        workers = own_cores()
+        spectrum = scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape), workers=workers)
+        fields = scipy.fft.irfft2(self.root**2 * spectrum, s=self.grid.shape, overwrite_x=True, workers=workers)
+        return np.sum(self.amplitude * fields, axis=0).ravel()
 
     def coarser(self, times: int) -> Grid:
         """Return the grid of every second, or so, cell in both directions; the numbers of cells are multiples of 4."""
@@ -184,7 +194,6 @@ class Smoothed:
 def smooth(
     heights: Heights,
     grid: Grid,
-    tolerance: float = TOLERANCE,
     groups: int = GROUPS,
     window_heights: int = SMOOTH.window_heights,
     microrelief_m: float = 0.0,
@@ -193,7 +202,6 @@ def smooth(
 
     heights: the measured heights.
     grid: cells that the surface must cover; it extends beyond them.
-    tolerance: of the solution: its residual relative to that of the trend.
     groups: of neighbouring heights that the covariance is learned from.
     window_heights: that tell how rough the ground is around a place.
     microrelief_m: what is usual on such ground; see `Covariance`.
@@ -201,7 +209,7 @@ def smooth(
     trend = heights.trend()
     measured = heights.above(trend, microrelief_m)
     fitted = fit_covariance(measured.rows(calm(measured, window_heights)), groups)
-    return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted, window_heights))
+    return smooth_with(heights, grid, trend, fitted, local_relief(measured, fitted, window_heights))
 
 
 def smooth_with(
@@ -209,7 +217,6 @@ def smooth_with(
     grid: Grid,
     trend: Float[np.ndarray, "3"],
     fitted: FittedCovariance,
-    tolerance: float = TOLERANCE,
     local: LocalRelief | None = None,
 ) -> Smoothed:
     """Return the most probable surface under a known trend and covariance.
@@ -220,15 +227,17 @@ def smooth_with(
     model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance, local)
     weights = heights.weights(model.grid)
     transposed = weights.T.tocsr()
-    precision = 1 / heights.variance_m2(fitted.noise_factor)
+    sigma = np.sqrt(heights.variance_m2(fitted.noise_factor))
 
-    def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        return np.asarray(transposed @ (precision * (weights @ height_m)))
+    def covaried(errors: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        return errors + weights @ model.covaried(transposed @ (errors / sigma)) / sigma
 
-    excess = heights.height_m - weights @ model.trend_m.ravel()
-    right = model.adjoint(transposed @ (precision * excess))
-    white = model.solve(information, right, MAX_ITERATIONS, tolerance)
-    return Smoothed(model, white, fitted.noise_factor)
+    inverse, shape = Kriging(fitted.covariance, heights, fitted.noise_factor, local).near_inverse(), (len(sigma),) * 2
+    system = LinearOperator(shape, matvec=covaried, dtype=float)
+    nearly = LinearOperator(shape, matvec=lambda errors: sigma * inverse(sigma * errors), dtype=float)
+    excess = (heights.height_m - weights @ model.trend_m.ravel()) / sigma
+    errors, _ = cg(system, excess, rtol=TOLERANCE, maxiter=MAX_ITERATIONS, M=nearly)
+    return Smoothed(model, model.adjoint(transposed @ (errors / sigma)), fitted.noise_factor)
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:
