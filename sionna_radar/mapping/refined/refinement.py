@@ -98,7 +98,7 @@ STEP_TOLERANCE = 2e-2
 CURVED = 2
 # Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
 # most that echoes may tell of a wave that it leaves out, over what is known of it beforehand.
-ROWS, COARSER, LEFT_OUT = 24, (4, 2, 1), 0.02
+ROWS, COARSER, LEFT_OUT = 24, (4, 2, 1), 0.5
 
 
 def most_probable(
@@ -142,7 +142,7 @@ def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: Te
     for times in COARSER:
         grid = terrain.coarser(times)
         curvature = curvature_on_cells(linear, grid)
-        told = float(curvature(np.ones(grid.rows * grid.columns, dtype=np.float32)).max()) / times**2
+        told = float(curvature(np.ones(grid.rows * grid.columns)).max()) / times**2
         if terrain.left_out(times) * told <= LEFT_OUT:
             break
     return times, curvature

@@ -142,23 +142,21 @@ class TerrainModel:
             # A wave of two cells is not told from its mirror.
             root[:, few[0] // 2], root[:, :, -1] = 0.0, 0.0
         down, up = root * twice[low[2]], root / twice[low[2]] / times**2
-        real, single = (np.float64, np.complex128) if times == 1 else (np.float32, np.complex64)
-        down, up, workers = down.astype(real), up.astype(real), own_cores()
-        amplitude = self.amplitude[:, ::times, ::times].astype(real)
+        amplitude, workers = self.amplitude[:, ::times, ::times], own_cores()
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            spectrum = up * flat.view(single).reshape(down.shape)
+            spectrum = up * flat.view(complex).reshape(down.shape)
             fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
             field = fields[0] if len(fields) == 1 else fields[0] + fields[1]
             informed = scipy.fft.rfft2(amplitude * information(field.ravel()).reshape(few), workers=workers)
             informed *= down
-            return flat + informed.ravel().view(real)
+            return flat + informed.ravel().view(float)
 
-        start = np.ascontiguousarray(every[low].astype(single))
-        given = start.ravel().view(real)
-        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=real)
+        start = np.ascontiguousarray(every[low])
+        given = start.ravel().view(float)
+        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=float)
         found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
-        every[low] = found.view(single).reshape(down.shape)
+        every[low] = found.view(complex).reshape(down.shape)
         white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
         return white.ravel()
 
