@@ -161,36 +161,42 @@ def _error_correlation(
     far = np.linalg.norm(later, axis=-1)
     gain = beam.two_way(direction), beam.two_way(later / far[..., None] @ pose_later.R_world_antenna)
     power, power_later = gain[0] / near**2, gain[1] / far**2
-    found = zip(near, far, power, power_later, strict=True)
-    result[there] = [_echo_correlation(*of_pulse, chirp, of_power) for of_pulse in found]
+    if there.any():
+        result[there] = _echo_correlation(near, far, power, power_later, chirp, of_power)
     return result
 
 
 def _echo_correlation(
-    near: Float[np.ndarray, " n"],
-    far: Float[np.ndarray, " n"],
-    power: Float[np.ndarray, " n"],
-    later: Float[np.ndarray, " n"],
+    near: Float[np.ndarray, "pulse n"],
+    far: Float[np.ndarray, "pulse n"],
+    power: Float[np.ndarray, "pulse n"],
+    later: Float[np.ndarray, "pulse n"],
     chirp: Chirp,
     of_power: bool,
-) -> float:
-    """Return the correlation of the errors of two pulses' mean ranges, or powers, from fields in common directions.
+) -> Float[np.ndarray, " pulse"]:
+    """Return the correlation of the errors of pairs of mean ranges, or powers, from fields in common directions.
 
     In a power all cells count alike. In a mean range a cell contributes by its distance from that of each pulse:
     where a turning beam climbs in range, what pulls one echo farther pulls the next one nearer.
     """
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
-    cell -= cell.min()
+    cell -= cell.min(axis=1, keepdims=True)
+    pulses, cells = len(cell), int(cell.max()) + 1
+    at = (cell + cells * np.arange(pulses)[:, None]).ravel()
+
+    def of_cells(values: Float[np.ndarray, "pulse n"]) -> Float[np.ndarray, "pulse cell"]:
+        return np.bincount(at, values.ravel(), pulses * cells).reshape(pulses, cells)
+
     # Sum over pairs of different directions only: self-pairs bias a small sample.
-    both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
-    one, two = np.bincount(cell, power), np.bincount(cell, later)
-    from_one, from_two = (np.ones(len(cells)) if of_power else _from_mean(cells) for cells in (one, two))
-    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
-    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
+    both = of_cells(field.real) ** 2 + of_cells(field.imag) ** 2 - of_cells(power * later)
+    one, two = of_cells(power), of_cells(later)
+    from_one, from_two = (np.ones(each.shape) if of_power else _from_mean(each) for each in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2, axis=1) * np.sum((from_two * two) ** 2, axis=1))
+    return np.clip(np.sum(from_one * from_two * both, axis=1) / np.maximum(total, 1e-300), 0.0, 1.0)
 
 
-def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+def _from_mean(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
     """Return the offset of each cell from the power-weighted mean cell."""
-    cell = np.arange(len(power))
-    return cell - power @ cell / max(power.sum(), 1e-300)
+    cell = np.arange(power.shape[1])
+    return cell - (power @ cell / np.maximum(power.sum(axis=1), 1e-300))[:, None]
