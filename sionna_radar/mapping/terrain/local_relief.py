@@ -35,7 +35,7 @@ from scipy.spatial import KDTree
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import log_sum_exp, spread_indices
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import in_threads, own_cores, parts
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     MIN_NOISE_M,
@@ -152,10 +152,10 @@ class Windows:
             return None
         place = measured.place_m[kept]
         tree, low = KDTree(place), place.min(axis=0)
-        spacing = float(np.median(tree.query(place, k=heights)[0][:, -1]))
+        spacing = float(np.median(tree.query(place, k=heights, workers=own_cores())[0][:, -1]))
         columns, rows = (np.maximum(np.ceil(np.ptp(place, axis=0) / spacing).astype(int), 1) + 1).tolist()
         x, y = np.meshgrid(low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows))
-        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights)[1]
+        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=own_cores())[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
