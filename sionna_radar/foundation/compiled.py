@@ -26,6 +26,7 @@ from filelock import FileLock, Timeout
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -111,7 +112,10 @@ class SharedCache(FunctionCache):
 
     def _loaded(self, signature: Any, target: Any) -> Any:
         try:
-            return super().load_overload(signature, target)
+            # Code on disk needs Numba's run time; what its compiler has to load besides takes as long as all such code.
+            rtsys.initialize(target)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target)
         except AttributeError:  # types were renamed since the index was written
             self.flush()
             return None

@@ -3,9 +3,13 @@
 With the schema, editors complete keys, show what they mean and mark misspelt ones.
 """
 
+import ast
+import inspect
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 from pydantic import BaseModel
@@ -13,7 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from sionna_radar.scenario.scenario import Scenario
-from sionna_radar.scenario.table import LARGEST, summary, unit_of
+from sionna_radar.scenario.table import LARGEST, Table, summary, unit_of
 
 # Names of bounds in pydantic's function validators and in JSON Schema.
 BOUNDS = {"ge": "minimum", "le": "maximum", "gt": "exclusiveMinimum", "lt": "exclusiveMaximum"}
@@ -28,10 +32,13 @@ class _WithMeanings(GenerateJsonSchema):
         table = schema["cls"]
         if issubclass(table, BaseModel):
             json_schema["description"] = summary(table)
+            tables = [base for base in reversed(table.__mro__) if issubclass(base, Table)]
+            meanings = {name: meaning for base in tables for name, meaning in _strings(base).items()}
             for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if "description" in entry:
-                    entry["description"] = " ".join(entry["description"].split()) + unit
+                meaning = entry.get("description", meanings.get(name))
+                if meaning is not None:
+                    entry["description"] = " ".join(meaning.split()) + unit
                 entry.pop("title", None)
         return json_schema
 
@@ -39,6 +46,30 @@ class _WithMeanings(GenerateJsonSchema):
         """Return the schema of a number without the default bounds."""
         json_schema = super().float_schema(schema)
         return {key: value for key, value in json_schema.items() if key not in BOUNDS.values() or abs(value) < LARGEST}
+
+
+def _strings(table: type) -> dict[str, str]:
+    """Return the strings under the fields of a table itself; none if its source cannot be read, as in a notebook.
+
+    Read here and not by pydantic, which would read the source of every table whenever a scenario is loaded.
+    """
+    try:
+        block: Any = _tree(inspect.getmodule(table))
+        for name in table.__qualname__.replace(".<locals>", "").split("."):
+            block = next(node for node in ast.walk(block) if getattr(node, "name", None) == name)
+    except (OSError, TypeError, StopIteration):
+        return {}
+    return {
+        field.target.id: below.value.value
+        for field, below in pairwise(block.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    }
+
+
+@cache
+def _tree(module: Any) -> ast.Module:
+    return ast.parse(inspect.getsource(module))
 
 
 def scenario_schema() -> dict[str, Any]:
