@@ -120,11 +120,17 @@ def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> N
     axes.imshow(height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest")
 
 
+def head(axes: Axes, title: str) -> None:
+    """Write the title above axes that have no ticks and no offset of their labels there."""
+    # Without a height matplotlib lays out all ticks again, each time the title is drawn or measured, to find it.
+    axes.set_title(title, fontsize="medium", y=1.0)
+
+
 def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str, frame: Frame = LOCAL_FRAME) -> None:
     """Give a map its limits (west, east, south, north; local), equal scales, labels and a north arrow."""
     axes.set(xlim=bounds[:2], ylim=bounds[2:], xlabel=frame.east, ylabel=frame.north)
     axes.set_aspect("equal")
-    axes.set_title(title, fontsize="medium")
+    head(axes, title)
     aspect = (bounds[1] - bounds[0]) / (bounds[3] - bounds[2])
     shift_ticks(axes.xaxis, frame.origin_m[0], frame.most_ticks if aspect > 0.7 else frame.most_ticks // 2)
     shift_ticks(axes.yaxis, frame.origin_m[1], 7 if aspect < 2 else 4)
