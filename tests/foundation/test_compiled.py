@@ -80,6 +80,53 @@ def test_machine_code_of_a_type_that_was_renamed_is_compiled_anew(tmp_path):
     assert list((tmp_path / "cache").rglob("*.nbc"))
 
 
+LOADED = """
+import sys
+import numpy as np
+from sionna_radar.foundation.compiled import compiled
+
+@compiled
+def mirrored(values, shift):
+    found = np.empty((len(values), 2))
+    if len(values) == 0:
+        raise ValueError("no values")
+    for k in range(len(values)):
+        found[k, 0], found[k, 1] = values[k], np.sin(values[-1 - k] + shift)
+    return found[::-1, 1].copy()
+
+print(mirrored(np.arange(3.0), 0.5).tolist())
+print("numba.np.linalg" in sys.modules, file=sys.stderr)
+try:
+    mirrored(np.zeros(0), 0.5)
+except ValueError as error:
+    print(error)
+print(mirrored(np.arange(int(sys.argv[1])), 1).tolist())
+"""
+
+
+def test_code_on_disk_allocates_and_raises_without_the_compiler_and_more_is_compiled_beside_it(tmp_path):
+    (tmp_path / "loaded.py").write_text(LOADED)
+    said = []
+    for loads_the_compiler in ("True", "False"):
+        done = subprocess.run(
+            [sys.executable, "loaded.py", "2"],
+            cwd=tmp_path,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.split() == [loads_the_compiler]
+        said.append(done.stdout.splitlines())
+        for file in (tmp_path / "cache").rglob("*.2.nbc"):  # the second types, compiled after the first were loaded
+            file.unlink()
+    expected = [np.sin(np.arange(3.0) + 0.5).tolist(), "no values", np.sin(np.arange(2) + 1).tolist()]
+    for first, error, second in said:
+        np.testing.assert_allclose([*eval(first), *eval(second)], [*expected[0], *expected[2]], rtol=1e-15)
+        assert error == expected[1]
+
+
 def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
     @compiled
     def broken(values):
