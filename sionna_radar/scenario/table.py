@@ -79,8 +79,14 @@ InputSource = Annotated[InputPath | Address, BeforeValidator(_a_source)]
 class Table(BaseModel):
     """A table of the scenario: frozen, and no key passes unnoticed."""
 
+    # Built when a first one is made: most tables are validated as parts of others.
     model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, use_attribute_docstrings=True
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        use_attribute_docstrings=True,
+        defer_build=True,
     )
 
     if not TYPE_CHECKING:  # editors take the names and types of the arguments from the fields

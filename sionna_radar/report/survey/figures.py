@@ -42,6 +42,7 @@ from sionna_radar.report.drawing import (
     empty_patch,
     finish_map,
     frame_of,
+    head,
     height_colours,
     height_limits,
     map_bounds,
@@ -111,7 +112,7 @@ def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], 
     axes.set(xlim=(-0.02 * end, 1.02 * end), xlabel="Distance along the track (m)", ylabel=frame.height)
     shift_ticks(axes.yaxis, frame.origin_m[2], 6)
     axes.set_ylim(bottom=floor)
-    axes.set_title("Profile along the track", fontsize="medium")
+    head(axes, "Profile along the track")
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -208,7 +209,7 @@ def draw_chirp(survey: Survey) -> Figure:
     unit = "relative to transmitted" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
     scale = rf"$10^{{{exponent}}}$ " if exponent else ""
     time_axes.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale}{unit})")
-    time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
+    head(time_axes, f"Beat signal of pulse {record.pulse}")
     time_axes.margins(x=0)
     _draw_spectrum(range_axes, record, survey.scenario.radar)
     return figure
@@ -230,7 +231,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
         axes.set_ylim(max(np.percentile(shown, 1) - 5, top - 110), top + 10)
     axes.set_xlabel("Range, not corrected for Doppler (m)")
     axes.set_ylabel(_power_label("Power", radar))
-    axes.set_title("Range spectrum", fontsize="medium")
+    head(axes, "Range spectrum")
     axes.margins(x=0)
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", framealpha=0.9)
@@ -336,7 +337,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
     note = f" ({beyond_percent:.1f} % beyond)" if beyond_percent >= 0.05 else ""
     axes.set(xlim=(-limit, limit), ylabel="Share of lit cells (%)")
     axes.set_xlabel(f"Height error (m){note}\n* 90th percentile of |error|")
-    axes.set_title(f"Error of lit cells: RMS {number(e.rms_m, '.3f', ' m')}", fontsize="medium")
+    head(axes, f"Error of lit cells: RMS {number(e.rms_m, '.3f', ' m')}")
     axes.spines[["top", "right"]].set_visible(False)
 
 

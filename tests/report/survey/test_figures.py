@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.report.drawing import Coordinates
+from sionna_radar.report.drawing import DPI, Coordinates
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scene.raycast import RayCaster
@@ -39,6 +39,9 @@ def test_draw_all_writes_the_named_files(survey: Survey, tmp_path: Path) -> None
     names = ["environment.png", "chirp.png", "power_map.png", "dem.png", "error_map.png"]
     assert [p.name for p in paths] == names
     assert all(imread(p).std() > 0.05 for p in paths)
+    for path, draw in zip(paths, DRAWINGS, strict=True):
+        draw(survey).savefig(tmp_path / "plain.png", dpi=DPI)
+        np.testing.assert_array_equal(imread(path), imread(tmp_path / "plain.png"))
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
