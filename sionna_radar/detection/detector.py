@@ -231,11 +231,10 @@ class Detector:
             cell = np.arange(len(range_m))
             tested = (cell >= low[:, None]) & (cell < high[:, None])
             spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
-        levels = (self.cfar.both_sides_factor * self.cfar.both_sides_mean, float(from_db(self.dynamic_range_db)))
+        quiet = np.min(spectra.noise, axis=1) * (self.cfar.both_sides_factor * self.cfar.both_sides_mean)
+        limit = np.maximum(quiet, np.max(spectra.power, axis=1) / from_db(self.dynamic_range_db))
         gap = int(self.merge_gap_m / self.analyser.bin_m)
-        row, start, stop, peak = detected_spans(
-            spectra.power, spectra.noise, spectra.threshold, low, high, *levels, gap
-        ).T
+        row, start, stop, peak = detected_spans(spectra.power, spectra.threshold, limit, low, high, gap).T
         return EchoSpans(
             power=spectra.power,
             noise=spectra.noise,
@@ -276,36 +275,32 @@ def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None
 
 @compiled
 @no_type_check
-def detected_spans(power, noise, threshold, low, high, quiet_factor, dynamic_range, gap):
+def detected_spans(power, threshold, limit, low, high, gap):
     """Return row, first bin, end and strongest bin (the nearest of several) of each span with a detected cell.
 
+    A cell above its threshold is detected, one above the limit of its row belongs to a span.
     low, high: first tested bin of each row, and the end of these bins.
-    quiet_factor: threshold over the smallest noise of a row.
-    dynamic_range: strongest power of a row over the weakest that counts.
     gap: most bins between two cells of one span.
     """
-    count, bins = 0, power.shape[1]
+    count = 0
     spans = np.empty((2 * len(power) + 8, 4), dtype=np.int64)
     for row in range(len(power)):
-        quiet, strongest = np.inf, 0.0
-        for b in range(bins):
-            quiet, strongest = min(quiet, noise[row, b]), max(strongest, power[row, b])
-        limit = max(quiet * quiet_factor, strongest / dynamic_range)
+        values, levels, least = power[row], threshold[row], limit[row]
         start, stop, detected = -1, -1, False
         for b in range(low[row], high[row] + 1):
-            found = b < high[row] and power[row, b] > threshold[row, b]
-            if found or (b < high[row] and power[row, b] > limit):
-                if start >= 0 and b - stop <= gap:
-                    stop, detected = b + 1, detected or found
-                    continue
-            elif b < high[row]:
+            inside = b < high[row]
+            found = inside and values[b] > levels[b]
+            if inside and not found and not values[b] > least:
+                continue
+            if inside and start >= 0 and b - stop <= gap:
+                stop, detected = b + 1, detected or found
                 continue
             if detected:
                 if count == len(spans):
                     spans = np.concatenate((spans, np.empty_like(spans)))
                 peak = start
                 for k in range(start + 1, stop):
-                    if power[row, k] > power[row, peak]:
+                    if values[k] > values[peak]:
                         peak = k
                 spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
                 count += 1

@@ -163,17 +163,26 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
-        # No dependence on the previous path, so that the loop vectorises.
-        for path in range(first[row], last[row]):
-            stretch = 2.0 * range_rate_mps[path] / c
-            delay = delay_s[path] + centre_s * stretch
-            f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
-            frequency[path] = f / rate_hz
-            excess[path] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
+        # Vectorised: no dependence on the previous path, and views, whose indices are known not to be negative.
+        own = slice(first[row], last[row])
+        f, w, x, tau, rate, amplitude = (
+            frequency[own],
+            weight[own],
+            excess[own],
+            delay_s[own],
+            range_rate_mps[own],
+            gain[own],
+        )
+        for n in range(len(f)):
+            stretch = 2.0 * rate[n] / c
+            delay = tau[n] + centre_s * stretch
+            beat = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
+            f[n] = beat / rate_hz
+            x[n] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
             cosine, sine = turned(sign * (carrier * delay - slope * delay * delay / 2.0))
-            passes = 1.0 if f >= least_hz and f < most_hz else 0.0
-            a, b = passes * gain[path].real, -sign * passes * gain[path].imag
-            weight[path] = complex(a * cosine - b * sine, a * sine + b * cosine)
+            passes = 1.0 if beat >= least_hz and beat < most_hz else 0.0
+            a, b = passes * amplitude[n].real, -sign * passes * amplitude[n].imag
+            w[n] = complex(a * cosine - b * sine, a * sine + b * cosine)
         power = moment = 0.0
         for path in range(first[row], last[row]):
             p = weight[path].real ** 2 + weight[path].imag ** 2

@@ -54,21 +54,20 @@ def test_neighbouring_cells_are_one_echo():
 @pytest.mark.parametrize("gap", [0, 2])
 def test_spans_are_those_of_a_plain_search(gap):
     rng = np.random.default_rng(gap)
-    power, noise, threshold = rng.exponential(size=(3, 40, 60))
+    power, threshold = rng.exponential(size=(2, 40, 60))
     power[:, 30:40] *= 9
-    low, high = rng.integers(0, 20, 40), rng.integers(15, 61, 40)
+    limit, low, high = rng.uniform(0.5, 4.0, 40), rng.integers(0, 20, 40), rng.integers(15, 61, 40)
     spans = []
     for row in range(40):
         tested = (np.arange(60) >= low[row]) & (np.arange(60) < high[row])
         detected = (power[row] > threshold[row]) & tested
-        raised = tested & (power[row] > max(2.0 * noise[row].min(), power[row].max() / 4))
-        cells = np.flatnonzero(detected | raised)
+        cells = np.flatnonzero(detected | (tested & (power[row] > limit[row])))
         for part in np.split(cells, np.flatnonzero(np.diff(cells) > gap + 1) + 1):
             if detected[part].any():
                 within = power[row, part[0] : part[-1] + 1]
                 spans.append((row, part[0], part[-1] + 1, part[0] + np.argmax(within)))
     assert len(spans) > 50
-    np.testing.assert_array_equal(detected_spans(power, noise, threshold, low, high, 2.0, 4.0, gap), spans)
+    np.testing.assert_array_equal(detected_spans(power, threshold, limit, low, high, gap), spans)
 
 
 @pytest.mark.parametrize(("gap_cells", "count"), [(0, 3), (1, 2), (2, 2), (3, 1)])
