@@ -6,7 +6,7 @@ range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
@@ -24,6 +24,7 @@ from sionna_radar.detection.ranging.estimators import (
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
@@ -209,54 +210,43 @@ class Detector:
         return RangeLoop(time_constant_s=tracker.time_constant_s) if isinstance(tracker, TrackerRange) else None
 
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
-        """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""
-        tested = self.analyser.range_m >= self.min_range_m
-        chirp = self.analyser.chirp
+        """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`.
+
+        An echo wider than the training window masks itself: it raises its own threshold, and the CFAR detects
+        only a few of its cells. So a cell counts if it exceeds the threshold of the pulse's quietest training window
+        and lies within the dynamic range of the pulse's strongest cell.
+        """
+        range_m, chirp = self.analyser.range_m, self.analyser.chirp
+        low = np.full(len(spectra.power), np.searchsorted(range_m, self.min_range_m))
+        high = np.full(len(spectra.power), len(range_m))
         if chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
-            tested &= self.analyser.range_m < chirp.max_range_m - chirp.range_resolution_m
+            high[:] = np.searchsorted(range_m, chirp.max_range_m - chirp.range_resolution_m)
             if chirp.gate_s:  # so it is at zero frequency
-                tested &= self.analyser.range_m > chirp.gate_m + chirp.range_resolution_m
+                low = np.maximum(low, np.searchsorted(range_m, chirp.gate_m + chirp.range_resolution_m, side="right"))
         if window_m is not None:
-            range_m = self.analyser.range_m
-            tested = tested & (range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:])
+            low = np.maximum(low, np.searchsorted(range_m, window_m[:, 0]))
+            high = np.minimum(high, np.searchsorted(range_m, window_m[:, 1], side="right"))
             # Power outside the window must not raise the limit for the weak cells of an echo.
+            cell = np.arange(len(range_m))
+            tested = (cell >= low[:, None]) & (cell < high[:, None])
             spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
-        detected = (spectra.power > spectra.threshold) & tested
-        row, start, stop = _true_spans((detected | self._raised(spectra)) & tested)
+        quiet = np.min(spectra.noise, axis=1) * (self.cfar.both_sides_factor * self.cfar.both_sides_mean)
+        limit = np.maximum(quiet, np.max(spectra.power, axis=1) / from_db(self.dynamic_range_db))
         gap = int(self.merge_gap_m / self.analyser.bin_m)
-        follows = np.zeros(len(row), dtype=bool)
-        follows[1:] = (row[1:] == row[:-1]) & (start[1:] - stop[:-1] <= gap)
-        first = np.flatnonzero(~follows)
-        last = np.append(first[1:], len(row)) - 1
-        row, start, stop = row[first], start[first], stop[last] if len(row) else stop
-        cumulative = np.concatenate([np.zeros((len(detected), 1), dtype=np.int64), np.cumsum(detected, axis=1)], axis=1)
-        has_detection = cumulative[row, stop] > cumulative[row, start]
-        row, start, stop = row[has_detection], start[has_detection], stop[has_detection]
+        row, start, stop, peak = detected_spans(spectra.power, spectra.threshold, limit, low, high, gap).T
         return EchoSpans(
             power=spectra.power,
             noise=spectra.noise,
             row=row,
             start=start,
             stop=stop,
-            peak=strongest_bins(spectra.power, row, start, stop),
+            peak=peak,
             bin_m=self.analyser.bin_m,
             first_bin=self.analyser.first_bin,
             looks_per_bin=self.speckle_looks * self.analyser.looks_per_cell / self.analyser.zero_padding,
             beam=self.beam,
         )
-
-    def _raised(self, spectra: Spectra) -> Bool[np.ndarray, "pulse bin"]:
-        """Mark the cells that belong to an echo once one of its cells is detected.
-
-        An echo wider than the training window masks itself: it raises its own threshold, and the CFAR detects
-        only a few of its cells. So a cell counts if it exceeds the threshold of the pulse's quietest training window
-        and lies within the dynamic range of the pulse's strongest cell.
-        """
-        factor = self.cfar.both_sides_factor * self.cfar.both_sides_mean
-        quiet = np.min(spectra.noise, axis=1, keepdims=True) * factor
-        strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.dynamic_range_db)
-        return spectra.power > np.maximum(quiet, strongest)
 
     def _select(self, spans: EchoSpans) -> EchoSpans:
         """Keep the echoes selected by the scenario, dropping those far weaker than the strongest of their pulse."""
@@ -283,15 +273,39 @@ def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None
     raise PluginError(message)
 
 
-def _true_spans(
-    mask: Bool[np.ndarray, "row bin"],
-) -> tuple[Int[np.ndarray, " span"], Int[np.ndarray, " span"], Int[np.ndarray, " span"]]:
-    """Return the row, first bin and bin past the end of every span of true cells."""
-    edged = np.zeros((mask.shape[0], mask.shape[1] + 2), dtype=np.int8)
-    edged[:, 1:-1] = mask
-    step = np.diff(edged, axis=1)
-    row, start = np.nonzero(step == 1)
-    return row, start, np.nonzero(step == -1)[1]
+@compiled
+@no_type_check
+def detected_spans(power, threshold, limit, low, high, gap):
+    """Return row, first bin, end and strongest bin (the nearest of several) of each span with a detected cell.
+
+    A cell above its threshold is detected, one above the limit of its row belongs to a span.
+    low, high: first tested bin of each row, and the end of these bins.
+    gap: most bins between two cells of one span.
+    """
+    count = 0
+    spans = np.empty((2 * len(power) + 8, 4), dtype=np.int64)
+    for row in range(len(power)):
+        values, levels, least = power[row], threshold[row], limit[row]
+        start, stop, detected = -1, -1, False
+        for b in range(low[row], high[row] + 1):
+            inside = b < high[row]
+            found = inside and values[b] > levels[b]
+            if inside and not found and not values[b] > least:
+                continue
+            if inside and start >= 0 and b - stop <= gap:
+                stop, detected = b + 1, detected or found
+                continue
+            if detected:
+                if count == len(spans):
+                    spans = np.concatenate((spans, np.empty_like(spans)))
+                peak = start
+                for k in range(start + 1, stop):
+                    if values[k] > values[peak]:
+                        peak = k
+                spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
+                count += 1
+            start, stop, detected = b, b + 1, found
+    return spans[:count]
 
 
 def strongest_bins(

@@ -208,6 +208,6 @@ def cut_profiles(
         first=first + spans.first_bin // bins_per_cell,
         start=start,
         power=spans.power[row, cell * bins_per_cell].astype(np.float32),
-        noise=np.min(spans.noise[rows], axis=1),
+        noise=np.min(spans.noise, axis=1)[rows],
         cell_m=spans.bin_m * bins_per_cell,
     )

@@ -9,10 +9,12 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
 from sionna_radar.foundation.numerics import window
-from sionna_radar.foundation.threads import over_rows
+from sionna_radar.foundation.threads import over_rows, parts
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
+# Spectra computed at once, which fit into a processor's cache.
+ROWS_AT_ONCE = 16
 # Half-length of the window's response, in range cells, and its steps per cell.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4
 
@@ -105,11 +107,13 @@ class SpectrumAnalyser:
             _ = self.passed  # cached before several threads use it
 
         def transform(low: int, high: int) -> None:
-            spectrum = self._transform(beat[low:high])
-            if self.high_pass is not None:
-                power[low:high] = np.abs(spectrum / self.passed) ** 2
-            else:
-                power[low:high] = spectrum.real**2 + spectrum.imag**2
+            for start, stop in parts(high - low, ROWS_AT_ONCE):
+                rows = slice(low + start, low + stop)
+                spectrum = self._transform(beat[rows])
+                if self.high_pass is not None:
+                    power[rows] = np.abs(spectrum / self.passed) ** 2
+                else:
+                    power[rows] = spectrum.real**2 + spectrum.imag**2
 
         over_rows(transform, len(beat))
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)

@@ -11,7 +11,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, advance, shown_progress, steps_done
 from sionna_radar.foundation.threads import several_at_once
 
-BLOCK_SIZE = 256
+BLOCK_SIZE = 512
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,12 +3,14 @@
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, TypeVar, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.relief import Relief
@@ -18,8 +20,6 @@ Value = TypeVar("Value")
 # Offset of the second vertical ray that detects slips between triangles, and the least difference of a slip.
 EDGE_STEP_M = np.array([7e-4, 4e-4])
 EDGE_JUMP_M = 0.01
-# Rays whose directions are computed at once, so that what is computed stays in the processor's cache.
-RAYS_AT_ONCE = 16_384
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,16 +81,23 @@ def _rays(
     import drjit as dr
 
     direction, length = np.empty((3, len(row)), dtype=np.float32), np.empty(len(row), dtype=np.float32)
-    for start in range(0, len(row), RAYS_AT_ONCE):
-        some = slice(start, start + RAYS_AT_ONCE)
-        offset_m = point_m[some] - origin_m[row[some]]
-        distance = np.linalg.norm(offset_m, axis=1)
-        direction[:, some] = (offset_m / distance[:, None]).T
-        length[some] = distance * (1 - short)
+    ends = (np.asarray(origin_m, dtype=np.float64), row, point_m, 1 - short, direction, length)
+    over_rows(lambda low, high: _directions(low, high, *ends), len(row))
     origin = dr.gather(mi.Point3f, mi.Point3f(origin_m.T.astype(np.float32)), mi.UInt32(row.astype(np.uint32)))
     ray = mi.Ray3f(origin, mi.Vector3f(direction))
     ray.maxt = mi.Float(length)
     return ray
+
+
+@compiled
+@no_type_check
+def _directions(low, high, origin, row, point, share, direction, length):
+    for ray in range(low, high):
+        start = origin[row[ray]]
+        x, y, z = point[ray, 0] - start[0], point[ray, 1] - start[1], point[ray, 2] - start[2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        direction[0, ray], direction[1, ray], direction[2, ray] = x / distance, y / distance, z / distance
+        length[ray] = distance * share
 
 
 class RayCaster:

@@ -18,10 +18,12 @@ from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.numerics import gauss_legendre
-from sionna_radar.foundation.threads import cores, over_rows
+from sionna_radar.foundation.threads import over_rows, parts
 
 # Oversampling of the frequency grid, and width of the spreading function in points.
 OVERSAMPLING, WIDTH = 2.0, 10
+# Sums formed at once, whose grids fit into a processor's cache.
+ROWS_AT_ONCE = 16
 # Shape parameter of the spreading function for this oversampling.
 SHARPNESS = 2.30 * WIDTH
 # Pieces of the spreading function between two points of the grid; in each it is a cubic polynomial.
@@ -48,12 +50,18 @@ def exponential_sums(
     samples: number per row.
     """
     points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
-    grid = np.empty((len(first), points), dtype=np.complex128)
     pieces, correction = spreading_pieces(), sample_correction(samples, points)
-    over_rows(lambda start, stop: _spread(start, stop, first, last, frequency, weight, pieces, grid), len(first))
-    transform = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=cores())
     sums = np.empty((len(first), samples), dtype=np.complex128)
-    over_rows(lambda start, stop: _finish(start, stop, transform, correction, bend, sums), len(first))
+
+    def add(start: int, stop: int) -> None:
+        grid = np.empty((min(stop - start, ROWS_AT_ONCE), points), dtype=np.complex128)
+        for low, high in parts(stop - start, ROWS_AT_ONCE):
+            rows, used = slice(start + low, start + high), grid[: high - low]
+            _spread(first[rows], last[rows], frequency, weight, pieces, used)
+            transform = ifft(used, axis=1, overwrite_x=True, norm="forward")
+            _finish(transform, correction, bend[rows], sums[rows])
+
+    over_rows(add, len(first))
     return sums
 
 
@@ -88,10 +96,10 @@ def spreading_pieces() -> Float[np.ndarray, "piece 4 point"]:
 
 @compiled
 @no_type_check
-def _spread(start, stop, first, last, frequency, weight, pieces, grid):
+def _spread(first, last, frequency, weight, pieces, grid):
     points = grid.shape[1]
     real, imaginary = np.empty(points + WIDTH), np.empty(points + WIDTH)
-    for row in range(start, stop):
+    for row in range(len(grid)):
         real[:] = 0.0
         imaginary[:] = 0.0
         for path in range(first[row], last[row]):
@@ -122,10 +130,10 @@ def _spread(start, stop, first, last, frequency, weight, pieces, grid):
 
 @compiled
 @no_type_check
-def _finish(begin, stop, transform, correction, bend, sums):
+def _finish(transform, correction, bend, sums):
     points, samples = transform.shape[1], sums.shape[1]
     half = samples // 2
-    for row in range(begin, stop):
+    for row in range(len(sums)):
         # The phase's second difference is constant: exp(j bend n^2) by two products per sample.
         angle = 2.0 * np.pi * bend[row]
         start = angle * half * half
@@ -155,17 +163,26 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
-        # No dependence on the previous path, so that the loop vectorises.
-        for path in range(first[row], last[row]):
-            stretch = 2.0 * range_rate_mps[path] / c
-            delay = delay_s[path] + centre_s * stretch
-            f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
-            frequency[path] = f / rate_hz
-            excess[path] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
+        # Vectorised: no dependence on the previous path, and views, whose indices are known not to be negative.
+        own = slice(first[row], last[row])
+        f, w, x, tau, rate, amplitude = (
+            frequency[own],
+            weight[own],
+            excess[own],
+            delay_s[own],
+            range_rate_mps[own],
+            gain[own],
+        )
+        for n in range(len(f)):
+            stretch = 2.0 * rate[n] / c
+            delay = tau[n] + centre_s * stretch
+            beat = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
+            f[n] = beat / rate_hz
+            x[n] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
             cosine, sine = turned(sign * (carrier * delay - slope * delay * delay / 2.0))
-            passes = 1.0 if f >= least_hz and f < most_hz else 0.0
-            a, b = passes * gain[path].real, -sign * passes * gain[path].imag
-            weight[path] = complex(a * cosine - b * sine, a * sine + b * cosine)
+            passes = 1.0 if beat >= least_hz and beat < most_hz else 0.0
+            a, b = passes * amplitude[n].real, -sign * passes * amplitude[n].imag
+            w[n] = complex(a * cosine - b * sine, a * sine + b * cosine)
         power = moment = 0.0
         for path in range(first[row], last[row]):
             p = weight[path].real ** 2 + weight[path].imag ** 2

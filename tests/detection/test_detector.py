@@ -7,7 +7,7 @@ from beams import make_chirp
 from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.detection.build import build_detector, build_range_estimator
-from sionna_radar.detection.detector import Detector, Spectra
+from sionna_radar.detection.detector import Detector, Spectra, detected_spans
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
@@ -49,6 +49,25 @@ def test_neighbouring_cells_are_one_echo():
     assert cells_of(echoes) == [(20, 0, pytest.approx(51)), (20, 1, pytest.approx(60)), (22, 0, pytest.approx(70))]
     np.testing.assert_allclose(echoes.power, [40, 30, 15])
     np.testing.assert_allclose(echoes.echo_snr_db, 10 * np.log10([40, 30, 15]))
+
+
+@pytest.mark.parametrize("gap", [0, 2])
+def test_spans_are_those_of_a_plain_search(gap):
+    rng = np.random.default_rng(gap)
+    power, threshold = rng.exponential(size=(2, 40, 60))
+    power[:, 30:40] *= 9
+    limit, low, high = rng.uniform(0.5, 4.0, 40), rng.integers(0, 20, 40), rng.integers(15, 61, 40)
+    spans = []
+    for row in range(40):
+        tested = (np.arange(60) >= low[row]) & (np.arange(60) < high[row])
+        detected = (power[row] > threshold[row]) & tested
+        cells = np.flatnonzero(detected | (tested & (power[row] > limit[row])))
+        for part in np.split(cells, np.flatnonzero(np.diff(cells) > gap + 1) + 1):
+            if detected[part].any():
+                within = power[row, part[0] : part[-1] + 1]
+                spans.append((row, part[0], part[-1] + 1, part[0] + np.argmax(within)))
+    assert len(spans) > 50
+    np.testing.assert_array_equal(detected_spans(power, threshold, limit, low, high, gap), spans)
 
 
 @pytest.mark.parametrize(("gap_cells", "count"), [(0, 3), (1, 2), (2, 2), (3, 1)])

@@ -67,14 +67,15 @@ SLACK_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class CellTree:
-    """A binary tree of spheres over cells in an order in which neighbours are near each other.
+    """A binary tree of boxes over cells in an order in which neighbours are near each other.
 
-    centre_m, radius_m: of each node; the root is node 1, the children of node n are 2 n and 2 n + 1. Nodes without a
-        cell have a negative radius.
+    centre_m, half_m, radius_m: of each node its box's centre, half its sides and half its diagonal; the root is node 1,
+        the children of node n are 2 n and 2 n + 1. Nodes without a cell have a negative radius.
     cells: how many there are.
     """
 
     centre_m: Float[np.ndarray, "node 3"]
+    half_m: Float[np.ndarray, "node 3"]
     radius_m: Float[np.ndarray, " node"]
     cells: int
 
@@ -91,10 +92,11 @@ class CellTree:
                 box[level // 2 : level] = least(pairs[:, 0], pairs[:, 1])
             level //= 2
         held = np.all(high >= low, axis=1)
-        centre, radius = np.zeros((2 * leaves, 3)), np.full(2 * leaves, -1.0)
+        (centre, half), radius = np.zeros((2, 2 * leaves, 3)), np.full(2 * leaves, -1.0)
         centre[held] = (low[held] + high[held]) / 2
-        radius[held] = np.linalg.norm(high[held] - low[held], axis=1) / 2 + SLACK_M
-        return CellTree(centre_m=centre, radius_m=radius, cells=len(low_m))
+        half[held] = (high[held] - low[held]) / 2 + SLACK_M
+        radius[held] = np.linalg.norm(half[held], axis=1)
+        return CellTree(centre_m=centre, half_m=half, radius_m=radius, cells=len(low_m))
 
     def in_beams(
         self,
@@ -107,12 +109,13 @@ class CellTree:
         apex_m, R_world_antenna: where the beams start, and the axes of their antennas.
         beam: what is searched of them.
         """
-        return _search(self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up)
+        axes = np.ascontiguousarray(R_world_antenna)
+        return _search(self.centre_m, self.half_m, self.radius_m, apex_m, axes, beam.left, beam.up)
 
 
 @compiled
 @no_type_check
-def _search(centre, radius, apex, axes, half_left, half_up):
+def _search(centre, half, radius, apex, axes, half_left, half_up):
     leaves = len(radius) // 2
     edges = np.zeros(len(apex) + 1, dtype=np.int64)
     out = np.empty(64 * len(apex) + 64, dtype=np.int64)
@@ -135,8 +138,10 @@ def _search(centre, radius, apex, axes, half_left, half_up):
             if x * fx + y * fy + z * fz < -r:
                 continue
             far = np.sqrt(x * x + y * y + z * z) + r
-            left = max(abs(x * lx + y * ly + z * lz) - r, 0.0) / half_left
-            up = max(abs(x * ux + y * uy + z * uz) - r, 0.0) / half_up
+            a, b, c = half[node, 0], half[node, 1], half[node, 2]
+            left = abs(x * lx + y * ly + z * lz) - (a * abs(lx) + b * abs(ly) + c * abs(lz))
+            up = abs(x * ux + y * uy + z * uz) - (a * abs(ux) + b * abs(uy) + c * abs(uz))
+            left, up = max(left, 0.0) / half_left, max(up, 0.0) / half_up
             if left * left + up * up > far * far:
                 continue
             if node < leaves:

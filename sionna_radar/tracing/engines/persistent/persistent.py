@@ -185,46 +185,44 @@ class PersistentEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, sorted by pulse: those of its scatterers, then of its other rays."""
-        seen, visible, spans = self._seen(pulses)
+        seen, spans = self._seen(pulses)
         if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
-            return seen.paths(pulses, seen.factor, visible, spans)
-        paths = seen.paths(pulses, _complex(self._fields(pulses, seen, visible)), visible, spans)
+            return seen.paths(pulses, seen.factor, spans)
+        paths = seen.paths(pulses, _complex(self._fields(pulses, seen)), spans)
         if self._mirrored is None:
             return paths
-        return Paths.concatenate([paths, self._mirrored.over(pulses, seen.only(visible))])
+        return Paths.concatenate([paths, self._mirrored.over(pulses, seen)])
 
     def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
         """Yield the paths of a block of pulses at once, without those that return by way of mirrors.
 
         Scatterers are searched on the host; their fields stay in the memory of the ray tracer.
         """
-        seen, visible, spans = self._seen(pulses)
-        field = self._fields(pulses, seen, visible)
+        seen, spans = self._seen(pulses)
+        field = self._fields(pulses, seen)
         factor = mi.Complex2f(*(np.ascontiguousarray(part) for part in (seen.factor.real, seen.factor.imag)))
         yield DevicePaths(
             pulses=pulses,
             spans=tuple((bounds[:-1], bounds[1:]) for bounds in spans),
             delay_s=mi.Float64(seen.range_m * (2 / speed_of_light)),
             range_rate_mps=mi.Float(seen.range_rate_mps),
-            gain=dr.select(mi.Bool(visible), field * factor, mi.Complex2f(0.0)),
-            paths=seen.paths(pulses, _complex(field), visible, spans),
+            gain=field * factor,
+            paths=seen.paths(pulses, _complex(field), spans),
         )
 
-    def _seen(
-        self, pulses: Pulses
-    ) -> tuple[SeenPlaces, Bool[np.ndarray, " place"], tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]]]:
-        """Return the places in the beams, which are visible, and where those of each pulse begin in each part."""
+    def _seen(self, pulses: Pulses) -> tuple[SeenPlaces, tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]]]:
+        """Return the visible places in the beams, and where those of each pulse begin in each of two parts."""
         spare = len(pulses) * self._outer.rays
         searched = beside(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
         outside = self._outside(pulses)
         table, ends = searched()
-        fixed = int(ends[-1])
-        seen = table.continued(fixed, outside)
-        visible = np.ones(len(seen), dtype=bool)
-        apex, seen_from, place = pulses.true.position_m, seen.row[:fixed], seen.hit_m[:, :fixed].T
-        visible[:fixed] = ~self._sionna.caster.hides(apex, seen_from, place, SHORT_OF_SURFACE)
-        rows = fixed + np.searchsorted(outside.row, np.arange(len(pulses) + 1))
-        return seen, visible, (ends, rows)
+        found = table.first(int(ends[-1]))
+        hidden = self._sionna.caster.hides(pulses.true.position_m, found.row, found.hit_m.T, SHORT_OF_SURFACE)
+        if hidden.any():
+            found.keep(np.flatnonzero(~hidden))
+            ends = np.concatenate([[0], np.cumsum(~hidden)])[ends]
+        seen = table.continued(int(ends[-1]), outside)
+        return seen, (ends, ends[-1] + np.searchsorted(outside.row, np.arange(len(pulses) + 1)))
 
     def _outside(self, pulses: Pulses) -> SeenPlaces:
         """Return the surface places hit by the rays beside the scatterers."""
@@ -259,15 +257,15 @@ class PersistentEngine:
         return bears
 
     @flushed_denormals()
-    def _fields(self, pulses: Pulses, seen: SeenPlaces, visible: Bool[np.ndarray, " place"]) -> Any:
-        """Return the field from each visible place for a factor of one, in the memory of the ray tracer."""
+    def _fields(self, pulses: Pulses, seen: SeenPlaces) -> Any:
+        """Return the field from each place for a factor of one, in the memory of the ray tracer."""
         buffer = diffuse_buffer(
             mi.UInt32(seen.row),
             _points(seen.hit_m),
             mi.UInt32(self._sionna.shape_of_surface.astype(np.uint32)[seen.surface]),
             mi.UInt32(seen.face.view(np.uint32)),
             4 * dr.pi / dr.maximum(mi.Float(seen.solid_angle_sr), 1e-30),
-            mi.Bool(visible),
+            dr.full(mi.Bool, True, len(seen)),
         )
         apex, angles = pulses.true.position_m.T, sionna_angles(pulses.true.R_world_antenna).T
         gain = calculate_fields(self._sionna, buffer, _points(apex), _points(angles)).a[0][0]

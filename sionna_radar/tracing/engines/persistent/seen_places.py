@@ -60,6 +60,12 @@ class SeenPlaces:
         """Return the first entries, in the memory of this table."""
         return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
 
+    def keep(self, entries: Int[np.ndarray, " kept"]) -> None:
+        """Move some of the entries, in increasing order, to the front."""
+        for name in (f.name for f in fields(self)):
+            column = getattr(self, name)
+            column[..., : len(entries)] = np.take(column, entries, axis=-1)
+
     def continued(self, count: int, other: "SeenPlaces") -> "SeenPlaces":
         """Write another table behind the first entries of this one, and return both."""
         end = count + len(other)
@@ -81,19 +87,16 @@ class SeenPlaces:
         self,
         pulses: Pulses,
         field: Complex[np.ndarray, " place"],
-        visible: Bool[np.ndarray, " place"],
         parts: tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]],
     ) -> Paths:
-        """Return the paths to the visible places, sorted by pulse.
+        """Return the paths to the places, sorted by pulse.
 
         pulses: the block.
         field: what returns for a factor of one.
-        visible: which places are not hidden.
         parts: two parts of the table, of which a pulse's paths are those of the first and then those of the second:
             where those of each pulse begin.
         """
-        before = np.concatenate([[0], np.cumsum(visible)])
-        begin = np.concatenate([[0], np.cumsum(sum(np.diff(before[edges]) for edges in parts))])
+        begin = sum(edges - edges[0] for edges in parts)
         count, single = int(begin[-1]), np.float32
         out = Paths(
             pulse=np.empty(count, dtype=np.int64),
@@ -105,14 +108,14 @@ class SeenPlaces:
             surface=np.empty(count, dtype=np.int32),
         )
         written = tuple(getattr(out, f.name) for f in fields(out))
-        table = (self.columns, field, visible, *parts, begin, pulses.index, 2 / speed_of_light, written)
+        table = (self.columns, field, *parts, begin, pulses.index, 2 / speed_of_light, written)
         over_rows(lambda low, high: _join(low, high, *table), len(pulses))
         return out
 
 
 @compiled
 @no_type_check
-def _join(low, high, columns, field, visible, one, other, at, index, delay_per_metre, out):
+def _join(low, high, columns, field, one, other, at, index, delay_per_metre, out):
     _, east, north, up, range_m, rate, cosine, _, surface, _, factor = columns
     pulse, delay_s, gain, own_rate, incidence, own_hit, own_surface = out
     for beam in range(low, high):
@@ -120,8 +123,6 @@ def _join(low, high, columns, field, visible, one, other, at, index, delay_per_m
         for part in range(2):
             begin, end = (one[beam], one[beam + 1]) if part == 0 else (other[beam], other[beam + 1])
             for i in range(begin, end):
-                if not visible[i]:
-                    continue
                 pulse[n] = index[beam]
                 delay_s[n] = delay_per_metre * range_m[i]
                 gain[n] = field[i] * factor[i]
