@@ -13,8 +13,8 @@ overlapping tiles; each has its own terrain model, and their surfaces are blende
 Fisher scoring. Each step needs the score of all echoes on the surface reached, and solves for the step with the
 expected curvature of the likelihood. The score decides where the iteration ends, and is exact. The curvature only
 says by which way: it is computed on the first two surfaces alone, from some of the range cells of each pulse, and the
-system is solved on a coarser grid where the terrain is so smooth that shorter waves are nothing that an echo could
-tell.
+system is solved on a coarser grid where the echoes tell less of shorter waves than is known of them beforehand. Each
+step takes such a wave too far by at most half, and the next one comes back.
 
 Anderson mixing. Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at the
 end of a swath, the real curvature is several times the expected one or a fraction of it, and plain steps oscillate
@@ -97,7 +97,7 @@ STEP_TOLERANCE = 2e-2
 # Iterations that recompute the curvature.
 CURVED = 2
 # Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
-# most that echoes may tell of a wave that it leaves out, over what is known of it beforehand.
+# most that echoes may tell of a wave that it leaves out, over what is known of it beforehand (below 1 steps converge).
 ROWS, COARSER, LEFT_OUT = 24, (4, 2, 1), 0.5
 
 
