@@ -95,6 +95,14 @@ def test_the_near_inverse_is_that_of_the_covariance_of_the_heights(drawn, monkey
     assert left[-1] > 0.999
 
 
+def test_heights_that_a_smooth_terrain_makes_nearly_the_same_have_a_near_inverse():
+    """Their covariance is indefinite by the rounding of its tables."""
+    place = np.random.default_rng(3).uniform(0, 50, (1200, 2))
+    heights = Heights.at_places(place, np.zeros(1200), np.zeros(1200))
+    inverse = Kriging(Covariance(12.0, 20.0, 1e4), heights, 0.02).near_inverse()
+    assert np.all(np.isfinite(inverse(np.ones(1200))))
+
+
 def test_kriging_with_local_relief_is_the_plain_solution(drawn):
     heights = replace(drawn[0].rows(np.arange(150)), footprint_m=np.broadcast_to(0.8 * np.eye(2), (150, 2, 2)))
     place = np.array([[30.0, 3.0], [80.0, -5.0], [81.0, 20.0]])

@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
@@ -46,6 +46,7 @@ JITTER = 1e-10
 # Heights whose covariance is inverted exactly, the nearest that tell of another one, and how many at once.
 EXACT, NEAREST, AT_ONCE = 1000, 15, 2000
 # Of the variance: tables, which are interpolated, must not make the covariance of nearly the same heights indefinite.
+# Where they still do it is ten times as much.
 ROUNDING = 1e-7
 
 Places = Float[np.ndarray, "... 2"]
@@ -89,16 +90,21 @@ class Kriging:
         # Any first heights are places all over the area.
         order = np.random.default_rng(0).permutation(count)
         place_m, noise_m2 = self.heights.place_m[order], self.heights.variance_m2(self.noise_factor)[order]
-        noise_m2 += ROUNDING * self.covariance.variance_m2
         between = self._covariance(_farthest(place_m), float(np.median(self.heights.spread_m)))
 
         def total(member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, "window n n"]:
             covariance, diagonal = between(place_m[member], place_m[member]), np.arange(member.shape[1])
-            covariance[:, diagonal, diagonal] += noise_m2[member]
+            covariance[:, diagonal, diagonal] += noise_m2[member] + rounding * self.covariance.variance_m2
             return covariance
 
-        exact = min(EXACT, count)
-        root = np.linalg.cholesky(total(np.arange(exact)[None])[0])
+        exact, root, rounding = min(EXACT, count), None, ROUNDING
+        while root is None:
+            try:
+                root = np.linalg.cholesky(total(np.arange(exact)[None])[0])
+            except np.linalg.LinAlgError:
+                if rounding > 1.0:  # so the covariance is not finite
+                    raise
+                rounding *= 10
         tree, known, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
         while known < count:
             # A quarter more at once, which are not told from each other.
@@ -111,7 +117,7 @@ class Kriging:
             last = np.zeros((high - low, NEAREST + 1, 1))
             last[:, -1] = 1.0
             told = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
-            return told / np.sqrt(told[:, -1:])
+            return told / np.sqrt(np.abs(told[:, -1:]))
 
         rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, parts(len(member), AT_ONCE))])
         chain = csr_matrix(
@@ -120,10 +126,10 @@ class Kriging:
         back = chain.T.tocsr()
 
         def applied(height_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            """Return nearly the inverse times heights."""
             ordered = height_m[order]
             told = back @ (chain @ ordered)
-            first = solve_triangular(root, ordered[:exact], lower=True, check_finite=False)
-            told[:exact] += solve_triangular(root, first, lower=True, trans=1, check_finite=False)
+            told[:exact] += cho_solve((root, True), ordered[:exact], check_finite=False)
             result = np.empty(count)
             result[order] = told
             return result
