@@ -5,7 +5,7 @@ import gc
 from sionna_radar.execution.supervisor import supervised
 from sionna_radar.foundation.interrupts import interrupts_reported
 
-# New objects after which unused cycles of them are looked for, the first time and from then on.
+# New objects after which unused cycles of them are looked for; those before the first look are left alone for good.
 OBJECTS_AT_FIRST, OBJECTS_AT_ONCE = 500_000, 10_000
 
 
@@ -26,8 +26,8 @@ def _command_line() -> None:
 
 
 def _look_more_often(phase: str, _: object) -> None:
-    """Leave what the first look at all objects found in use out of the later ones, which come sooner."""
-    if phase == "stop":
+    """Leave the objects of imports, nearly all of which stay, out of all looks, which come sooner from now on."""
+    if phase == "start":
         gc.callbacks.remove(_look_more_often)
         gc.freeze()
         gc.set_threshold(OBJECTS_AT_ONCE)
