@@ -13,7 +13,8 @@ one window it would take as long as many a survey.
 import math
 import sys
 from collections.abc import Callable
-from functools import lru_cache, wraps
+from ctypes import CFUNCTYPE, byref, c_char_p, c_int, c_void_p
+from functools import cache, lru_cache, wraps
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -98,6 +99,40 @@ def solve_lower(root: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n ..."
         rows = slice(low, low + ROWS)
         solved[rows] = np.linalg.inv(root[rows, rows]) @ (right[rows] - root[rows, :low] @ solved[:low])
     return solved
+
+
+def inverse_and_solution(
+    matrix: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"]
+) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Overwrite the lower triangle of a positive definite matrix with that of its inverse.
+
+    Returns half the logarithm of the matrix's determinant, and inverse times `right`. Reads the lower triangle alone.
+    Raises LinAlgError if the matrix is not positive definite.
+
+    SciPy's wrappers of LAPACK keep other threads waiting; its functions called directly do not.
+    """
+    # A lower triangle along rows is the upper one of Fortran's order.
+    upper, order, one, failed = b"U", byref(c_int(len(right))), byref(c_int(1)), c_int()
+    whole, solved = matrix.ctypes.data, right.copy()
+    _lapack("dpotrf", upper, order, whole, order, byref(failed))
+    if failed.value:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    half = float(np.log(np.diag(matrix)).sum())
+    _lapack("dpotrs", upper, order, one, whole, order, solved.ctypes.data, order, byref(failed))
+    _lapack("dpotri", upper, order, whole, order, byref(failed))
+    return half, solved
+
+
+def _lapack(name: str, upper: bytes, *addresses: object) -> None:
+    _lapack_function(name, len(addresses))(upper, *addresses)
+
+
+@cache
+def _lapack_function(name: str, addresses: int) -> Callable[..., None]:
+    from numba.extending import get_cython_function_address
+
+    types = c_char_p, *[c_void_p] * addresses
+    return CFUNCTYPE(None, *types)(get_cython_function_address("scipy.linalg.cython_lapack", name))
 
 
 def halton(count: int) -> Float[np.ndarray, "{count} 2"]:

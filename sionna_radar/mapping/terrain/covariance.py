@@ -28,8 +28,6 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
-from scipy.linalg import LinAlgError
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import pdist
@@ -37,6 +35,7 @@ from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.numerics import inverse_and_solution
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads
 
@@ -355,15 +354,10 @@ class Group:
         """
         value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
         fill(value, self.entry, self.share, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
-        # A lower triangle along rows is the upper one of Fortran's order.
-        root, failed = dpotrf(total.T, lower=0, clean=0, overwrite_a=1)
-        if failed:
-            raise LinAlgError
-        solved = dpotrs(root, self.height_m, lower=0)[0]
-        loss = float(self.height_m @ solved / 2 + np.log(np.diag(root)).sum())
-        inverse = dpotri(root, lower=0, overwrite_c=1)[0].T
+        half, solved = inverse_and_solution(total, self.height_m)
+        loss = float(self.height_m @ solved / 2 + half)
         by_entry = np.empty(TABLE)
-        by_noise = sensitivity(inverse, solved, self.entry, self.share, self.noise_m2, by_entry)
+        by_noise = sensitivity(total, solved, self.entry, self.share, self.noise_m2, by_entry)
         toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
         landforms = value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
         return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
@@ -442,7 +436,7 @@ def posterior_loss(
         ):
             loss += own
             gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
-    except LinAlgError:
+    except np.linalg.LinAlgError:
         return 1e12, np.zeros(len(gradient))
     return loss, gradient
 
