@@ -80,9 +80,9 @@ def over_rows(work: Callable[[int, int], None], rows: int) -> None:
 def beside(function: Callable[[], Result]) -> Callable[[], Result]:
     """Begin a function, which must release Python's lock, on another core; what is returned waits for its result.
 
-    One at a time: others wait for their turn.
+    One at a time: others wait for their turn. Within a part of a loop it is done at once.
     """
-    if cores() == 1:
+    if own_cores() == 1:
         found = function()
         return lambda: found
     return _aside(os.getpid()).submit(copy_context().run, function).result

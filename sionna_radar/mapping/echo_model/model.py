@@ -123,7 +123,10 @@ class Sightings:
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""
-        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
+        turn, node = self.pose.R_world_antenna, self.beam.direction
+        result = np.empty((len(turn), len(node), 3))
+        over_rows(lambda low, high: np.einsum("pij,kj->pki", turn[low:high], node, out=result[low:high]), len(turn))
+        return result
 
     def corner_directions(self) -> Float[np.ndarray, "pulse 4 3"]:
         """Return the corners of the main lobe in the world frame."""

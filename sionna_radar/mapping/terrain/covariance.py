@@ -37,7 +37,7 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import inverse_and_solution
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads
+from sionna_radar.foundation.threads import in_threads, over_rows
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,12 @@ def covariances_between(
     value_m2: Float[np.ndarray, "table entry"],
 ) -> Float[np.ndarray, "window n m"]:
     """Return the covariances between the places of windows, from a table for each of them, or one for all."""
-    result = np.empty((len(one_m), one_m.shape[1], other_m.shape[1]))
-    between(*(np.ascontiguousarray(each) for each in (one_m, other_m)), step_m, np.ascontiguousarray(value_m2), result)
+    one, other, value = (np.ascontiguousarray(each) for each in (one_m, other_m, value_m2))
+    result = np.empty((len(one), one.shape[1], other.shape[1]))
+    if len(one) == 1:
+        over_rows(lambda low, high: between(one[:, low:high], other, step_m, value, result[:, low:high]), one.shape[1])
+    else:
+        between(one, other, step_m, value, result)
     return result
 
 

@@ -35,6 +35,7 @@ from scipy.optimize import minimize
 
 from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import beside, in_threads, parts
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
@@ -200,16 +201,19 @@ def information_of(
     pulses = spread_indices(SAMPLED_PULSES, len(heights))
     variance = heights.variance_m2(1.0)
     means, (power, noise) = np.zeros(len(wave)), np.zeros((2, len(pulses), len(wave)))
-    linear = None if linearised is None else linearised(pulses)
-    for row, pulse in enumerate(pulses):
+    for pulse in pulses:
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
-        if linear is None:
-            continue
-        own = linear.rows_of(row)
-        phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
-        turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
-        power[row] = np.sum(np.abs(turned) ** 2, axis=0)
-        noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+    if linearised is not None:
+        linear = linearised(pulses)
+
+        def of_echo(row: int, _: int) -> None:
+            own = linear.rows_of(row)
+            phase = (linear.place_m[row] - heights.place_m[pulses[row]]) @ wave.T
+            turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
+            power[row] = np.sum(np.abs(turned) ** 2, axis=0)
+            noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+
+        list(in_threads(of_echo, parts(len(pulses), 1)))
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
     power, noise = np.median(power, axis=0), np.maximum(np.median(noise, axis=0), np.finfo(float).tiny)
     return Information(
@@ -280,11 +284,11 @@ class TileUncertainty:
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         measured = heights.above(heights.trend(), microrelief_m)
+        misfit = beside(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
         plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
-        misfit = misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights)
-        return cls(bounds_m, as_told, told, plausible, outstanding, misfit)
+        return cls(bounds_m, as_told, told, plausible, outstanding, misfit())
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return True where places lie in the tile."""
