@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import beside, in_threads, parts
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import LINEAR, LinearParameters
@@ -35,7 +35,7 @@ LongAndShort = tuple[CovarianceTable, CovarianceTable]
 NOISE_FACTOR_SPREAD = 1.0
 MIN_POINTS = 20
 # Cells per batch, to bound memory.
-AT_ONCE = 50_000
+AT_ONCE = 25_000
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,23 @@ class LinearUncertainty:
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         spread = float(np.median(self.heights.spread_m))
-        some = [slice(*bounds) for bounds in parts(len(self.interpolated.cell), AT_ONCE)]
-        farthest = max(float(each.max(initial=0.0)) for part in some for each in self._distances(grid, part)) + 1.0
+        some = parts(len(self.interpolated.cell), AT_ONCE)
+
+        def farthest_of(low: int, high: int) -> float:
+            return max(float(each.max(initial=0.0)) for each in self._distances(grid, slice(low, high)))
+
+        farthest = max(in_threads(farthest_of, some)) + 1.0
         to_place, between = (
             self.local.divided(self.fitted.covariance, farthest, each, TABLE) for each in (spread / np.sqrt(2), spread)
         )
         alone = self.local.divided(self.fitted.covariance, 1.0, 0.0, 2)
         sigma = np.full(grid.rows * grid.columns, np.nan)
-        for part in some:
-            variance = self._variance_m2(grid, part, to_place, between, alone)
-            sigma[self.interpolated.cell[part]] = self.misfit * np.sqrt(np.maximum(variance, 0.0))
+
+        def of_cells(low: int, high: int) -> None:
+            variance = self._variance_m2(grid, slice(low, high), to_place, between, alone)
+            sigma[self.interpolated.cell[low:high]] = self.misfit * np.sqrt(np.maximum(variance, 0.0))
+
+        list(in_threads(of_cells, some))
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)
 
     def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
@@ -136,10 +143,12 @@ class Linear:
 
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options)
+        on = given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options
         if not given.uncertain:
-            return Estimate(dem=found.dem)
+            return Estimate(dem=grid_points(*on).dem)
+        gridding = beside(lambda: grid_points(*on))
+        heights, found = given.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
-        uncertainty = linear_uncertainty(found, given.heights(), spread, given.microrelief_m)
+        uncertainty = linear_uncertainty(found, heights, spread, given.microrelief_m)
         return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)
