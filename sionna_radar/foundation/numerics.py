@@ -107,13 +107,15 @@ def inverse_and_solution(
     """Overwrite the lower triangle of a positive definite matrix with that of its inverse.
 
     Returns half the logarithm of the matrix's determinant, and inverse times `right`. Reads the lower triangle alone.
-    Raises LinAlgError if the matrix is not positive definite.
+    Raises LinAlgError if the matrix is not positive definite, ValueError if it is no whole array of doubles.
 
     SciPy's wrappers of LAPACK keep other threads waiting; its functions called directly do not.
     """
+    if matrix.dtype != np.float64 or not matrix.flags.c_contiguous or matrix.shape != 2 * right.shape:
+        raise ValueError(f"matrix is {matrix.dtype} of shape {matrix.shape}; make it a contiguous square of float64")
     # A lower triangle along rows is the upper one of Fortran's order.
     upper, order, one, failed = b"U", byref(c_int(len(right))), byref(c_int(1)), c_int()
-    whole, solved = matrix.ctypes.data, right.copy()
+    whole, solved = matrix.ctypes.data, np.array(right, dtype=np.float64)
     _lapack("dpotrf", upper, order, whole, order, byref(failed))
     if failed.value:
         raise np.linalg.LinAlgError("the matrix is not positive definite")

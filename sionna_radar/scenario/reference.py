@@ -3,9 +3,13 @@
 With the schema, editors complete keys, show what they mean and mark misspelt ones.
 """
 
+import ast
+import inspect
 import json
+import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from pydantic import BaseModel
@@ -27,11 +31,11 @@ class _WithMeanings(GenerateJsonSchema):
         json_schema = super().model_schema(schema)
         table = schema["cls"]
         if issubclass(table, BaseModel):
-            json_schema["description"] = summary(table)
+            json_schema["description"], meaning = summary(table), meanings(table)
             for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if "description" in entry:
-                    entry["description"] = " ".join(entry["description"].split()) + unit
+                if name in meaning:
+                    entry["description"] = " ".join(meaning[name].split()) + unit
                 entry.pop("title", None)
         return json_schema
 
@@ -39,6 +43,21 @@ class _WithMeanings(GenerateJsonSchema):
         """Return the schema of a number without the default bounds."""
         json_schema = super().float_schema(schema)
         return {key: value for key, value in json_schema.items() if key not in BOUNDS.values() or abs(value) < LARGEST}
+
+
+def meanings(table: type[BaseModel]) -> dict[str, str]:
+    """Return the strings under the fields of a table, or under those of the tables it extends; none without source."""
+    found: dict[str, str] = {}
+    for part in reversed(table.__mro__[: table.__mro__.index(BaseModel)]):
+        try:
+            body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
+        except OSError:  # made in an interactive session
+            continue
+        for field, text in pairwise(body):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
+                    found[name] = meaning
+    return found
 
 
 def scenario_schema() -> dict[str, Any]:
