@@ -90,6 +90,8 @@ def _fly(
     record_as: str = "float64",
     heights: MeasuredHeights | None = None,
 ) -> None:
+    checked, heights = session.load_and_precompile(), heights or MeasuredHeights()
+
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.survey.summary import print_survey
@@ -97,7 +99,6 @@ def _fly(
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.preparation import prepare
 
-    checked, heights = session.load_and_precompile(), heights or MeasuredHeights()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:

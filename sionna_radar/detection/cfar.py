@@ -139,7 +139,9 @@ class Cfar:
         kind = {"CA": CELL_AVERAGING, "GO": GREATEST_OF, "SO": SMALLEST_OF}[self.kind]
         power, level = np.ascontiguousarray(power, dtype=np.float64), np.empty(power.shape)
         cells = kind, self.guard, self.training, self.stride
-        over_rows(lambda low, high: mean_levels(low, high, power, *cells, level), len(power))
+        # Running sums of whole range cells, and one more.
+        room = self.stride * (-(-power.shape[1] // self.stride) + 1)
+        over_rows(lambda low, high: mean_levels(low, high, power, *cells, np.zeros(room), level), len(power))
         return level
 
     def _ranked_level(
@@ -188,15 +190,14 @@ CELL_AVERAGING, GREATEST_OF, SMALLEST_OF = 0, 1, 2
 
 @compiled
 @no_type_check
-def mean_levels(low, high, power, kind, guard, training, stride, level):
+def mean_levels(low, high, power, kind, guard, training, stride, running, level):
     """Write to `level` the noise of rows `low` to `high` - 1; infinite where neither side's cells fit.
 
     stride: bins per range cell; the training cells of a bin are whole cells away from it.
+    running: room for running sums at cell spacing, interleaved by bin; zero at its beginning.
     """
     bins = power.shape[1]
-    cells, reach = -(-bins // stride), (guard + training) * stride
-    # Running sums at cell spacing, interleaved by bin.
-    running = np.zeros((cells + 1) * stride)
+    cells, reach = len(running) // stride - 1, (guard + training) * stride
     for row in range(low, high):
         for k in range(cells * stride):
             running[k + stride] = running[k] + (power[row, k] if k < bins else 0.0)

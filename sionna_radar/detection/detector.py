@@ -273,17 +273,34 @@ def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None
     raise PluginError(message)
 
 
-@compiled
-@no_type_check
-def detected_spans(power, threshold, limit, low, high, gap):
+def detected_spans(
+    power: Float[np.ndarray, "row bin"],
+    threshold: Float[np.ndarray, "row bin"],
+    limit: Float[np.ndarray, " row"],
+    low: Int[np.ndarray, " row"],
+    high: Int[np.ndarray, " row"],
+    gap: int,
+) -> Int[np.ndarray, "span 4"]:
     """Return row, first bin, end and strongest bin (the nearest of several) of each span with a detected cell.
 
     A cell above its threshold is detected, one above the limit of its row belongs to a span.
     low, high: first tested bin of each row, and the end of these bins.
     gap: most bins between two cells of one span.
     """
+    room = 2 * len(power) + 8
+    while True:
+        spans = np.empty((room, 4), dtype=np.int64)
+        count = find_spans(power, threshold, limit, low, high, gap, spans)
+        if count <= room:
+            return spans[:count]
+        room = count
+
+
+@compiled
+@no_type_check
+def find_spans(power, threshold, limit, low, high, gap, spans):
+    """Write the spans, as far as there is room, and return how many they are; see `detected_spans`."""
     count = 0
-    spans = np.empty((2 * len(power) + 8, 4), dtype=np.int64)
     for row in range(len(power)):
         values, levels, least = power[row], threshold[row], limit[row]
         start, stop, detected = -1, -1, False
@@ -296,16 +313,15 @@ def detected_spans(power, threshold, limit, low, high, gap):
                 stop, detected = b + 1, detected or found
                 continue
             if detected:
-                if count == len(spans):
-                    spans = np.concatenate((spans, np.empty_like(spans)))
                 peak = start
                 for k in range(start + 1, stop):
                     if values[k] > values[peak]:
                         peak = k
-                spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
+                if count < len(spans):
+                    spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
                 count += 1
             start, stop, detected = b, b + 1, found
-    return spans[:count]
+    return count
 
 
 def strongest_bins(

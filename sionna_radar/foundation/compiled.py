@@ -131,9 +131,10 @@ class _Compilation(event.Listener):
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        cache = getattr(event.data["dispatcher"], "_cache", None)
-        if event.is_failed and isinstance(cache, SharedCache):
-            cache.give_up()
+        # Not by `event.is_failed`, which Numba has the wrong way round. What was compiled is saved after this event.
+        dispatcher, failed = event.data["dispatcher"], event.data["args"] not in event.data["dispatcher"].overloads
+        if failed and isinstance(getattr(dispatcher, "_cache", None), SharedCache):
+            dispatcher._cache.give_up()
         self._depth -= 1
         if self._depth == 0 and self._enabled:
             gc.enable()

@@ -55,9 +55,10 @@ def exponential_sums(
 
     def add(start: int, stop: int) -> None:
         grid = np.empty((min(stop - start, ROWS_AT_ONCE), points), dtype=np.complex128)
+        padded = np.empty((2, points + WIDTH))
         for low, high in parts(stop - start, ROWS_AT_ONCE):
             rows, used = slice(start + low, start + high), grid[: high - low]
-            _spread(first[rows], last[rows], frequency, weight, pieces, used)
+            _spread(first[rows], last[rows], frequency, weight, pieces, *padded, used)
             transform = ifft(used, axis=1, overwrite_x=True, norm="forward")
             _finish(transform, correction, bend[rows], sums[rows])
 
@@ -96,12 +97,11 @@ def spreading_pieces() -> Float[np.ndarray, "piece 4 point"]:
 
 @compiled
 @no_type_check
-def _spread(first, last, frequency, weight, pieces, grid):
+def _spread(first, last, frequency, weight, pieces, real, imaginary, grid):
     points = grid.shape[1]
-    real, imaginary = np.empty(points + WIDTH), np.empty(points + WIDTH)
     for row in range(len(grid)):
-        real[:] = 0.0
-        imaginary[:] = 0.0
+        for k in range(points + WIDTH):
+            real[k] = imaginary[k] = 0.0
         for path in range(first[row], last[row]):
             a, b = weight[path].real, weight[path].imag
             if a == 0.0 and b == 0.0:

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from filelock import FileLock
+from filelock import FileLock, Timeout
 from numba import TypingError
 from numba.core.caching import FunctionCache
 
@@ -85,10 +85,29 @@ def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
     def broken(values):
         return values.no_such_attribute
 
+    lock = FileLock(broken._cache._new_lock().lock_file)
     with pytest.raises(TypingError):
         broken(np.array([1.5]))
-    assert not broken._cache.is_claimed()
+    with lock.acquire(blocking=False):
+        pass
     assert gc.isenabled()
+
+
+def test_a_function_is_not_given_to_other_processes_before_it_is_saved(monkeypatch):
+    function, saved = compiled(doubled), []
+    other = FileLock(function._cache._new_lock().lock_file)
+    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
+
+    def save(self, signature, data) -> None:
+        with pytest.raises(Timeout), other.acquire(blocking=False):
+            pass
+        saved.append(signature)
+
+    monkeypatch.setattr(FunctionCache, "save_overload", save)
+    assert function(np.array([1.5])) == 3.0
+    assert len(saved) == 1
+    with other.acquire(blocking=False):
+        pass
 
 
 def test_a_process_waits_for_another_that_compiles_the_same_function(monkeypatch):

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from numba import types
 from numba.core.caching import FunctionCache
 
 from sionna_radar.foundation import precompile
@@ -48,14 +49,40 @@ def test_every_line_names_a_compiled_function(method):
     assert len(functions) == len({(function, types) for function, types in functions})
 
 
-def test_without_a_cache_on_disk_nothing_is_compiled_ahead(monkeypatch):
+@pytest.mark.parametrize("place", ["chosen", "package", "user"])
+def test_processes_are_started_unless_the_last_function_is_on_disk(place, monkeypatch, tmp_path):
+    started = []
+    monkeypatch.setattr(precompile.subprocess, "Popen", lambda command, **_: started.append(command))
+    monkeypatch.setattr(precompile, "cores", lambda: 3)
+    monkeypatch.setattr(precompile, "_lines", lambda method: iter([("scene.relief", "_hides", ""), ("a.b", "c", "")]))
+    monkeypatch.setattr(precompile, "HERE", tmp_path / "package")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    if place == "chosen":
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "chosen"))
+    folders = {"chosen": "chosen/a_1234", "package": "package/a/__pycache__", "user": "user/numba/a_1234"}
+    folder = tmp_path / folders[place]
+    folder.mkdir(parents=True)
+    (folder / "b.cd-7.py311.nbi").touch()
+    precompile.start("linear")
+    assert [command[-1] for command in started] == ["linear", "linear"]
+    (folder / "b.c-7.py311.nbi").touch()
+    precompile.start("linear")
+    assert len(started) == 2
+
+
+def test_processes_are_started_without_numba():
+    code = "import sys; from sionna_radar.foundation import precompile; print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_nothing_is_compiled_ahead_where_it_cannot_be_kept(monkeypatch):
     monkeypatch.setattr(FunctionCache, "__init__", _not_writable)
     function = compiled(lambda value: value)
-    monkeypatch.setattr(precompile, "signatures", lambda method: iter([(function, ())]))
-    started = []
-    monkeypatch.setattr(precompile.subprocess, "Popen", started.append)
-    precompile.start("linear")
-    assert started == []
+    monkeypatch.setattr(precompile, "signatures", lambda method: iter([(function, (types.int64,))]))
+    main(["linear"])
+    assert function.signatures == []
 
 
 def _not_writable(self, function):

@@ -110,16 +110,22 @@ class CellTree:
         beam: what is searched of them.
         """
         axes = np.ascontiguousarray(R_world_antenna)
-        return _search(self.centre_m, self.half_m, self.radius_m, apex_m, axes, beam.left, beam.up)
+        edges, stack = np.zeros(len(apex_m) + 1, dtype=np.int64), np.empty(128, dtype=np.int64)
+        room = 64 * len(apex_m) + 64
+        while True:
+            found = np.empty(room, dtype=np.int64)
+            beams = apex_m, axes, beam.left, beam.up
+            count = _search(self.centre_m, self.half_m, self.radius_m, *beams, stack, edges, found)
+            if count <= room:
+                return edges, found[:count]
+            room = count
 
 
 @compiled
 @no_type_check
-def _search(centre, half, radius, apex, axes, half_left, half_up):
+def _search(centre, half, radius, apex, axes, half_left, half_up, stack, edges, out):
+    """Write the cells of each beam, as far as there is room, and where they end; return how many they are."""
     leaves = len(radius) // 2
-    edges = np.zeros(len(apex) + 1, dtype=np.int64)
-    out = np.empty(64 * len(apex) + 64, dtype=np.int64)
-    stack = np.empty(128, dtype=np.int64)
     count = 0
     for beam in range(len(apex)):
         ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]
@@ -149,12 +155,8 @@ def _search(centre, half, radius, apex, axes, half_left, half_up):
                 stack[depth], stack[depth + 1] = 2 * node + 1, 2 * node
                 depth += 2
                 continue
-            if count == len(out):
-                grown = np.empty(2 * len(out), dtype=np.int64)
-                for k in range(count):
-                    grown[k] = out[k]
-                out = grown
-            out[count] = node - leaves
+            if count < len(out):
+                out[count] = node - leaves
             count += 1
         edges[beam + 1] = count
-    return edges, out[:count]
+    return count

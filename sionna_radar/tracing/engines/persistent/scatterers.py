@@ -25,6 +25,7 @@ from sionna_radar.tracing.engines.persistent.surface_cells import (
     cells_of,
     corners_of,
     expected_of,
+    scratch,
 )
 
 # Scatterers kept for later pulses; those of one block may be more.
@@ -105,8 +106,10 @@ class Scatterers:
         key = (density.key, None if region_m is None else region_m.tobytes())
         found = divide() if caster is None else caster.once("scatterers' cells", key, divide)
         self._triangles, self.cells, self._tree = found
-        self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
-        self._count = _counts(self._state, self.cells.expected)
+        self._state = np.empty(len(self.cells), dtype=np.uint64)
+        _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m, self._state)
+        self._count = np.empty(len(self.cells), dtype=np.int64)
+        _counts(self._state, self.cells.expected, self._count)
         self.release_memory()
 
     def release_memory(self) -> None:
@@ -135,7 +138,9 @@ class Scatterers:
         self._draw(np.unique(cell))
         out = self._room_for(int(self._count[cell].sum()) + spare)
         beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
-        return out, _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns)
+        ends = np.empty(len(edges), dtype=np.int64)
+        _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, ends)
+        return out, ends
 
     def _room_for(self, count: int) -> SeenPlaces:
         """Return a table to be written into, in the memory of the last one if that is enough.
@@ -173,7 +178,7 @@ class Scatterers:
             (self._triangles.vertices_m, self._triangles.corners, self._triangles.first),
             self.density.columns,
         )
-        _fill(new, self._at, self._count, self._state, pieces, *meshes, density, self._points.columns)
+        _fill(new, self._at, self._count, self._state, pieces, *meshes, density, self._points.columns, *scratch())
         self._used = needed
 
 
@@ -195,8 +200,7 @@ def _unit(state, number):
 
 @compiled
 @no_type_check
-def _states(seed, surface, place, side):
-    out = np.empty(len(surface), dtype=np.uint64)
+def _states(seed, surface, place, side, out):
     level = int(np.rint(np.log2(side))) + 64
     first = _mixed(_mixed(seed + GOLDEN) + np.uint64(level))
     for cell in range(len(surface)):
@@ -204,22 +208,19 @@ def _states(seed, surface, place, side):
         for axis in range(3):
             state = _mixed(state + np.uint64(place[cell, axis] + 2**40) * GOLDEN)
         out[cell] = state
-    return out
 
 
 @compiled
 @no_type_check
-def _counts(state, expected):
-    """Return the number of scatterers of each cell: its expected number, rounded up or down at random without bias."""
-    out = np.empty(len(state), dtype=np.int64)
+def _counts(state, expected, out):
+    """Write the number of scatterers of each cell: its expected number, rounded up or down at random without bias."""
     for cell in range(len(state)):
         out[cell] = int(np.floor(expected[cell] + _unit(state[cell], np.int64(0))))
-    return out
 
 
 @compiled
 @no_type_check
-def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, density, columns):
+def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, density, columns, corner, piece):
     """Draw the scatterers of some cells.
 
     They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
@@ -227,7 +228,6 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
     """
     first, face, parts, part, surface, expected = pieces
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
-    corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for cell in chosen:
         count, state = counts[cell], states[cell]
         if count == 0:
@@ -272,11 +272,12 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
 
 @compiled
 @no_type_check
-def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns):
-    """Write the scatterers inside beams, beam by beam, and return the first row of each beam and the total."""
+def _inside(
+    edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, ends
+):  # fmt: skip
+    """Write the scatterers inside beams, beam by beam, the first row of each beam, and the total."""
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
     row, east, north, above, range_m, rate, cosine, solid_angle, surface, face, factor = columns
-    ends = np.empty(len(apex) + 1, dtype=np.int64)
     ends[0] = n = 0
     per_left, per_up = 1.0 / half_left, 1.0 / half_up
     for beam in range(len(apex)):
@@ -310,4 +311,3 @@ def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half
                     factor[n] = reflectivity[i] * complex(*turned(wander[i] * wander_hz * time_s[beam]))
                 n += 1
         ends[beam + 1] = n
-    return ends

@@ -114,7 +114,7 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     first = order[edges[:-1]]
     low, high = np.full((len(first), 3), np.inf), np.full((len(first), 3), -np.inf)
     total = np.zeros(len(first))
-    _boxes(order, edges, face, parts, part, expected, *meshes, low, high, total)
+    _boxes(order, edges, face, parts, part, expected, *meshes, *scratch(), low, high, total)
     return SurfaceCells(
         side_m=side,
         surface=surface[first],
@@ -143,7 +143,7 @@ def _all_pieces(
         room, at = min(max(1024, (high - low) // 2), MAX_PIECES), np.array([low, 0, 0])
         columns = [np.empty((room, *size), dtype=kind) for kind, *size in PIECE]
         while True:
-            _pieces(at, high, *meshes, box, density.columns, *sizes, *columns)
+            _pieces(at, high, *meshes, box, density.columns, *sizes, *scratch(), *columns)
             count = int(at[2])
             if at[0] == high or room == MAX_PIECES:
                 break
@@ -155,6 +155,11 @@ def _all_pieces(
     return [np.concatenate(column) for column in zip(*(parts[low] for low in sorted(parts)), strict=True)]
 
 
+def scratch() -> np.ndarray:
+    """Return room for the corners of a triangle and of a piece of it, which compiled code writes and reads."""
+    return np.empty((2, 3, 3))
+
+
 def _grown(column: np.ndarray, room: int) -> np.ndarray:
     """Return a larger array with the entries of a full one at its beginning."""
     out = np.empty((room, *column.shape[1:]), dtype=column.dtype)
@@ -164,9 +169,8 @@ def _grown(column: np.ndarray, room: int) -> np.ndarray:
 
 @compiled
 @no_type_check
-def _boxes(order, edges, face, parts, part, expected, vertices, corners, low, high, total):
+def _boxes(order, edges, face, parts, part, expected, vertices, corners, corner, piece, low, high, total):
     """Extend the boxes of the cells around their pieces, and add up the pieces' expected numbers of scatterers."""
-    corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for cell in range(len(edges) - 1):
         for k in range(edges[cell], edges[cell + 1]):
             own = order[k]
@@ -245,13 +249,15 @@ def _parts(corner, longest):
 
 @compiled
 @no_type_check
-def _pieces(at, high, vertices, corners, box, density, side, longest, most_parts, face, parts, part, place, expected):
+def _pieces(
+    at, high, vertices, corners, box, density, side, longest, most_parts, corner, piece, face, parts, part, place,
+    expected,
+):  # fmt: skip
     """Write the pieces that bear scatterers, of the triangles before `high`, as long as there is room.
 
     at: where to begin, and then where the room ended: triangle (`high` at the end), part of it, and pieces written.
     """
     first_part, count = at[1], at[2]
-    corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for f in range(at[0], high):
         corners_of(f, vertices, corners, corner)
         outside, across2 = False, 0.0
