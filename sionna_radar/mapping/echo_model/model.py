@@ -125,7 +125,11 @@ class Sightings:
         """Return the beam's nodes in the world frame."""
         turn, node = self.pose.R_world_antenna, self.beam.direction
         result = np.empty((len(turn), len(node), 3))
-        over_rows(lambda low, high: np.einsum("pij,kj->pki", turn[low:high], node, out=result[low:high]), len(turn))
+
+        def some(low: int, high: int) -> None:
+            np.einsum("pij,kj->pki", turn[low:high], node, out=result[low:high])
+
+        over_rows(some, len(turn))
         return result
 
     def corner_directions(self) -> Float[np.ndarray, "pulse 4 3"]:
