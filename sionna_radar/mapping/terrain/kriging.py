@@ -100,7 +100,8 @@ class Kriging:
         exact, root, rounding = min(EXACT, count), None, ROUNDING
         while root is None:
             try:
-                root = np.linalg.cholesky(total(np.arange(exact)[None])[0])
+                # In Fortran's order, as LAPACK solves by it.
+                root = np.asfortranarray(np.linalg.cholesky(total(np.arange(exact)[None])[0]))
             except np.linalg.LinAlgError:
                 if rounding > 1.0:  # so the covariance is not finite
                     raise

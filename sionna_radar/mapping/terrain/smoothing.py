@@ -37,6 +37,8 @@ PADDING_M = 20.0
 MAX_ITERATIONS = 1000
 # Of the residual; heights are then within 0.1 mm of the exact solution.
 TOLERANCE = 1e-6
+# Cells below which a Fourier transform on several cores takes longer than on one; no result depends on it.
+FEW_CELLS = 40_000
 
 
 @dataclass(frozen=True)
@@ -76,21 +78,20 @@ class TerrainModel:
 
     def coloured(self, white: Float[np.ndarray, " n"]) -> Float[np.ndarray, " cell"]:
         """Return the field of the terrain's covariance that white fields, one for each filter, stand for."""
-        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.amplitude.shape))
-        field: Float[np.ndarray, "row column"] = np.sum(
-            self.amplitude * scipy.fft.irfft2(spectrum, s=self.grid.shape), axis=0
-        )
-        return field.ravel()
+        workers = _cores_for(self.grid)
+        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.amplitude.shape), workers=workers)
+        fields = scipy.fft.irfft2(spectrum, s=self.grid.shape, overwrite_x=True, workers=workers)
+        return np.sum(self.amplitude * fields, axis=0).ravel()
 
     def adjoint(self, field: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " n"]:
         """Return the transpose of `coloured`, applied to a field."""
-        spectrum = self.root * scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape))
-        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
-        return white.ravel()
+        workers = _cores_for(self.grid)
+        spectrum = self.root * scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape), workers=workers)
+        return scipy.fft.irfft2(spectrum, s=self.grid.shape, overwrite_x=True, workers=workers).ravel()
 
     def covaried(self, field: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
         """Return `coloured` of the `adjoint` of a field: the covariance of all heights with the sum that it weighs."""
-        workers = own_cores()
+        workers = _cores_for(self.grid)
         spectrum = scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape), workers=workers)
         fields = scipy.fft.irfft2(self.root**2 * spectrum, s=self.grid.shape, overwrite_x=True, workers=workers)
         return np.sum(self.amplitude * fields, axis=0).ravel()
@@ -134,7 +135,8 @@ class TerrainModel:
         twice[0] /= np.sqrt(2)
         if self.grid.columns % 2 == 0:
             twice[-1] /= np.sqrt(2)
-        every = twice * scipy.fft.rfft2(right.reshape(self.amplitude.shape))
+        workers, few_workers = _cores_for(self.grid), _cores_for(self.grid, times)
+        every = twice * scipy.fft.rfft2(right.reshape(self.amplitude.shape), workers=workers)
         few = self.grid.rows // times, self.grid.columns // times
         low = np.ix_(np.arange(len(every)), _low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
         root = self.root[low].copy()
@@ -142,13 +144,13 @@ class TerrainModel:
             # A wave of two cells is not told from its mirror.
             root[:, few[0] // 2], root[:, :, -1] = 0.0, 0.0
         down, up = root * twice[low[2]], root / twice[low[2]] / times**2
-        amplitude, workers = self.amplitude[:, ::times, ::times], own_cores()
+        amplitude = self.amplitude[:, ::times, ::times]
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             spectrum = up * flat.view(complex).reshape(down.shape)
-            fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
+            fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=few_workers)
             field = fields[0] if len(fields) == 1 else fields[0] + fields[1]
-            informed = scipy.fft.rfft2(amplitude * information(field.ravel()).reshape(few), workers=workers)
+            informed = scipy.fft.rfft2(amplitude * information(field.ravel()).reshape(few), workers=few_workers)
             informed *= down
             return flat + informed.ravel().view(float)
 
@@ -157,8 +159,7 @@ class TerrainModel:
         system = LinearOperator((len(given), len(given)), matvec=normal, dtype=float)
         found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
         every[low] = found.view(complex).reshape(down.shape)
-        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
-        return white.ravel()
+        return scipy.fft.irfft2(every / twice, s=shape, overwrite_x=True, workers=workers).ravel()
 
     @staticmethod
     def flat(grid: Grid, trend: Float[np.ndarray, "3"]) -> Heightfield:
@@ -236,6 +237,11 @@ def smooth_with(
     excess = (heights.height_m - weights @ model.trend_m.ravel()) / sigma
     errors, _ = cg(system, excess, rtol=TOLERANCE, maxiter=MAX_ITERATIONS, M=nearly)
     return Smoothed(model, model.adjoint(transposed @ (errors / sigma)), fitted.noise_factor)
+
+
+def _cores_for(grid: Grid, times: int = 1) -> int:
+    """Return the number of cores for the Fourier transforms of a grid, or of a coarser one."""
+    return own_cores() if grid.rows * grid.columns >= FEW_CELLS * times**2 else 1
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:
