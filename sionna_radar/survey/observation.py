@@ -1,6 +1,6 @@
 """Observation of a prepared survey: the echoes that its sensor returns, segment by segment.
 
-A segment consists of consecutive blocks of pulses. Its observations are serialised: workers return them, and
+A segment consists of consecutive blocks of pulses. Its observations are serialised where workers return them or
 checkpoints hold them.
 
 DEM height errors due to the stated errors of the navigation system.
@@ -248,7 +248,12 @@ def observe(
             with timed("prepare"):
                 sensor = source.build_sensor()
             blocks = [block for key in execution.missing(tasks) for block in tasks[key]["blocks"]]
-            found = _results(execution, tasks, SegmentObserver(source, sensor, blocks, recorders).segment, steps)
+            observer = SegmentObserver(source, sensor, blocks, recorders)
+            if execution.checkpoints is None:
+                # Nothing leaves this process.
+                found = {key: observer.observed(task) for key, task in tasks.items()}
+            else:
+                found = _results(execution, tasks, observer.segment, steps)
     whole = Segment.joined([found[key][0] for key in tasks])
     tally = source.tally()
     for _, counted in (found[key] for key in tasks):
@@ -309,12 +314,17 @@ class SegmentObserver:
         self._observed = observe_blocks((source.flight.pulses(np.arange(*block)) for block in blocks), sensor)
 
     def segment(self, task: Task) -> bytes:
-        """Return the next segment, serialised."""
+        """Return the next segment and its tally of true hits, serialised."""
+        seen, counted = self.observed(task)
+        return packed(seen=seen, counted=counted)
+
+    def observed(self, task: Task) -> tuple[Segment, Counted | None]:
+        """Return the next segment and its tally of true hits, if any."""
         seen = []
         for first, end in task["blocks"]:
             seen.append(self._counted(next(self._observed)))
             advance(end - first)
-        return packed(seen=Segment.joined(seen), counted=None if self._tally is None else self._tally.taken())
+        return Segment.joined(seen), None if self._tally is None else self._tally.taken()
 
     def _counted(self, block: ObservedBlock) -> Segment:
         """Return the echoes, profiles and counts of a block, after tallying and recording it."""
