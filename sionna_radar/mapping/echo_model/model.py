@@ -123,18 +123,11 @@ class Sightings:
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""
-        turn, node = self.pose.R_world_antenna, self.beam.direction
-        result = np.empty((len(turn), len(node), 3))
-
-        def some(low: int, high: int) -> None:
-            np.einsum("pij,kj->pki", turn[low:high], node, out=result[low:high])
-
-        over_rows(some, len(turn))
-        return result
+        return in_world(self.pose, self.beam.direction)
 
     def corner_directions(self) -> Float[np.ndarray, "pulse 4 3"]:
         """Return the corners of the main lobe in the world frame."""
-        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction[self.beam.corners])
+        return in_world(self.pose, self.beam.direction[self.beam.corners])
 
     def echo_direction(self) -> Float[np.ndarray, "pulse 3"]:
         """Return the directions of the mean ranges: the axis, or behind rain those beside it; see `VolumeInFront`."""
@@ -156,6 +149,17 @@ class Sightings:
         """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
         return self.doppler * self.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
+
+
+def in_world(pose: Pose, direction: Float[np.ndarray, "node 3"]) -> Float[np.ndarray, "pulse node 3"]:
+    """Return directions in the antenna's frame in the world frame, for each pose."""
+    result = np.empty((len(pose), len(direction), 3))
+
+    def some(low: int, high: int) -> None:
+        np.einsum("pij,kj->pki", pose.R_world_antenna[low:high], direction, out=result[low:high])
+
+    over_rows(some, len(pose))
+    return result
 
 
 @dataclass(frozen=True)

@@ -308,15 +308,17 @@ class _Block:
         from sionna_radar.mapping.stepped.border_kernels import improve
 
         count = changed.shape[1]
-        tile = np.stack([cells // count, cells % count]) // crossing.tile_cells
+        across = count // crossing.tile_cells + 1
+        row, column = cells // count // crossing.tile_cells, cells % count // crossing.tile_cells
+        tile = row * across + column
         given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
             improve(*given, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
-            groups = [cells[turn & (tile == one[:, None]).all(axis=0)] for one in np.unique(tile[:, turn], axis=1).T]
+            turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
+            groups = [cells[tile == one] for one in np.unique(tile[turn])]
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
             list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
 

@@ -26,7 +26,7 @@ from jaxtyping import Float, Float32, Int
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import in_threads, over_rows, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
@@ -76,9 +76,18 @@ class Evidence:
     @property
     def lowest(self) -> Float32[np.ndarray, "row column level"]:
         """Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree."""
-        if self._against.shape[-1] == 0:
-            return np.zeros(self._against.shape[:-1], dtype=np.float32)
-        return np.asarray(self._against.min(axis=-1))
+        *shape, steps = self._against.shape
+        if steps == 0:
+            return np.zeros(shape, dtype=np.float32)
+        result = self._against[..., 0].copy()
+
+        def some(low: int, high: int) -> None:
+            # Several times as fast as a minimum over a short last axis.
+            for step in range(1, steps):
+                np.minimum(result[low:high], self._against[low:high, ..., step], out=result[low:high])
+
+        over_rows(some, len(result))
+        return result
 
     def _add(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
         def some(low: int, high: int) -> None:

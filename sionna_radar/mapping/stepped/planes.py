@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from sionna_radar.flight.pulses import rows_of
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.beam import beam_samples
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
+from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, in_world
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
@@ -240,7 +240,7 @@ class FilledBeams:
         near = self._near(grid, plane, step_m)
         points, pose = self.points.rows(near), self.sightings.pose.rows(self._row[near])
         sample, share = self._samples
-        ray = np.einsum("pij,kj->pki", pose.R_world_antenna, sample)
+        ray = in_world(pose, sample)
         origin = pose.position_m
 
         def falls(direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
