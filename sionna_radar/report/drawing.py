@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,12 +18,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.threads import beside
 
 # Okabe and Ito
 BLUE = "#0072b2"
@@ -206,20 +209,31 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     """Draw several figures of a subject, each into `NAME.png` of a directory, and return the files."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"{name}.png" for name in drawings]
+    written: list[Callable[[], None]] = []
     for path, draw in zip(paths, drawings.values(), strict=True):
-        _save(draw(subject), path)
+        # One is written while the next one is drawn.
+        written.append(beside(partial(_write, _drawn(draw(subject)), path)))
+    for finish in written:
+        finish()
     return paths
 
 
-def _save(figure: Figure, path: Path) -> None:
-    """Write the picture that `figure.savefig` does, drawn once: it would draw everything twice for the layout."""
+def _drawn(figure: Figure) -> FigureCanvasAgg:
+    """Return the picture that `figure.savefig` makes, drawn once: it would draw everything twice for the layout."""
     figure.set_dpi(DPI)
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return canvas
+
+
+def _write(canvas: FigureCanvasAgg, path: Path) -> None:
     # Run lengths alone: two thirds of the time, files longer by a seventh.
-    FigureCanvasAgg(figure).print_png(path, pil_kwargs={"compress_type": zlib.Z_RLE})
+    compression = {"compress_type": zlib.Z_RLE}
+    imsave(path, canvas.buffer_rgba(), format="png", origin="upper", dpi=DPI, pil_kwargs=compression)
 
 
 UNITS = {
