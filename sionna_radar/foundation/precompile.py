@@ -43,7 +43,7 @@ def start(method: str) -> None:
 def _is_on_disk(module: str, name: str) -> bool:
     """Return True if there is compiled code of a function, for any types, in one of the places where Numba keeps it."""
     *folders, file = module.split(".")
-    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    users = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "numba"  # noqa: PTH111 (raises nothing without a home)
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     places = Path(chosen).glob("*") if chosen else (HERE.joinpath(*folders, "__pycache__"), *users.glob("*"))
     return any(index for place in places for index in place.glob(f"{file}.{name}-*.nbi"))
