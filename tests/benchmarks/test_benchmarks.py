@@ -99,6 +99,7 @@ def record(ratios: Iterable[Ratio], table: Path, version: str) -> None:
 
 
 @pytest.mark.benchmark
+@pytest.mark.usefixtures("unchecked")
 def test_every_ratio_keeps_its_bound(capsys):
     ratios = told(measure(), capsys)
     record(ratios, SPEED, sionna_radar.__version__)
