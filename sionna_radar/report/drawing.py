@@ -209,10 +209,11 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     """Draw several figures of a subject, each into `NAME.png` of a directory, and return the files."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"{name}.png" for name in drawings]
-    written: list[Callable[[], None]] = []
-    for path, draw in zip(paths, drawings.values(), strict=True):
-        # One is written while the next one is drawn.
-        written.append(beside(partial(_write, _drawn(draw(subject)), path)))
+    # One is written while the next one is drawn.
+    written = [
+        beside(partial(_write, _drawn(draw(subject)), path))
+        for path, draw in zip(paths, drawings.values(), strict=True)
+    ]
     for finish in written:
         finish()
     return paths

@@ -34,8 +34,8 @@ class _WithMeanings(GenerateJsonSchema):
             json_schema["description"], meaning = summary(table), meanings(table)
             for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if name in meaning:
-                    entry["description"] = " ".join(meaning[name].split()) + unit
+                if told := entry.get("description") or meaning.get(name):
+                    entry["description"] = " ".join(told.split()) + unit
                 entry.pop("title", None)
         return json_schema
 
@@ -51,7 +51,7 @@ def meanings(table: type[BaseModel]) -> dict[str, str]:
     for part in reversed(table.__mro__[: table.__mro__.index(BaseModel)]):
         try:
             body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
-        except OSError:  # made in an interactive session
+        except (OSError, TypeError):  # made in an interactive session
             continue
         for field, text in pairwise(body):
             match field, text:

@@ -1,7 +1,8 @@
 """The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
 
-The meaning of a key is the string under its field; pydantic would read the source of each table to find it whenever
-the package is imported, which takes 0.1 s (`reference`). The unit of a key is the end of its name.
+The meaning of a key is its field's description, or the string under it (`reference.meanings`); pydantic would read
+the source of each table to find it whenever the package is imported, which takes 0.1 s. The unit of a key is the end
+of its name.
 """
 
 import inspect

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 
 from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
 from sionna_radar.scenario import reference, scenario_schema
-from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, sections
+from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, meanings, sections
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import unit_of
 
@@ -175,3 +175,30 @@ def test_keys_complete():
     assert "radar.antenna.beamwidth_deg" in keys
     assert "dem.method" in keys
     assert not any("[" in key or "NAME" in key for key in keys)
+
+
+class _Part(Parameters):
+    width_m: float = 2.0
+    """How wide
+    it is."""
+    height_m: float = Field(1.0, description="How high it is.")
+    """Not this."""
+    depth_m: float = 1.0
+
+
+class _Wider(_Part):
+    width_m: float = 3.0
+
+
+def test_a_meaning_is_the_string_under_a_key_or_its_description():
+    told = {
+        name: entry.get("description")
+        for name, entry in _Wider.model_json_schema(schema_generator=_WithMeanings)["properties"].items()
+    }
+    assert told == {"width_m": "How wide it is. (m)", "height_m": "How high it is. (m)", "depth_m": None}
+
+
+def test_a_table_without_source_has_no_meanings():
+    named: dict[str, type[Parameters]] = {}
+    exec("class Sourceless(Parameters):\n    width_m: float = 2.0\n    'How wide.'", {"Parameters": Parameters}, named)
+    assert meanings(named["Sourceless"]) == {}
