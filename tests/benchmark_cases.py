@@ -401,19 +401,26 @@ def _preparation_s(changes: dict[str, object]) -> float:
 
 
 def measure_start() -> Iterator[Ratio]:
-    """Yield the seconds of an import, of `--help` and of a first survey from the shell, all beside Python's own."""
+    """Yield the seconds of imports, of `--help` and of a first survey from the shell, all beside Python's own."""
     python_s = min(_seconds(["-c", "pass"])[1] for _ in range(REPEATS))
-    for name, arguments in (
-        ("`import sionna_radar`", ["-c", "import sionna_radar"]),
-        ("`--help`", ["-m", "sionna_radar", "--help"]),
-    ):
-        yield _start_ratio(name, [_seconds(arguments)[1] for _ in range(REPEATS)], python_s, 0.15)
+    *_, mitsuba = starts = [
+        _start_ratio(f"`{name}`", [_seconds(arguments)[1] for _ in range(REPEATS)], python_s, bound_s)
+        for name, arguments, bound_s in (
+            ("import sionna_radar", ["-c", "import sionna_radar"], 0.15),
+            ("--help", ["-m", "sionna_radar", "--help"], 0.15),
+            ("import mitsuba", ["-c", "import mitsuba"], None),
+        )
+    ]
+    yield from starts
     with tempfile.TemporaryDirectory() as folder:
         flights = [
             _seconds(["-m", "sionna_radar", "run", "hills", "-o", str(Path(folder, str(k)))]) for k in range(REPEATS)
         ]
     first, last = zip(*flights, strict=True)
-    yield _start_ratio("`run hills` until the result is printed", first, python_s, 3.0)
+    result = _start_ratio("`run hills` until the result is printed", first, python_s, 3.0)
+    yield result
+    name = "`run hills` until the result is printed / `import mitsuba`"
+    yield Ratio(name=name, value=result.value / mitsuba.value, bound=None, at_most=True)
     yield _start_ratio("`run hills` until all is written and drawn", last, python_s, None)
     for scene in ("hills", "san_francisco"):
         with tempfile.TemporaryDirectory() as folder:

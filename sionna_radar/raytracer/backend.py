@@ -24,6 +24,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from jaxtyping import Shaped
+from numpy.typing import DTypeLike
+
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import given_threads
 
@@ -65,6 +69,32 @@ def _library() -> Any:
     except OSError:  # another C library
         return None
     return library if hasattr(library, "fesetenv") else None
+
+
+# Widest vectors of Dr.Jit, bytes.
+VECTOR_BYTES = 64
+
+
+def aligned(values: Shaped[np.ndarray, " n"], dtype: DTypeLike = np.float32) -> Shaped[np.ndarray, " n"]:
+    """Return values as Dr.Jit should get them, copied unless they lie so already.
+
+    Dr.Jit takes arrays over where they lie, and compiles a kernel for each combination of inputs that begin at a
+    multiple of the width of its vectors and others that do not, which NumPy leaves to chance. Of an array of several
+    columns it compiles one for each length: the columns are given one by one.
+    """
+    if values.dtype == dtype and values.flags.c_contiguous and values.ctypes.data % VECTOR_BYTES == 0:
+        return values
+    result = aligned_room(len(values), dtype)
+    result[:] = values
+    return result
+
+
+def aligned_room(count: int, dtype: DTypeLike = np.float32) -> Shaped[np.ndarray, " n"]:
+    """Return an array to be written into, as Dr.Jit should get it; see `aligned`."""
+    size = count * np.dtype(dtype).itemsize
+    room = np.empty(size + VECTOR_BYTES, dtype=np.uint8)
+    begin = -room.ctypes.data % VECTOR_BYTES
+    return room[begin : begin + size].view(dtype)
 
 
 OLDEST_LLVM = 17

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, Integer
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
+from sionna_radar.raytracer.backend import aligned, aligned_room, flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.relief import Relief
 
@@ -80,23 +80,23 @@ def _rays(
     mi = load_mitsuba()
     import drjit as dr
 
-    direction, length = np.empty((3, len(row)), dtype=np.float32), np.empty(len(row), dtype=np.float32)
-    ends = (np.asarray(origin_m, dtype=np.float64), row, point_m, 1 - short, direction, length)
+    *direction, length = written = tuple(aligned_room(len(row)) for _ in range(4))
+    ends = np.asarray(origin_m, dtype=np.float64), row, point_m, 1 - short, *written
     over_rows(lambda low, high: _directions(low, high, *ends), len(row))
-    origin = dr.gather(mi.Point3f, mi.Point3f(origin_m.T.astype(np.float32)), mi.UInt32(row.astype(np.uint32)))
-    ray = mi.Ray3f(origin, mi.Vector3f(direction))
+    origin = dr.gather(mi.Point3f, mi.Point3f(*map(aligned, origin_m.T)), mi.UInt32(aligned(row, np.uint32)))
+    ray = mi.Ray3f(origin, mi.Vector3f(*direction))
     ray.maxt = mi.Float(length)
     return ray
 
 
 @compiled
 @no_type_check
-def _directions(low, high, origin, row, point, share, direction, length):
+def _directions(low, high, origin, row, point, share, to_x, to_y, to_z, length):
     for ray in range(low, high):
         start = origin[row[ray]]
         x, y, z = point[ray, 0] - start[0], point[ray, 1] - start[1], point[ray, 2] - start[2]
         distance = np.sqrt(x * x + y * y + z * z)
-        direction[0, ray], direction[1, ray], direction[2, ray] = x / distance, y / distance, z / distance
+        to_x[ray], to_y[ray], to_z[ray] = x / distance, y / distance, z / distance
         length[ray] = distance * share
 
 
@@ -183,7 +183,7 @@ class RayCaster:
         mi = load_mitsuba()
         import drjit as dr
 
-        ray = mi.Ray3f(mi.Point3f(origin_m.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
+        ray = mi.Ray3f(mi.Point3f(*map(aligned, origin_m.T)), mi.Vector3f(*map(aligned, direction.T)))
         dr.eval(ray)
         return ray
 

@@ -18,7 +18,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.raytracer.backend import flushed_denormals
+from sionna_radar.raytracer.backend import aligned, flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.beam.rays import beam_rays, beam_sampler
@@ -203,7 +203,7 @@ class BeamEngine:
         unit = []
         for column, lattice in enumerate(self._unit):
             moved = dr.gather(mi.Float, lattice, ray)
-            moved += dr.gather(mi.Float, mi.Float(shift[:, column].astype(np.float32)), row)
+            moved += dr.gather(mi.Float, mi.Float(aligned(shift[:, column])), row)
             unit.append(moved - dr.floor(moved))
         in_beam = ray < sampler.beam_rays
         (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
@@ -213,7 +213,7 @@ class BeamEngine:
 
     def _columns(self, pulses: Pulses, buffer, incidence, rate) -> _Columns:  # type: ignore[no-untyped-def]
         phase = pulse_uniforms(self.seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
-        gain = buffer.a[0][0] * dr.exp(mi.Complex2f(0, 2 * dr.pi * mi.Float(phase.astype(np.float32).ravel())))
+        gain = buffer.a[0][0] * dr.exp(mi.Complex2f(0, 2 * dr.pi * mi.Float(aligned(phase.ravel()))))
         dr.eval(buffer.valid, gain, buffer.tau)
         keep = dr.compress(buffer.valid)
         row, gain, tau, incidence, rate, x, y, z, shape = (
@@ -257,9 +257,9 @@ class BeamEngine:
 
 def point_of(array: Float[np.ndarray, "n 3"]) -> Any:
     """Return points on the device."""
-    return mi.Point3f(array.T.astype(np.float32))
+    return mi.Point3f(*map(aligned, array.T))
 
 
 def vector_of(array: Float[np.ndarray, "n 3"]) -> Any:
     """Return vectors on the device."""
-    return mi.Vector3f(array.T.astype(np.float32))
+    return mi.Vector3f(*map(aligned, array.T))

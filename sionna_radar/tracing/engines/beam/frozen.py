@@ -32,6 +32,7 @@ from jaxtyping import Float
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raytracer.backend import aligned
 from sionna_radar.tracing.engines.beam.beam import BeamEngine, RayHits, point_of, vector_of
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna.material import mi
@@ -88,11 +89,11 @@ class FrozenEchoes:
         turned = dr.gather(mi.Matrix3f, rotation_matrix(point_of(sionna_angles(pulses.true.R_world_antenna))), hits.row)
         self._direction = turned.T @ mi.Vector3f(away / self._range_m)
         self._cosine = dr.abs(dr.dot(hits.normal, mi.Vector3f(away))) / mi.Float(self._range_m)
-        self._surface = mi.UInt32(np.maximum(sionna.surface_of_shape[hits.shape.numpy()], 0).astype(np.uint32))
+        self._surface = mi.UInt32(aligned(np.maximum(sionna.surface_of_shape[hits.shape.numpy()], 0), np.uint32))
         self._turns = None
         if fixed_speckle:
             drawn = pulse_uniforms(engine.seed, Stream.SPECKLE, pulses.index, dr.width(hits.row) // len(pulses))
-            self._turns = mi.Float(drawn.astype(np.float32).ravel())
+            self._turns = mi.Float(aligned(drawn.ravel()))
         self._table = mi.Float(cells.response.astype(np.float32))
         dr.eval(self._range_m, self._cosine, self._direction, self._surface, self._table)
 
@@ -117,12 +118,16 @@ class FrozenEchoes:
             for direction in directions:
                 dr.clear_grad(inputs)
                 # Every gradient is written, a zero as well: the last direction's would stay.
-                rates = (direction.position_m, direction.angles_rad, direction.velocity_mps)
+                rates = (
+                    _double(direction.position_m),
+                    point_of(direction.angles_rad),
+                    vector_of(direction.velocity_mps),
+                )
                 for value, rate in zip(poses, rates, strict=True):
-                    dr.set_grad(value, type(value)(*rate.T))
+                    dr.set_grad(value, rate)
                 dr.set_grad(bias, mi.Float64(direction.range_bias_m))
                 for table, rate in zip(tables, direction.tables, strict=True):
-                    dr.set_grad(table, mi.Float(rate.astype(np.float32)))
+                    dr.set_grad(table, mi.Float(aligned(rate)))
                 dr.forward_to(*wanted, flags=dr.ADFlag.ClearInterior | dr.ADFlag.AllowNoGrad)
                 rate_of = {name: dr.grad(value).numpy().astype(np.float64) for name, value in outputs.items()}
                 found.append(self._rates({n: dr.detach(v) for n, v in outputs.items()}, rate_of, of))
@@ -232,4 +237,4 @@ def _inputs(pose: Pose) -> tuple[Any, Any, Any]:
 
 
 def _double(array: Float[np.ndarray, "n 3"]) -> Any:
-    return _DOUBLE(*array.T)
+    return _DOUBLE(*(aligned(axis, np.float64) for axis in array.T))

@@ -27,7 +27,7 @@ from sionna_radar.foundation.threads import beside
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.two_way_grid import TwoWayGrid
-from sionna_radar.raytracer.backend import flushed_denormals
+from sionna_radar.raytracer.backend import aligned, flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.persistent.density import DensityMap, FilledBeam, filled_beam, power_grid
@@ -200,7 +200,7 @@ class PersistentEngine:
         """
         seen, spans = self._seen(pulses)
         field = self._fields(pulses, seen)
-        factor = mi.Complex2f(*(np.ascontiguousarray(part) for part in (seen.factor.real, seen.factor.imag)))
+        factor = mi.Complex2f(aligned(seen.factor.real), aligned(seen.factor.imag))
         yield DevicePaths(
             pulses=pulses,
             spans=tuple((bounds[:-1], bounds[1:]) for bounds in spans),
@@ -260,11 +260,11 @@ class PersistentEngine:
     def _fields(self, pulses: Pulses, seen: SeenPlaces) -> Any:
         """Return the field from each place for a factor of one, in the memory of the ray tracer."""
         buffer = diffuse_buffer(
-            mi.UInt32(seen.row),
+            mi.UInt32(aligned(seen.row, np.uint32)),
             _points(seen.hit_m),
-            mi.UInt32(self._sionna.shape_of_surface.astype(np.uint32)[seen.surface]),
-            mi.UInt32(seen.face.view(np.uint32)),
-            4 * dr.pi / dr.maximum(mi.Float(seen.solid_angle_sr), 1e-30),
+            mi.UInt32(aligned(self._sionna.shape_of_surface[seen.surface], np.uint32)),
+            mi.UInt32(aligned(seen.face, np.uint32)),
+            4 * dr.pi / dr.maximum(mi.Float(aligned(seen.solid_angle_sr)), 1e-30),
             dr.full(mi.Bool, True, len(seen)),
         )
         apex, angles = pulses.true.position_m.T, sionna_angles(pulses.true.R_world_antenna).T
@@ -280,4 +280,4 @@ def _complex(gain: Any) -> Complex[np.ndarray, " place"]:
 
 
 def _points(columns: Float[np.ndarray, "3 n"]) -> Any:
-    return mi.Point3f(*(np.ascontiguousarray(column, dtype=np.float32) for column in columns))
+    return mi.Point3f(*map(aligned, columns))

@@ -10,6 +10,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.threads import over_rows
+from sionna_radar.raytracer.backend import VECTOR_BYTES, aligned_room
 from sionna_radar.tracing.paths import Paths
 
 
@@ -39,10 +40,12 @@ class SeenPlaces:
 
     @staticmethod
     def room_for(count: int) -> "SeenPlaces":
-        """Return a table to be written into.
+        """Return a table to be written into, of at least so many entries.
 
-        Its columns share one array, so large that only what is written of it takes memory.
+        Its columns share one array, so large that only what is written of it takes memory, and each begins as Dr.Jit
+        should get it.
         """
+        count = (count // VECTOR_BYTES + 1) * VECTOR_BYTES
         types = {f.name: np.float32 for f in fields(SeenPlaces)} | {
             "row": np.uint32,
             "range_m": np.float64,
@@ -51,10 +54,9 @@ class SeenPlaces:
             "factor": np.complex64,
         }
         shape = dict.fromkeys(types, (count,)) | {"hit_m": (3, count)}
-        # Widest first, so that each column begins at a multiple of its width.
-        widest = sorted(types, key=lambda name: -np.dtype(types[name]).itemsize)
-        table = np.empty((), dtype=[(name, types[name], shape[name]) for name in widest])
-        return SeenPlaces(**{name: table[name] for name in widest})
+        columns = np.dtype([(name, types[name], shape[name]) for name in types])
+        table = aligned_room(columns.itemsize, np.uint8).view(columns).reshape(())
+        return SeenPlaces(**{name: table[name] for name in types})
 
     def first(self, count: int) -> "SeenPlaces":
         """Return the first entries, in the memory of this table."""
