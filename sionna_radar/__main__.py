@@ -1,6 +1,9 @@
 """`python -m sionna_radar` is `sionna-radar`; interrupts are handled from before the first heavy import."""
 
 import gc
+import os
+import sys
+from importlib.util import cache_from_source
 
 from sionna_radar.execution.supervisor import supervised
 from sionna_radar.foundation.interrupts import interrupts_reported
@@ -15,6 +18,7 @@ def main() -> None:
 
 
 def _command_line() -> None:
+    _tell_of_first_start()
     # Imports make hundreds of thousands of objects that stay; looking through them again and again takes a sixth of the
     # time until the first result.
     gc.set_threshold(OBJECTS_AT_FIRST)
@@ -23,6 +27,13 @@ def _command_line() -> None:
         from sionna_radar.cli.app import main as command_line
 
         command_line()
+
+
+def _tell_of_first_start() -> None:
+    """Say on a terminal that this start takes seconds, if Python has not kept its byte code of the modules yet."""
+    kept = cache_from_source(os.path.join(os.path.dirname(__file__), "cli", "app.py"))  # noqa: PTH118, PTH120 (quick)
+    if sys.stderr.isatty() and not {"-q", "--quiet"} & set(sys.argv) and not os.path.exists(kept):  # noqa: PTH110
+        sys.stderr.write("starting, slower the first time\n")
 
 
 def _look_more_often(phase: str, _: object) -> None:

@@ -14,6 +14,7 @@ import rasterio
 
 from elevation_files import from_origin, write_heights
 from flight_logs import flown, regular, write_csv
+from sionna_radar import __main__ as command
 from sionna_radar.cli.session import log_to_stderr
 from sionna_radar.foundation.errors import WorkersLostError
 
@@ -29,6 +30,28 @@ def without_crs(tmp_path):
     rows = "\n".join(" ".join("10.0" for _ in range(20)) for _ in range(20))
     path.write_text(f"ncols 20\nnrows 20\nxllcorner 0\nyllcorner 0\ncellsize 10\nNODATA_value -9999\n{rows}\n")
     return path
+
+
+@pytest.mark.parametrize(
+    ("terminal", "kept", "arguments", "told"),
+    [
+        (True, False, ["demo"], "starting, slower the first time\n"),
+        (True, True, ["demo"], ""),
+        (False, False, ["demo"], ""),
+        (True, False, ["demo", "-q"], ""),
+    ],
+)
+def test_a_first_start_says_on_a_terminal_that_it_takes_longer(
+    terminal, kept, arguments, told, monkeypatch, capsys, tmp_path
+):
+    byte_code = tmp_path / "app.pyc"
+    if kept:
+        byte_code.touch()
+    monkeypatch.setattr(command, "cache_from_source", lambda _: str(byte_code))
+    monkeypatch.setattr(sys, "argv", ["sionna-radar", *arguments])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    command._tell_of_first_start()
+    assert capsys.readouterr().err == told
 
 
 def test_run_writes_every_product(cli, small, tmp_path):
