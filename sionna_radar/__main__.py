@@ -1,9 +1,9 @@
 """`python -m sionna_radar` is `sionna-radar`; interrupts are handled from before the first heavy import."""
 
 import gc
-import os
 import sys
 from importlib.util import cache_from_source
+from pathlib import Path
 
 from sionna_radar.execution.supervisor import supervised
 from sionna_radar.foundation.interrupts import interrupts_reported
@@ -30,10 +30,10 @@ def _command_line() -> None:
 
 
 def _tell_of_first_start() -> None:
-    """Say on a terminal that this start takes seconds, if Python has not kept its byte code of the modules yet."""
-    kept = cache_from_source(os.path.join(os.path.dirname(__file__), "cli", "app.py"))  # noqa: PTH118, PTH120 (quick)
-    if sys.stderr.isatty() and not {"-q", "--quiet"} & set(sys.argv) and not os.path.exists(kept):  # noqa: PTH110
-        sys.stderr.write("starting, slower the first time\n")
+    """Say on a terminal that this start takes seconds, if Python has no byte code of the modules yet."""
+    kept = Path(cache_from_source(str(Path(__file__).with_name("cli") / "app.py")))
+    if sys.stderr.isatty() and not {"-q", "--quiet"} & set(sys.argv) and not kept.exists():
+        sys.stderr.write("starting, Python compiles the modules first\n")
 
 
 def _look_more_often(phase: str, _: object) -> None:

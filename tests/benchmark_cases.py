@@ -403,7 +403,7 @@ def _preparation_s(changes: dict[str, object]) -> float:
 def measure_start() -> Iterator[Ratio]:
     """Yield the seconds of imports, of `--help` and of a first survey from the shell, all beside Python's own."""
     python_s = min(_seconds(["-c", "pass"])[1] for _ in range(REPEATS))
-    *_, mitsuba = starts = [
+    starts = [
         _start_ratio(f"`{name}`", [_seconds(arguments)[1] for _ in range(REPEATS)], python_s, bound_s)
         for name, arguments, bound_s in (
             ("import sionna_radar", ["-c", "import sionna_radar"], 0.15),
@@ -412,6 +412,7 @@ def measure_start() -> Iterator[Ratio]:
         )
     ]
     yield from starts
+    mitsuba_s = starts[-1].value
     with tempfile.TemporaryDirectory() as folder:
         flights = [
             _seconds(["-m", "sionna_radar", "run", "hills", "-o", str(Path(folder, str(k)))]) for k in range(REPEATS)
@@ -420,7 +421,7 @@ def measure_start() -> Iterator[Ratio]:
     result = _start_ratio("`run hills` until the result is printed", first, python_s, 3.0)
     yield result
     name = "`run hills` until the result is printed / `import mitsuba`"
-    yield Ratio(name=name, value=result.value / mitsuba.value, bound=None, at_most=True)
+    yield Ratio(name=name, value=result.value / mitsuba_s, bound=None, at_most=True)
     yield _start_ratio("`run hills` until all is written and drawn", last, python_s, None)
     for scene in ("hills", "san_francisco"):
         with tempfile.TemporaryDirectory() as folder:

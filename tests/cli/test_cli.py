@@ -35,7 +35,7 @@ def without_crs(tmp_path):
 @pytest.mark.parametrize(
     ("terminal", "kept", "arguments", "told"),
     [
-        (True, False, ["demo"], "starting, slower the first time\n"),
+        (True, False, ["demo"], "starting, Python compiles the modules first\n"),
         (True, True, ["demo"], ""),
         (False, False, ["demo"], ""),
         (True, False, ["demo", "-q"], ""),
