@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from miepython import efficiencies_mx
 from scipy.constants import speed_of_light
 from scipy.special import lpmv, spherical_jn, spherical_yn
 
@@ -25,6 +24,8 @@ def mie_backscatter(size: Float[np.ndarray, " n"], refractive_index: complex) ->
 
     size: circumference in wavelengths, above 0.
     """
+    from miepython import efficiencies_mx
+
     return efficiencies_mx(np.conj(refractive_index), size)[2]  # it has time as exp(+i w t)
 
 

@@ -220,3 +220,20 @@ def test_a_command_takes_the_backend(cli, monkeypatch, tmp_path):
         assert f"--backend: backend = {name}" in refused.stderr
         assert not (tmp_path / "out").exists()
         assert backend.BACKEND_VARIABLE not in os.environ
+
+
+def test_sionna_loads_its_preview_when_a_scene_is_previewed():
+    script = (
+        "import sys\n"
+        "from sionna_radar.raytracer.backend import load_mitsuba\n"
+        "load_mitsuba()\n"
+        "import sionna.rt\n"
+        "assert 'pythreejs' not in sys.modules\n"
+        "scene = sionna.rt.load_scene(sionna.rt.scene.simple_reflector)\n"
+        "scene.preview()\n"
+        "scene.preview()\n"
+        "print('previewed by', type(scene._preview_widget).__module__)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[-1] == "previewed by sionna.rt.preview"
