@@ -126,7 +126,9 @@ class CellViews(NamedTuple):
     enters: range at which each ray comes near the map, NaN if unknown; meets: range of what it meets, infinite without;
     what: twice the number of the part there, plus one on a wall; NOTHING without.
     entries: of each pulse, rays from one surface that fall into the same range cells count as one; surface: what it is;
-    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one.
+    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one. A
+    pulse has far fewer entries than rays: stored pulse by pulse in each row, most rows are never written and take no
+    memory.
     """
 
     position: Float[np.ndarray, "pulse 3"]
@@ -138,10 +140,10 @@ class CellViews(NamedTuple):
     meets: Float[np.ndarray, "pulse sample"]
     what: Int32[np.ndarray, "pulse sample"]
     entries: Int[np.ndarray, " pulse"]
-    surface: Int32[np.ndarray, "pulse sample"]
-    cell: Int32[np.ndarray, "pulse sample"]
-    nearer: Float[np.ndarray, "pulse sample"]
-    farther: Float[np.ndarray, "pulse sample"]
+    surface: Int32[np.ndarray, "sample pulse"]
+    cell: Int32[np.ndarray, "sample pulse"]
+    nearer: Float[np.ndarray, "sample pulse"]
+    farther: Float[np.ndarray, "sample pulse"]
 
 
 class PulseEchoes(NamedTuple):
@@ -202,7 +204,7 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
     for n in range(low, high):
         pulse = pulses[n]
         x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
-        surface, cell, entries = views.surface[pulse], views.cell[pulse], 0
+        surface, cell, entries = views.surface[:, pulse], views.cell[:, pulse], 0
         for k in range(len(views.share)):
             dx, dy, dz = ray(views, pulse, k)
             if np.isnan(views.enters[pulse, k]):
@@ -218,9 +220,9 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
                 one += 1
             if one == entries:
                 surface[one], cell[one], entries = what, at, entries + 1
-                views.nearer[pulse, one], views.farther[pulse, one] = 0.0, 0.0
-            views.nearer[pulse, one] += nearer
-            views.farther[pulse, one] += farther
+                views.nearer[one, pulse], views.farther[one, pulse] = 0.0, 0.0
+            views.nearer[one, pulse] += nearer
+            views.farther[one, pulse] += farther
         views.entries[pulse] = entries
 
 
@@ -478,9 +480,9 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
         for cell in range(cells + 2 * pad):
             hits[cell] = excess[cell] = inverse[cell] = 0.0
         for k in range(views.entries[pulse]):
-            at, here = views.cell[pulse, k], level[views.surface[pulse, k]]
-            hits[at] += here * views.nearer[pulse, k]
-            hits[at + 1] += here * views.farther[pulse, k]
+            at, here = views.cell[k, pulse], level[views.surface[k, pulse]]
+            hits[at] += here * views.nearer[k, pulse]
+            hits[at + 1] += here * views.farther[k, pulse]
         mean = echoes.mean[begin : begin + cells]
         for cell in range(cells):
             mean[cell] = echoes.floor[pulse]
@@ -497,8 +499,8 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
                 more[cell] += weight * more_there[cell]
                 usual[cell] += weight * usual_there[cell]
         for k in range(views.entries[pulse]):
-            at, what = views.cell[pulse, k], views.surface[pulse, k]
-            nearer, farther = level[what] * views.nearer[pulse, k], level[what] * views.farther[pulse, k]
+            at, what = views.cell[k, pulse], views.surface[k, pulse]
+            nearer, farther = level[what] * views.nearer[k, pulse], level[what] * views.farther[k, pulse]
             found[what] += nearer * excess[at] + farther * excess[at + 1]
             expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
         x, y = views.position[pulse, 0], views.position[pulse, 1]

@@ -342,10 +342,10 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),
         entries=np.zeros(len(pose), dtype=np.int64),
-        surface=np.empty(shape, dtype=np.int32),
-        cell=np.empty(shape, dtype=np.int32),
-        nearer=np.empty(shape),
-        farther=np.empty(shape),
+        surface=np.empty(shape[::-1], dtype=np.int32),
+        cell=np.empty(shape[::-1], dtype=np.int32),
+        nearer=np.empty(shape[::-1]),
+        farther=np.empty(shape[::-1]),
     )
 
 

@@ -29,7 +29,7 @@ from sionna_radar.tracing.engines.persistent.surface_cells import (
 )
 
 # Scatterers kept for later pulses; those of one block may be more.
-KEPT = 1_000_000
+KEPT = 500_000
 # Powers of the inverse of the plastic number, the root of x^3 = x + 1.
 ADDITIVE_STEP = (0.7548776662466927, 0.5698402909980532)
 # SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
