@@ -89,10 +89,6 @@ class SharedCache(FunctionCache):
             self._held.release()
             self._held = None
 
-    def holds_any(self) -> bool:
-        """Return True if compiled code of the function exists for any types."""
-        return bool(self._cache_file._load_index())
-
     def is_claimed(self) -> bool:
         """Return True if another process is compiling the function."""
         if self._held is not None:
