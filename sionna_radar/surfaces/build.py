@@ -205,7 +205,7 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
     if share.max() > 1:
         exceeding_deg = angle_deg[share > 1]
         messages.append(
-            f"it would scatter up to {100 * (share.max() - 1):.2g} % more power than it receives, between "
+            f"it would scatter up to {100 * (share.max() - 1):.4g} % more power than it receives, between "
             f"{exceeding_deg[0]} and {exceeding_deg[-1]} deg of incidence"
         )
     return messages

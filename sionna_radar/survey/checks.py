@@ -173,7 +173,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
     missed = np.isinf(hits.range_m) & ~_over_hole(hits, low, high)
     if missed.any():
         message = (
-            f"{100 * missed.mean():.2g} % of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m "
+            f"{100 * missed.mean():.3g} % of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m "
             f"east and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten platform.length_m, or lower "
             "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
         )

@@ -158,6 +158,8 @@ def test_a_medium_out_of_its_range_is_refused_by_its_key(medium, key):
         ({"model": "small_perturbation", **{**ROUGH, "rms_height_m": 1e-4}, "medium": SOIL, "permittivity": None},
          "extrapolates measurements made from 1.4 to 18 GHz"),
         ({"model": "constant_gamma", "gamma_db": 8.0}, "more power than it receives"),
+        # A third of gamma, 100, returns at nadir.
+        ({"model": "constant_gamma", "gamma_db": 20.0}, "it would scatter up to 3233 % more power than it receives"),
         ({"model": "lambertian", "nadir_sigma0_db": 6.5}, "more power than it receives"),
         ({"model": "lambertian", "nadir_sigma0_db": 5.9}, None),  # a white Lambertian surface has 6.02 dB
         ({"model": "constant_gamma", "gamma_db": -20.0}, None),
