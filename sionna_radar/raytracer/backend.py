@@ -227,6 +227,7 @@ def load_mitsuba() -> Any:
     return mitsuba
 
 
+@cache
 def _defer_preview() -> None:
     """Let Sionna RT load its preview in notebooks, 400 modules and a sixth of its import, when a scene is previewed."""
     name = "sionna.rt.preview"

@@ -226,6 +226,13 @@ FLAT = {"kind": "flat", "size_m": [300.0, 300.0]}
             "under the surface",
         ),
         ({"terrain": {"kind": "flat", "size_m": [80.0, 80.0]}}, "radar.scan", "leave the terrain"),
+        # The beams meet the ground 60 m away, farther than its corners.
+        (
+            {"terrain": {"kind": "flat", "size_m": [80.0, 80.0]}, "platform__altitude_m": 60.0}
+            | {"platform__start_m": [0.0, 0.0], "platform__length_m": 2.0},
+            "radar.scan",
+            "100 % of the beams leave the terrain",
+        ),
         ({"platform__length_m": 400.0}, "platform.start_m", "no ground under it"),
         ({"platform__start_m": [1000.0, 0.0]}, "platform.start_m", "no ground under it"),
         ({"platform__length_m": 0.01}, "radar.scan", "no pulse falls into the sector"),

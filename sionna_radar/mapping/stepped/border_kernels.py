@@ -126,9 +126,9 @@ class CellViews(NamedTuple):
     enters: range at which each ray comes near the map, NaN if unknown; meets: range of what it meets, infinite without;
     what: twice the number of the part there, plus one on a wall; NOTHING without.
     entries: of each pulse, rays from one surface that fall into the same range cells count as one; surface: what it is;
-    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one. A
-    pulse has far fewer entries than rays: stored pulse by pulse in each row, most rows are never written and take no
-    memory.
+    cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one.
+    These four have a row for each entry and a column for each pulse. A pulse has far fewer entries than rays, so that
+    most rows are never written and take no memory.
     """
 
     position: Float[np.ndarray, "pulse 3"]

@@ -28,7 +28,7 @@ from sionna_radar.tracing.engines.persistent.surface_cells import (
     scratch,
 )
 
-# Scatterers kept for later pulses; those of one block may be more.
+# Scatterers kept for later pulses, 30 MB; those of one block may be more.
 KEPT = 500_000
 # Powers of the inverse of the plastic number, the root of x^3 = x + 1.
 ADDITIVE_STEP = (0.7548776662466927, 0.5698402909980532)
