@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def all_ended(session: int, within_s: float = 2.0) -> bool:
+def all_ended(session: int, within_s: float = 30.0) -> bool:
     """Return whether no process of a session is left, or only for a moment; where there is no /proc it is believed."""
     ends = time.monotonic() + within_s
     while living(session):

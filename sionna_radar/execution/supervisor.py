@@ -38,9 +38,8 @@ def supervised(program: Callable[[], None]) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         _run_and_leave(program)
         return
-    status = _watch(child, watched)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    sys.exit(_code(status))
+    # Still blocked here, so that a signal that comes after the child's end leaves its exit code as it is.
+    sys.exit(_code(_watch(child, watched)))
 
 
 def _run_and_leave(program: Callable[[], None]) -> None:

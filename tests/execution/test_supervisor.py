@@ -4,10 +4,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import pytest
+
+from processes import all_ended
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are watched on Linux alone")
 CODE = """
@@ -25,7 +25,8 @@ supervised(program)
 def begin(does: str) -> subprocess.Popen:
     command = [sys.executable, "-c", CODE.format(does=does)]
     buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=buffered)
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=buffered, start_new_session=True, **piped)
 
 
 @pytest.mark.parametrize(
@@ -87,16 +88,15 @@ def test_signals_are_passed_on(number, code, to_all):
     assert said.count("\n") == 1
 
 
+def test_a_signal_after_the_end_of_the_program_leaves_its_exit_code():
+    late = "import atexit; parent = os.getpid(); atexit.register(lambda: os.getpid() == parent and os.kill(parent, 15))"
+    code = CODE.replace("supervised(program)", f"{late}; supervised(program)").format(does="sys.exit(3)")
+    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, timeout=30).returncode == 3
+
+
 def test_the_death_of_the_one_that_waits_ends_the_program():
-    process = begin("time.sleep(30)")
-    child = int(process.stdout.readline())
+    process = begin("time.sleep(60)")
+    process.stdout.readline()
     process.kill()
     process.communicate()
-    for _ in range(20):
-        try:
-            os.kill(child, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.05)
-    # A process that nobody has waited for is still listed, but dead.
-    assert Path(f"/proc/{child}/stat").read_text().split()[2] == "Z"
+    assert all_ended(process.pid)

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -147,7 +146,6 @@ import sys
 from pathlib import Path
 import cluster_tasks
 from cluster_tasks import look
-from processes import all_ended
 from sionna_radar.execution.cluster import open_workers
 from sionna_radar.foundation.interrupts import interrupts_reported
 from sionna_radar.execution.checkpoints import open_checkpoints
@@ -174,10 +172,9 @@ def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, cod
     command = [sys.executable, script, tmp_path / "out"]
     with subprocess.Popen(command, env=os.environ | paths, **began) as process:
         assert [process.stdout.readline() for _ in range(2)] == ["done\n"] * 2
-        at = time.monotonic()
         (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
-        _, said = process.communicate()
-    assert time.monotonic() - at < 5
+        # Less than the slow tasks take, which are not waited for.
+        _, said = process.communicate(timeout=50)
     assert process.returncode == code, said
     assert said == "interrupted; finished tasks are saved; continue with the same command and --resume\n"
     assert all_ended(process.pid)
@@ -266,7 +263,7 @@ def test_what_a_killed_run_left_in_the_temporary_folder_the_next_one_removes(tmp
         _, said = process.communicate()
     assert process.returncode == -signal.SIGKILL
     assert said == ""
-    assert all_ended(process.pid, within_s=20.0)
+    assert all_ended(process.pid)
     assert len(list(folder.iterdir())) == 1
     monkeypatch.setattr("tempfile.tempdir", str(folder))
     with open_workers(1) as workers:

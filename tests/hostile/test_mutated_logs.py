@@ -34,12 +34,12 @@ def test_a_damaged_log_ends_in_one_error_or_a_flight(kind, tmp_path, capfd):
     messages = []
     for _ in range(MUTANTS):
         path.write_bytes(mutated(content, rng))
-        begun = time.perf_counter()
+        begun = time.process_time()
         try:
             assert np.isfinite(fly(path)).all()
         except RadarError as error:
             messages.append(str(error))
-        assert time.perf_counter() - begun < 5.0  # hangs, not speed
+        assert time.process_time() - begun < 5.0  # hangs, not speed
     assert messages
     assert all(len(message) < LONGEST_MESSAGE and "platform.log" in message for message in messages)
     assert capfd.readouterr() == ("", "")

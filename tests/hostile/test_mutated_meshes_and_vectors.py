@@ -105,10 +105,10 @@ def test_a_mutated_file_ends_in_one_error_or_a_right_result(sound, number, tmp_p
         victim = victims[turn % len(victims)]
         data = (source.parent / victim).read_bytes()
         (tmp_path / victim).write_bytes(mutated(data, generator))
-        started = time.monotonic()
+        started = time.process_time()
         with contextlib.suppress(RadarError):
             read(tmp_path / name)
-        assert time.monotonic() - started < LONGEST_S
+        assert time.process_time() - started < LONGEST_S
         (tmp_path / victim).write_bytes(data)
 
 
@@ -151,12 +151,12 @@ def ply(**counts):
 )  # fmt: skip
 def test_headers_that_lie_and_files_that_pose_as_others_cost_nothing(name, data, words, tmp_path):
     (tmp_path / name).write_bytes(data)
-    started = time.monotonic()
+    started = time.process_time()
     try:
         assert_refused(tmp_path / name, words)
     except pytest.fail.Exception:
         assert not words  # it has no polygon
-    assert time.monotonic() - started < 1.0
+    assert time.process_time() - started < LONGEST_S
 
 
 def accessor(count, **more):

@@ -164,11 +164,9 @@ def test_a_signal_ends_a_sweep_and_its_workers(small, tmp_path):
         while not list(out.glob(f"{FOLDER}/*.part")):
             assert process.poll() is None
             time.sleep(0.05)
-        began = time.monotonic()
         process.terminate()
         said = process.stderr.read()
         assert process.wait() == 143
-    assert time.monotonic() - began < 5
     assert said.splitlines()[-1].endswith("the same command with --resume goes on from them")
     assert "Traceback" not in said
     assert processes.all_ended(process.pid)
