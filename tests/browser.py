@@ -1,7 +1,8 @@
 """A headless Chromium for tests of pages; found on the PATH."""
 
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,6 +51,13 @@ class Opened:
             value,
         )
 
+    def until(self, holds: Callable[[], bool], within_s: float = 60.0) -> None:
+        """Wait until something holds: a page draws when it comes to it."""
+        ends = time.monotonic() + within_s
+        while not holds():
+            assert time.monotonic() < ends
+            self.page.wait_for_timeout(50)
+
     def picture(self, selector: str, path: Path) -> np.ndarray:
         """Return the pixels of a part of the page, (row, column, colour), from 0 to 1."""
         self.page.locator(selector).first.screenshot(path=path)
@@ -60,11 +68,12 @@ def opened(browser: object, path: Path, width: int = 1000) -> Opened:
     """Return a page once it has drawn itself."""
     # Half the pixels each way: WebGL is drawn by the processor.
     found = Opened(browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=0.5))
+    found.page.set_default_timeout(120_000)
     found.page.on("console", lambda said: found.errors.append(said.text) if said.type == "error" else None)
     found.page.on("pageerror", lambda error: found.errors.append(str(error)))
     found.page.on("request", lambda asked: found.requests.append(asked.url))
     found.page.goto(path.as_uri())
-    found.page.wait_for_selector("body[data-ready]", timeout=120_000)
+    found.page.wait_for_selector("body[data-ready]")
     return found
 
 

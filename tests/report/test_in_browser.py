@@ -57,8 +57,7 @@ def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, surve
     assert page.page.evaluate("document.querySelector('[data-control=pulse-world]').value") == "3"
 
     page.page.select_option('[data-control="paint"]', label="Error (m)")
-    page.page.wait_for_timeout(300)
-    assert np.abs(page.picture("#world", tmp_path / "error.png") - world).mean() > 0.01
+    page.until(lambda: np.abs(page.picture("#world", tmp_path / "error.png") - world).mean() > 0.01)
 
     # The bar of the swipe follows the mouse.
     page.page.locator(".grip").scroll_into_view_if_needed()
@@ -67,7 +66,7 @@ def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, surve
     page.page.mouse.down()
     page.page.mouse.move(box["x"] - 80, box["y"] + 17)
     page.page.mouse.up()
-    assert page.page.locator(".grip").bounding_box()["x"] < box["x"] - 60
+    page.until(lambda: page.page.locator(".grip").bounding_box()["x"] < box["x"] - 60)
     seen(page, path)
 
 
@@ -126,9 +125,8 @@ def test_the_page_of_a_comparison_zooms_its_maps_together(browser, results, tmp_
         "Plotly.relayout(document.querySelector('[data-map=\"0\"]'), {'xaxis.range': [-5, 5], 'yaxis.range': [-4, 4]})"
     )
     page.page.evaluate(zoom)
-    page.page.wait_for_timeout(300)
     wide = "Math.abs(document.querySelector('[data-map=\"3\"]')._fullLayout.yaxis.range[1] - 4) < 3"
-    assert page.page.evaluate(wide)
+    page.until(lambda: page.page.evaluate(wide))
     before = page.text('[data-shows="line"]')
     page.slide("line", 2)
     assert page.text('[data-shows="line"]') != before
