@@ -190,12 +190,13 @@ def _dubins(
     distance, bearing = float(np.hypot(*step)), float(np.arctan2(step[0], step[1]))
     if middle_turn == 0:
         if first_turn == last_turn:
-            heading, straight = bearing, distance
+            # On one and the same circle no straight leads from one arc to the other.
+            heading, straight = bearing if distance > 1e-9 * radius_m else start[2], distance
         elif distance < 2 * radius_m:
             return None
         else:
             heading = bearing + first_turn * float(np.arcsin(2 * radius_m / distance))
-            straight = float(np.sqrt(distance**2 - 4 * radius_m**2))
+            straight = float(np.sqrt((distance - 2 * radius_m) * (distance + 2 * radius_m)))
         arcs = _turned(heading - start[2], first_turn), _turned(end[2] - heading, last_turn)
         return arcs[0] * radius_m, straight, arcs[1] * radius_m
     if distance > 4 * radius_m:

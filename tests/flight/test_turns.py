@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.constants import g as gravity
 
@@ -115,6 +115,12 @@ def test_the_shortest_way_leads_from_one_place_to_the_other(start, end, radius_m
     assert all(abs(segment.curvature_per_m) in (0.0, 1 / radius_m) for segment in way)
     length = sum(segment.length_m for segment in way)
     assert np.hypot(end[0] - start[0], end[1] - start[1]) <= length + 1e-9
+
+
+@given(place=places, radius_m=st.floats(1.0, 60.0))
+@example(place=(0.0, 37.3666239078496, 0.0), radius_m=37.3666239078496)
+def test_no_way_leads_to_where_one_is(place, radius_m):
+    assert not shortest_way(place, place, radius_m)
 
 
 def test_ways_known_in_closed_form():
