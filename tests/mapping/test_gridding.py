@@ -24,7 +24,7 @@ def plane(x, y):
     return 3.0 + 0.25 * x - 0.1 * y
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.integers(200, 600))
 def test_a_plane_comes_back_exactly(seed, count):
     x, y = np.random.default_rng(seed).uniform(-30, 30, (2, count))
@@ -34,7 +34,7 @@ def test_a_plane_comes_back_exactly(seed, count):
     np.testing.assert_allclose(dem.height_m[dem.filled], expected[dem.filled], atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-3, 3), st.floats(0.5, 3), st.floats(-1e3, 1e3))
 @example(turn=0.0, spacing=0.9695579949050228, shift=0.0)
 def test_points_in_rows_are_no_hindrance(turn, spacing, shift):

@@ -14,7 +14,7 @@ from sionna_radar.mapping.points import Points
 SHADOW_RAD = np.deg2rad(85)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 60), st.integers(1, 60), st.integers(1, 200), st.floats(0.1, 20.0))
 def test_windows_are_the_grid(seed, rows, columns, most, least_m):
     grid = Grid(west_m=-7.0, south_m=3.0, spacing_m=0.5, rows=rows, columns=columns)

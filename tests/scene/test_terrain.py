@@ -115,7 +115,7 @@ def test_jacksboro_town_is_about_the_middle_of_the_tile():
     assert raster.at(point)[0] + place.origin_m[2] == pytest.approx(325, abs=8)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(rows=st.integers(2, 9), columns=st.integers(2, 9), seed=st.integers(0, 2**32), share=st.floats(0, 0.6))
 def test_meshes_cover_exactly_the_squares_between_filled_cells(rows, columns, seed, share):
     rng = np.random.default_rng(seed)

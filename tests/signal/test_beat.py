@@ -41,7 +41,7 @@ def test_the_drift_series_is_as_accurate_as_it_promises(sweep, sampling, spread_
     assert np.sqrt(np.mean(np.abs(error) ** 2) / np.mean(np.abs(expected) ** 2)) < beat_module.DRIFT_ACCURACY
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(0, 20), st.integers(0, 20), st.floats(-20, 20))
 def test_scatterers_superpose(seed, one, other, rate_mps):
     chirp, pulses = make_chirp(samples=256), make_pulses(3, first=10)
@@ -51,7 +51,7 @@ def test_scatterers_superpose(seed, one, other, rate_mps):
     np.testing.assert_allclose(together, apart, atol=1e-6 * 1e-6 * (one + other + 1))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.complex_numbers(min_magnitude=1e-9, max_magnitude=1.0), st.floats(0, 2 * np.pi))
 def test_a_factor_on_all_gains_is_a_factor_on_the_beat(factor, turn):
     chirp, pulses = make_chirp(samples=128, sampling="iq"), make_pulses(1)

@@ -54,7 +54,7 @@ def test_a_point_target_loses_the_closed_form(pencil):
     assert np.sum(left.surface == -2) == len(left) - 3 > 100
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(0, 85), st.floats(-80, 80), st.floats(-180, 180), st.sampled_from("VH"))
 def test_the_tilt_of_the_field_counts(incidence_deg, scan_deg, heading_deg, field_axis):
     antenna = make_antenna(4.0, 4.0, field_axis)
