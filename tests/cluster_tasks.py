@@ -44,7 +44,7 @@ def look(task: Mapping[str, Any]) -> bytes:
         time.sleep(60)
     if task["do"] == "warn":
         logging.getLogger("sionna_radar").warning("mind %s", "this")
-    here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed(), "ahead": "wave" in sys.modules}
+    here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed(), "ahead": "poplib" in sys.modules}
     return document_bytes(here | {"x": task["x"]})
 
 

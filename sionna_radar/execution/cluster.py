@@ -13,11 +13,11 @@ import sys
 import tempfile
 import threading
 import warnings
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("sionna_radar")
 
-# Worker deaths after which a task is reported as failed.
+# Deaths of its worker after which a task is reported as failed.
 ATTEMPTS = 3
 CONNECT_S = 10.0
 # Seconds without workers before a warning, and to wait after it.
@@ -142,7 +142,8 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={
-                    "allowed_failures": ATTEMPTS - 1,
+                    # Dask blames all tasks of a worker for its death, and would try them together again.
+                    "allowed_failures": 0,
                     # The dashboard cannot be disabled: use a free port and no plotting dependencies.
                     "dashboard": False,
                     "dashboard_address": "127.0.0.1:0",
@@ -275,26 +276,32 @@ class DaskWorkers:
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result or failure of each task as it finishes.
 
-        Each worker holds one task at a time, so that a task that kills its worker affects no other.
+        A task whose worker died is tried again at the end, alone: with the memory that the others took, and so that
+        none of these dies with it twice.
         """
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
-        waiting = iter(enumerate(tasks))
+        waiting, suspects, deaths = deque(range(len(tasks))), deque[int](), Counter[int]()
         given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
         at_hand = None if shared is None or not tasks else self._sent(shared)
         try:
-            while True:
-                for number, task in islice(waiting, max(0, self.count - len(running))):
-                    key = f"sionna-radar-{uuid4().hex}"
-                    future = self.client.submit(
-                        perform, json.dumps(task), json.dumps(given), at_hand, key=key, pure=False
-                    )
+            while waiting or running or suspects:
+                while (waiting and len(running) < self.count) or (suspects and not running):
+                    number = waiting.popleft() if waiting else suspects.popleft()
+                    task, key = json.dumps(tasks[number]), f"sionna-radar-{uuid4().hex}"
+                    future = self.client.submit(perform, task, json.dumps(given), at_hand, key=key, pure=False)
                     running[future] = number
                     future.add_done_callback(finished.put)
-                if not running:
-                    return
                 future = self._next(finished)
-                yield running.pop(future), _result(future)
+                number, died = running.pop(future), _deaths(future)
+                deaths[number] += died
+                if died and deaths[number] < ATTEMPTS:
+                    suspects.append(number)
+                elif died:
+                    text = f"its worker died {deaths[number]} times; is there memory enough?"
+                    yield number, Failure(kind=WorkersLostError.__name__, text=text)
+                else:
+                    yield number, _result(future)
         finally:
             for future in running:
                 future.cancel(reason="the study has ended")
@@ -329,18 +336,20 @@ class DaskWorkers:
                         logger.warning("the cluster has no worker any more; waiting for one")
 
 
-def _result(future: "Future") -> bytes | Failure:
-    """Return the result or failure of a finished task, and log its worker's messages here."""
+def _deaths(future: "Future") -> int:
+    """Return how many workers died with a task, if that is how it finished."""
     from distributed import KilledWorker
 
+    error = future.exception() if future.status == "error" else None
+    return error.allowed_failures + 1 if isinstance(error, KilledWorker) else 0
+
+
+def _result(future: "Future") -> bytes | Failure:
+    """Return the result or failure of a finished task, and log its worker's messages here."""
     if future.status in ("cancelled", "lost"):
         raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")
     if future.status == "error":
         error = future.exception()
-        if isinstance(error, KilledWorker):
-            tries = error.allowed_failures + 1
-            text = f"its worker died {tries} times; is there memory enough?"
-            return Failure(kind=WorkersLostError.__name__, text=text)
         message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
         raise WorkerError(message) from error
     reply = future.result()
