@@ -39,7 +39,7 @@ from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage, timed
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.threads import beside, cores
+from sionna_radar.foundation.threads import beside, cores, parts
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
@@ -48,7 +48,7 @@ from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLo
 
 # Most blocks of a segment, and fewest segments of a short survey.
 SEGMENT_BLOCKS, MIN_SEGMENTS = 8, 16
-# Echoes located at once.
+# Echoes located, and cells whose errors are found, at once.
 PLACED_AT_ONCE = 4096
 # Data types of recorded beat signals.
 SampleType = Literal["float64", "float32", "int16"]
@@ -379,32 +379,31 @@ def navigation_sigma(
     system = schedule.navigation
     if not isinstance(system, InertialErrors) or len(points) == 0 or not dem.filled.any():
         return None
-    pulse, row = np.unique(points.pulse, return_inverse=True)
-    pulses, time_s = schedule.pulses(pulse), schedule.time_s[pulse]
-    size = system.sizes(time_s)[row]
-    body = world_from_body(schedule.trajectory.euler(time_s))[row]
-    boresight, velocity = pulses.measured.boresight[row], pulses.measured.velocity_mps[row]
-    east, north = (np.nan_to_num(slope) for slope in gradient(dem))
+    east, north = (np.nan_to_num(slope)[dem.filled] for slope in gradient(dem))
+    normal = np.stack([-east, -north, np.ones(len(east))], axis=1)
     nearest = KDTree(points.position_m[:, :2]).query(dem.grid.centres_m[dem.filled.ravel()])[1]
-    normal = np.stack([-east[dem.filled], -north[dem.filled], np.ones(len(nearest))], axis=1)
     shift = chirp.doppler_range_m(np.ones(1))[0] if doppler_corrected else 0.0
-    turns = np.cross(body.transpose(0, 2, 1), boresight[:, None]) * points.range_m[:, None, None]
     lever = np.array(system.lever_arm_m) - np.array(schedule.lever_arm_m)
-    variance = (
-        _squares(normal, np.eye(3) * size[:, 0, None, :], nearest)
-        + _squares(normal, turns * size[:, 2, :, None], nearest)
-        + _squares(normal, turns * np.array(system.boresight_rad)[:, None], nearest)
-        + _squares(normal, shift * size[:, 1, :, None] * boresight[:, :, None] * boresight[:, None], nearest)
-        + _squares(normal, body.transpose(0, 2, 1) * lever[:, None], nearest)
-        + _squares(normal, (system.time_offset_s * velocity)[:, None], nearest)
-    )
+
+    def variance(low: int, high: int) -> Float[np.ndarray, " cell"]:
+        of_cells, range_m = normal[low:high], points.range_m[nearest[low:high]]
+        pulse, row = np.unique(points.pulse[nearest[low:high]], return_inverse=True)
+        pulses, time_s = schedule.pulses(pulse), schedule.time_s[pulse]
+        size = system.sizes(time_s)[row]
+        body = world_from_body(schedule.trajectory.euler(time_s))[row].transpose(0, 2, 1)
+        boresight, velocity = pulses.measured.boresight[row], pulses.measured.velocity_mps[row]
+        turns = np.cross(body, boresight[:, None]) * range_m[:, None, None]
+        moved = (
+            np.eye(3) * size[:, 0, None, :],
+            turns * size[:, 2, :, None],
+            turns * np.array(system.boresight_rad)[:, None],
+            shift * size[:, 1, :, None] * boresight[:, :, None] * boresight[:, None],
+            body * lever[:, None],
+            (system.time_offset_s * velocity)[:, None],
+        )
+        return sum(np.sum(np.einsum("ci,cei->ce", of_cells, each) ** 2, axis=1) for each in moved)
+
+    each = [variance(*bounds) for bounds in parts(len(nearest), PLACED_AT_ONCE)]
     sigma = np.full(dem.grid.shape, np.nan)
-    sigma[dem.filled] = np.sqrt(variance)
+    sigma[dem.filled] = np.sqrt(np.concatenate(each))
     return Raster(grid=dem.grid, height_m=sigma, quantity="standard deviation of the height")
-
-
-def _squares(
-    normal: Float[np.ndarray, "cell 3"], moved: Float[np.ndarray, "point error 3"], nearest: np.ndarray
-) -> Float[np.ndarray, " cell"]:
-    """Return the sum of squared height changes from independent errors that move points."""
-    return np.sum(np.einsum("ci,cei->ce", normal, moved[nearest]) ** 2, axis=1)

@@ -220,7 +220,9 @@ def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Boo
     windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
-    log = np.log(_rms_above_plane(measured, windows.member))
+    bounds = parts(len(windows.member), AT_ONCE)
+    rms = in_threads(lambda low, high: _rms_above_plane(measured, windows.member[low:high]), bounds)
+    log = np.log(np.concatenate(list(rms)))
     scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))
     standing = windows.member[log > np.median(log) + OUTSTANDING * scatter]
     return ~np.isin(np.arange(len(measured.height_m)), standing)
@@ -389,7 +391,7 @@ def _posterior_mean(
     """
     prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
     prior -= log_sum_exp(prior, axis=1, keepdims=True)
-    told = log_sum_exp(log_likelihood[:, None] + prior, axis=2)
+    told = np.column_stack([log_sum_exp(log_likelihood + each, axis=1) for each in prior])
     evidence = told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
     if log_likelihood[:, LOG_SQUARES == 0].sum() / overlap >= evidence.max():
         return None
