@@ -16,6 +16,7 @@ from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import spread_indices
+from sionna_radar.foundation.threads import parts
 
 CHIRPS_AT_ONCE = 100_000
 # A continuous scan is divided into lines of this many pulses, counted from the first of the survey.
@@ -244,20 +245,22 @@ def schedule_pulses(
     """
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
-    time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
-    if stagger > 0:
-        time_s = time_s + np.arange(count) // 2 * (stagger / chirp_rate_hz)
-        time_s = time_s[time_s <= end - 0.5 / chirp_rate_hz]
-        count = len(time_s)
-    # In blocks: the pointing of all chirps would take far more memory than their times.
-    active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
-    if trajectory.transmits_s is not None and active:
-        edges = np.array(trajectory.transmits_s).ravel()
-        active = [np.concatenate(active) & (np.searchsorted(edges, time_s, side="right") % 2 == 1)]
+    edges = None if trajectory.transmits_s is None else np.array(trajectory.transmits_s).ravel()
+    kept = [np.zeros(0)]
+    for low, high in parts(count, CHIRPS_AT_ONCE):
+        chirp = np.arange(low, high)
+        time_s = start + (chirp + 0.5) / chirp_rate_hz
+        if stagger > 0:
+            time_s = time_s + chirp // 2 * (stagger / chirp_rate_hz)
+            time_s = time_s[time_s <= end - 0.5 / chirp_rate_hz]
+        active = scan.point(time_s).active
+        if edges is not None:
+            active = active & (np.searchsorted(edges, time_s, side="right") % 2 == 1)
+        kept.append(time_s[active])
     return PulseSchedule(
         trajectory=trajectory,
         scan=scan,
-        time_s=time_s[np.concatenate(active)] if active else time_s,
+        time_s=np.concatenate(kept),
         lever_arm_m=lever_arm_m,
         navigation=navigation,
     )

@@ -228,7 +228,8 @@ def _over_hole(
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
 
 
-MAX_CHIRPS = 30_000_000
+# Of a flight; in the map an echo of each that is in the sector of the scan takes half a kilobyte of memory.
+MAX_CHIRPS = 100_000_000
 # Samples times zero-padding: the length of the Fourier transform of a chirp.
 MAX_SPECTRUM = 2**18
 # Most powers that an ordered-statistic CFAR sorts per spectrum.
