@@ -47,7 +47,7 @@ ROUGH = {"model": "integral_equation", "permittivity": [4.0, 1.0], "rms_height_m
     [
         ({"platform.speed_mps": 1e-9}, "platform.speed_mps"),
         ({"radar.chirp_rate_hz": 1e18}, "radar.chirp_rate_hz"),
-        ({"radar.chirp_rate_hz": 2e7, "platform.length_m": 90.0}, "platform.speed_mps"),
+        ({"radar.chirp_rate_hz": 1e7, "platform.length_m": 90.0, "platform.speed_mps": 5.0}, "platform.speed_mps"),
         ({"radar.chirp_rate_hz": 0.01}, "radar.chirp_rate_hz"),
         (FOLLOWING | {"platform.follow_length_m": 1e-9}, "platform.follow_length_m"),
         ({"terrain.spacing_m": 1e300}, "terrain.spacing_m"),
