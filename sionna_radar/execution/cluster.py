@@ -286,8 +286,10 @@ class DaskWorkers:
         at_hand = None if shared is None or not tasks else self._sent(shared)
         try:
             while waiting or running or suspects:
-                while (waiting and len(running) < self.count) or (suspects and not running):
-                    number = waiting.popleft() if waiting else suspects.popleft()
+                ready = [waiting.popleft() for _ in range(min(len(waiting), self.count - len(running)))]
+                if suspects and not (ready or running):
+                    ready = [suspects.popleft()]
+                for number in ready:
                     task, key = json.dumps(tasks[number]), f"sionna-radar-{uuid4().hex}"
                     future = self.client.submit(perform, task, json.dumps(given), at_hand, key=key, pure=False)
                     running[future] = number
