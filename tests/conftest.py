@@ -27,8 +27,9 @@ from surveys import SMALL
 from worlds import make_scene, make_surface
 
 # How long an example takes says more of the machine than of the code. The same examples in each run, so that a failure
-# is of the change; `pytest -m hypothesis --hypothesis-profile default` looks for new ones.
+# is of the change; `pytest -m hypothesis --hypothesis-profile search` looks for new ones.
 settings.register_profile("any machine", deadline=None, derandomize=True)
+settings.register_profile("search", deadline=None)
 settings.load_profile("any machine")
 
 

@@ -142,6 +142,7 @@ def test_a_wrong_number_of_threads_is_refused(monkeypatch, text):
 
 
 INTERRUPTED = """
+import signal
 import sys
 from pathlib import Path
 import cluster_tasks
@@ -152,6 +153,8 @@ from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
 
 if __name__ == "__main__":
+    # Ignored in what a shell starts in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     tasks = {str(n): {"do": "look", "x": n} for n in range(2)} | {f"slow {n}": {"do": "sleep"} for n in range(9)}
     checkpoints = open_checkpoints(Path(sys.argv[1]), {}, resume=False)
     with interrupts_reported(), open_workers(2) as workers, checkpoints as parts:
