@@ -167,7 +167,7 @@ def test_a_signal_ends_a_sweep_and_its_workers(small, tmp_path):
         process.terminate()
         said = process.stderr.read()
         assert process.wait() == 143
-    assert said.splitlines()[-1].endswith("the same command with --resume goes on from them")
+    assert said.splitlines()[-1].endswith("continue with the same command and --resume")
     assert "Traceback" not in said
     assert processes.all_ended(process.pid)
 
