@@ -386,6 +386,7 @@ def navigation_sigma(
     lever = np.array(system.lever_arm_m) - np.array(schedule.lever_arm_m)
 
     def variance(low: int, high: int) -> Float[np.ndarray, " cell"]:
+        """Return the variance of some cells: the sum of squares of the height changes by independent errors."""
         of_cells, range_m = normal[low:high], points.range_m[nearest[low:high]]
         pulse, row = np.unique(points.pulse[nearest[low:high]], return_inverse=True)
         pulses, time_s = schedule.pulses(pulse), schedule.time_s[pulse]

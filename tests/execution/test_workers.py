@@ -7,15 +7,17 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
+from distributed import KilledWorker
 
 import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
 from sionna_radar.execution.checkpoints import open_checkpoints
-from sionna_radar.execution.cluster import open_workers
+from sionna_radar.execution.cluster import DaskWorkers, open_workers
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, InProcess, name_of, named
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
@@ -104,6 +106,41 @@ def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_
     assert found["deadly"] == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
     assert [seen(found[f"{n}"])["x"] for n in range(5)] == list(range(5))
     assert len((tmp_path / "deaths").read_text().split()) == 3
+
+
+class BlamedFuture(Future):
+    """A task that is done at once, or with which its worker died."""
+
+    def __init__(self, number, killed):
+        super().__init__()
+        self.status = "error" if killed else "finished"
+        if killed:
+            self.set_exception(KilledWorker("task", None, 0))
+        else:
+            self.set_result({"result": str(number).encode(), "failure": None, "log": [], "different": {}})
+
+
+class BlamingClient:
+    """Task 0 ends its worker each time, and dask blames task 1 for the first time."""
+
+    status = "running"
+
+    def __init__(self):
+        self.submitted = []
+
+    def submit(self, _, task, *__, **___):
+        number = json.loads(task)["x"]
+        killed = number == 0 or (number == 1 and 1 not in self.submitted)
+        self.submitted.append(number)
+        return BlamedFuture(number, killed)
+
+
+def test_a_task_that_is_blamed_for_another_s_is_done_alone():
+    workers = DaskWorkers(client=BlamingClient(), program={}, local=2)
+    found = dict(workers.each(look, [{"x": number} for number in range(4)]))
+    assert workers.client.submitted == [0, 1, 2, 3, 0, 1, 0]
+    assert found.pop(0) == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
+    assert found == {1: b"1", 2: b"2", 3: b"3"}
 
 
 @pytest.mark.parametrize(
