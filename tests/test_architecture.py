@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from statistics import median
 
 import pytest
 
@@ -137,14 +136,6 @@ def test_no_circle_between_the_parts_of_a_package(package):
 
 def test_a_circle_is_found():
     assert list(circles({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == ["a -> b -> c -> a"]
-
-
-def test_modules_keep_to_one_subject():
-    """Neither fragments nor heaps: at most 350 files, half of them 140 lines or longer, and none over 600."""
-    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()}
-    assert {name: length for name, length in lengths.items() if length > 600} == {}
-    assert len(lengths) <= 350
-    assert median(length for name, length in lengths.items() if MODULES[name].name != "__init__.py") >= 140
 
 
 def test_studies_neither_write_nor_draw():

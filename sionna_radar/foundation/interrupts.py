@@ -2,7 +2,8 @@
 
 An exception that a signal raises can be lost: destructors and callbacks from C code swallow it, and a binding to C++
 may turn it into a TypeError. So the signal is also remembered: `raise_received`, called at every step of progress,
-raises it again, and any end of the program after a signal counts as an interrupt.
+raises it again, and any end of the program after a signal counts as an interrupt. Python's report of the exception that
+a destructor swallowed ("Exception ignored in ...") is left out, since the signal is not ignored.
 
 Only the lightest modules of the standard library are imported here, as this comes before all other imports.
 """
@@ -13,6 +14,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -42,6 +47,13 @@ def interrupts_reported() -> Iterator[None]:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
     notes: list[str] = []
+    report_ignored = sys.unraisablehook
+
+    def report_unless_interrupted(ignored: "UnraisableHookArgs") -> None:
+        if not _caused_by_signal(ignored.exc_value):
+            report_ignored(ignored)
+
+    sys.unraisablehook = report_unless_interrupted
     try:
         yield
     except BaseException as error:
@@ -52,9 +64,17 @@ def interrupts_reported() -> Iterator[None]:
         # Everything is written by now; a traceback from the interpreter's shutdown would be meaningless.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+        sys.unraisablehook = report_ignored
     if _received:
         sys.stderr.write("; ".join(["interrupted", *notes]) + "\n")
         sys.exit(128 + _received[0])
+
+
+def _caused_by_signal(error: BaseException | None) -> bool:
+    """Whether an exception is `Interrupted`, or was raised while that was handled."""
+    while error is not None and not isinstance(error, Interrupted):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
