@@ -39,6 +39,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import apply_affine, height_system, horizontal_part, vertical_datum
 from sionna_radar.elevation.placed_raster import reproject as convert
 from sionna_radar.elevation.point_cloud import COVERS, Piece, gridded, majority, open_cloud
+from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Grid, Raster
@@ -484,6 +485,7 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
 # --------------------------------------------------------------------------------------------------------- reading
 def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSurface | Checkpoints:
     """Return the measured heights of a file, on and around a grid; see `compare_with_reference`."""
+    check_bounds([("reference-sigma", sigma_m, 0.0, 1e4)])
     read = {".las": _read_cloud, ".laz": _read_cloud, ".csv": _read_checkpoints, ".txt": _read_checkpoints}
     reference = read.get(path.suffix.lower(), _read_raster)(path, grid, sigma_m)
     if isinstance(reference, Checkpoints):

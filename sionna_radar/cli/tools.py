@@ -106,6 +106,8 @@ def _plan_calibration(base: str | None, output: Path, area: str | None, sampling
     if base is None or area is not None or sampling is not None:
         key, remedy = ("--base", "is needed") if base is None else ("--calibration", "takes no --area and --sampling")
         raise ScenarioError.of(key, f"{remedy}: ground, radar and height are the base's", "command line")
+    if output.is_dir():
+        raise OutputError(f"output = {shown(output)} is a folder; name a file, e.g. calibration.toml")
     files = [output.with_name(f"{output.stem}_{part}{output.suffix}") for part in ("low", "high")]
     for file in files:
         PLAN_FILE.check(file)
@@ -125,6 +127,7 @@ def validate(
     from sionna_radar.scenario import to_toml
     from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
+    from sionna_radar.survey.work import expected_work
 
     checked = session.load()
     with session.reach():
@@ -137,6 +140,11 @@ def validate(
     typer.echo(
         f"# {session.scenario} can be flown: {len(prepared):,} pulses in {end_s - start_s:.1f} s, "
         f"DEM of {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m, {warnings}"
+    )
+    work = expected_work(prepared)
+    typer.echo(
+        f"# expected: {work.paths:.2g} paths, {work.memory_mb / 1000:.1f} GB of memory, and on two cores "
+        f"about {work.flight_s + work.map_s:.1g} s for flight and map once all is loaded"
     )
 
 

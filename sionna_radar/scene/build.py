@@ -1,6 +1,6 @@
 """Building the scene of a scenario: terrain or city, buildings, targets, materials."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
@@ -33,6 +33,8 @@ from sionna_radar.surfaces.build import build_materials, channel_of, check_backs
 
 # Progress steps reported by `build_scene`.
 BUILDING_STEPS = 3
+# What stands on the ground is no taller, m: its units were misread.
+TALLEST_M = 10_000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,9 +181,23 @@ def build_ground(
         message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
         raise ScenarioError.of("terrain", message)
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
-    surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
+    standing = _objects(scenario, land) + _footprints(scenario, land, given) + boxes
+    _check_heights(standing)
+    surfaces = land.surfaces + standing
     bare = len(surfaces) == len(land.surfaces)
     return Ground(land=land, surfaces=surfaces, caster=(land.caster if bare else None) or RayCaster(surfaces))
+
+
+def _check_heights(standing: Iterable[Surface]) -> None:
+    """Raise ScenarioError for what is so tall that the scatterers on its faces could not be divided among cells."""
+    problems = []
+    for surface in standing:
+        low_m, high_m = surface.bounds_m[:, 2]
+        if not high_m - low_m <= TALLEST_M:
+            message = f"is {high_m - low_m:g} m tall, more than {TALLEST_M:,.0f} m; lower it, or correct its units"
+            problems.append(Problem(surface.name, message))
+    if problems:
+        raise ScenarioError(problems)
 
 
 def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:

@@ -181,8 +181,9 @@ class Mixer:
         scale, paths, grid = self.oscillator.scale, received.paths, received.grid
         if scale != 1:
             paths = replace(paths, delay_s=paths.delay_s * scale, range_rate_mps=paths.range_rate_mps * scale)
-        # A table of errors that is zero over the samples has no effect, and no delay step.
-        if self.oscillator.ideal or self.oscillator.fastest_hz(grid.wide) == 0:
+        # Errors whose phase over the sweep is lost in rounding have no effect, and no finite delay step.
+        turns = self.oscillator.fastest_hz(grid.wide) * grid.wide.duration_s
+        if self.oscillator.ideal or turns <= np.finfo(float).eps:
             beat = analytic_beats(paths, received.pulses, grid.wide, grid.band_hz)
         else:
             beat = self._mixed(paths, received)

@@ -11,6 +11,7 @@ from sionna_radar.flight.logs.cleaning import CleanLog, clean, stretches
 from sionna_radar.flight.logs.log import FlightLog, in_metres
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.recorded import course_attitudes, position_spline
+from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
@@ -79,6 +80,7 @@ def inspect_log(
     InputFileError, ScenarioError
         The log or the terrain cannot be read.
     """
+    check_bounds([("start", start_s, 0.0, 1e9), ("stop", stop_s, 0.0, 1e9), ("gap", gap_s, 1e-6, 1e9)])
     log = read_log(path, "log")
     frame = map_frame(terrain) if terrain is not None else None
     on_map = log.on_map and frame is not None

@@ -26,6 +26,7 @@ from scipy.constants import speed_of_light
 from scipy.optimize import least_squares
 from scipy.special import digamma, gammaincc, gammaincinv, polygamma
 
+from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread, spread_indices
@@ -202,6 +203,8 @@ def fit_materials(
     True
 
     """
+    sigmas_db = {"calibration-sigma-db": calibration_sigma_db, "level-sigma-db": level_sigma_db}
+    check_bounds((name, value, 0.0, 1e3) for name, value in sigmas_db.items())
     tables = {name: _with_cross_polar(table) for name, table in tables.items()} if levels.cross.any() else tables
     unknowns = _unknowns(levels, tables, carrier_hz, free, prior or {}, calibration_sigma_db)
     sigma = _sigma(levels.looks, level_sigma_db)

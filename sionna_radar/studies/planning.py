@@ -22,7 +22,8 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 from scipy.spatial import KDTree
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.bounds import check_bounds
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
@@ -273,26 +274,26 @@ def _check_chirps(plan: FlightPlan) -> None:
 
 
 def _check(wanted: Wanted) -> None:
-    problems = [
-        Problem(name, f"{value:g} must be > {lower:g} and < {upper:g}")
-        for name, value, lower, upper in (
-            ("area, east", wanted.size_m[0], 0.0, 1e5),
-            ("area, north", wanted.size_m[1], 0.0, 1e5),
-            ("sampling", wanted.sampling_m, 0.0, 1e3),
-            ("altitude", 1.0 if wanted.altitude_m is None else wanted.altitude_m, 0.0, 1e5),
-            ("speed", wanted.speed_mps, 0.0, 1e3),
-            ("incidence", wanted.incidence_deg, -1e-9, 85.0),
-            ("half-swath", wanted.half_swath_deg, 0.0, 85.0),
-            ("overlap", wanted.overlap, -1e-9, 0.9),
-            ("slope", wanted.greatest_slope_deg, -1e-9, 80.0),
+    """Raise ScenarioError for values without meaning, and for those that no scenario may have."""
+    check_bounds(
+        (
+            ("area, east", wanted.size_m[0], wanted.sampling_m, 1e5),
+            ("area, north", wanted.size_m[1], wanted.sampling_m, 1e5),
+            ("sampling", wanted.sampling_m, 1e-4, 1e3),
+            ("altitude", wanted.altitude_m, 1e-2, 1e5),
+            ("speed", wanted.speed_mps, 1e-3, 1e3),
+            ("incidence", wanted.incidence_deg, 0.0, 85.0),
+            ("half-swath", wanted.half_swath_deg, 1e-2, 85.0),
+            ("overlap", wanted.overlap, 0.0, 0.9),
+            ("slope", wanted.greatest_slope_deg, 0.0, 80.0),
             ("position, east", wanted.position_m[0], -1e5, 1e5),
             ("position, north", wanted.position_m[1], -1e5, 1e5),
             ("heading", wanted.heading_deg, -360.0, 360.0),
-        )
-        if not lower < value < upper
-    ]
-    if problems:
-        raise ScenarioError(problems, "plan")
+            ("most-rpm", wanted.most_rotation_rpm, 1e-6, 1e6),
+            ("most-chirps", wanted.most_chirp_rate_hz, 1e-2, 1e7),
+        ),
+        "plan",
+    )
 
 
 def _angles(wanted: Wanted) -> tuple[float, float]:
@@ -332,7 +333,7 @@ def _lines(
     right, forward = wanted.size_m
     along, across = max(right, forward), min(right, forward)
     swath = 2 * altitude * math.tan(half_swath)
-    count = math.ceil(across / (swath * (1 - wanted.overlap)) - 1e-9)
+    count = max(math.ceil(across / (swath * (1 - wanted.overlap)) - 1e-9), 1)
     spacing = across / count
     offset = spacing * (np.arange(count) - (count - 1) / 2)
     # The beam meets the ground ahead: farthest at the edges of the swath, nearest in its middle.

@@ -14,6 +14,7 @@ import csv
 import io
 import math
 import operator
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -448,7 +449,10 @@ def _check(node: ast.expr, text: str, option: str) -> None:
             _check(inner, text, option)
         case ast.Constant(value=bool()):
             _refuse(option, f"{shown(text)}: {ast.unparse(node)} is no number")
-        case ast.Constant(value=int() | float()) | ast.Name():
+        case ast.Constant(value=int() | float() as number):
+            if not abs(number) <= sys.float_info.max:
+                _refuse(option, f"{shown(text)}: {shown(ast.unparse(node))} is too large; give at most 1e308")
+        case ast.Name():
             return
         case ast.Attribute() if _dotted(node) is not None:
             return

@@ -22,6 +22,7 @@ from sionna_radar.mapping.mapper import Extent
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.tracing import MAX_PATHS_PER_PULSE
 from sionna_radar.scene.build import BuiltScene
 from sionna_radar.surfaces.radar_material import as_radar_material
@@ -250,7 +251,11 @@ def check_limits(
 
     Raises ScenarioError with the field, its value and a value that works.
     """
-    problems = [*_flight_limits(scenario, chirp, route), *_processing_limits(scenario, chirp)]
+    problems = [
+        *_flight_limits(scenario, chirp, route),
+        *_sweep_limits(chirp),
+        *processing_limits(scenario.processing, chirp),
+    ]
     if route.altitude_m is not None:
         area_m2 = footprint_m2(scenario, chirp, route.altitude_m, beamwidths_rad, incidence_rad)
         problems += _path_limits(scenario, area_m2)
@@ -303,9 +308,9 @@ def _flight_limits(scenario: Scenario, chirp: Chirp, route: Route) -> Iterator[P
         yield Problem("radar.chirp_rate_hz", message)
 
 
-def _processing_limits(scenario: Scenario, chirp: Chirp) -> Iterator[Problem]:
-    """Yield the problems of too long spectra, too many ranked cells, and ranges too far or all too near."""
-    processing, samples = scenario.processing, scenario.radar.samples_per_chirp
+def processing_limits(processing: ProcessingTable, chirp: Chirp) -> Iterator[Problem]:
+    """Yield the problems of too long spectra, too many ranked cells, and ranges that are all too near."""
+    samples = chirp.samples
     bins = samples * processing.zero_padding
     if bins > MAX_SPECTRUM:
         message = (
@@ -314,23 +319,28 @@ def _processing_limits(scenario: Scenario, chirp: Chirp) -> Iterator[Problem]:
         )
         yield Problem("processing.zero_padding", message)
     cfar = processing.cfar
-    tested = bins // (2 if scenario.radar.sampling == "real" else 1)
+    tested = bins // (2 if chirp.sampling == "real" else 1)
     if cfar.kind == "OS" and 2 * cfar.training * tested > MAX_RANKED:
         message = (
             f"{cfar.training} cells on each side of {tested:,} bins are too many to sort; "
             f"lower it to {max(1, MAX_RANKED // (2 * tested))}, or set processing.cfar.kind = 'CA'"
         )
         yield Problem("processing.cfar.training", message)
+    # The detector tests cells from the nearest range on, and not the last one.
+    nearest_m, last_m = processing.min_range_m, chirp.max_range_m - 2 * chirp.range_resolution_m
+    if nearest_m > last_m:
+        message = f"{nearest_m:g} m is beyond the last tested range cell, at {last_m:.4g} m; lower it"
+        yield Problem("processing.min_range_m", message)
+
+
+def _sweep_limits(chirp: Chirp) -> Iterator[Problem]:
+    """Yield the problem of a sweep that reaches too far."""
     if chirp.max_range_m > FARTHEST_M:
         message = (
             f"{chirp.bandwidth_hz:g} and {chirp.samples} samples reach {chirp.max_range_m:.3g} m, farther than "
             f"{FARTHEST_M:g}; raise it to {1.01 * chirp.bandwidth_hz * chirp.max_range_m / FARTHEST_M:.3g}"
         )
         yield Problem("radar.bandwidth_hz", message)
-    nearest_m = processing.min_range_m
-    if nearest_m >= chirp.max_range_m:
-        message = f"{nearest_m:g} m is no nearer than the farthest echo, at {chirp.max_range_m:.3g} m; lower it"
-        yield Problem("processing.min_range_m", message)
 
 
 def _path_limits(scenario: Scenario, area_m2: float) -> Iterator[Problem]:

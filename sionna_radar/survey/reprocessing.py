@@ -44,7 +44,7 @@ from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.build import build_high_pass
-from sionna_radar.survey.checks import MAX_SPECTRUM
+from sionna_radar.survey.checks import processing_limits
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe, place
@@ -480,9 +480,8 @@ def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: st
             "the recording; lower processing.cfar.guard and processing.cfar.training"
         )
         raise ScenarioError.of("processing.cfar.guard", message, source)
-    if chirp.samples * processing.zero_padding > MAX_SPECTRUM:
-        message = f"{processing.zero_padding} times {chirp.samples:,} samples are more than {MAX_SPECTRUM:,}; lower it"
-        raise ScenarioError.of("processing.zero_padding", message, source)
+    if problems := [*processing_limits(processing, chirp)]:
+        raise ScenarioError(problems, source)
 
 
 @on_one_thread

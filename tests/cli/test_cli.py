@@ -151,13 +151,14 @@ def test_own_dem_of_1_m_in_utm(cli, tmp_path):
 
 def test_validate_prints_a_scenario_that_loads(cli, small, tmp_path):
     done = cli("validate", small)
-    *shown, verdict = done.stdout.splitlines()
+    *shown, verdict, expected = done.stdout.splitlines()
     assert re.search(r" can be flown: \d+ pulses in [\d.]+ s, DEM of \d+ x \d+ cells of 1 m, 0 warnings$", verdict)
     (tmp_path / "resolved.toml").write_text(done.stdout)
     again = cli("validate", tmp_path / "resolved.toml", "--all")
     assert again.stdout.count("\n") > 2 * len(shown)
     (tmp_path / "whole.toml").write_text(again.stdout)
-    assert cli("validate", tmp_path / "whole.toml").stdout.splitlines()[:-1] == shown
+    assert cli("validate", tmp_path / "whole.toml").stdout.splitlines()[:-2] == shown
+    assert re.search(r"^# expected: [\d.e+]+ paths, \d\.\d GB of memory, and on two cores about [\d.e-]+ s ", expected)
 
 
 def test_scenes_lists_the_shipped_scenarios(cli):

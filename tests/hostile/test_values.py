@@ -77,6 +77,7 @@ ROUGH = {"model": "integral_equation", "permittivity": [4.0, 1.0], "rms_height_m
         ({"dem.spacing_m": 1e-9}, "dem.spacing_m"),
         ({"radar.bandwidth_hz": 1e5}, "radar.bandwidth_hz"),
         ({"processing.min_range_m": 3e6}, "processing.min_range_m"),
+        ({"buildings": [{"position_m": [0.0, 40.0], "size_m": [9.0, 9.0, 3e7]}]}, "building-0"),
         ({"sensor": "lidar", "dem.method": "refined"}, "dem.method"),
         ({"radar.sweep": "triangular", "dem.method": "refined"}, "dem.method"),
         ({"radar.antenna.beamwidth_deg": 40.0, "processing.ranging": "model_fit"}, "processing.ranging"),

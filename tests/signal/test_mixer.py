@@ -194,6 +194,12 @@ def test_a_table_without_errors_over_the_samples_bends_nothing(text, used, tmp_p
     np.testing.assert_array_equal(found, straight)
 
 
+@pytest.mark.parametrize("keys", [{"cubic_hz": 5e-324}, {"quadratic_hz": -1e-310}, {"sinusoidal_hz": 1e-200}])
+def test_an_error_lost_in_rounding_bends_nothing(keys):
+    paths, pulses = points_at(30.0), make_pulses(1)
+    np.testing.assert_array_equal(mixed(bent(keys), paths, pulses)[2], mixed(bent(), paths, pulses)[2])
+
+
 @pytest.mark.parametrize("kind", ["noise", "both"])
 @pytest.mark.parametrize("sweep", ["up", "triangular"])
 def test_a_pulse_is_the_same_in_any_block(kind, sweep, monkeypatch):

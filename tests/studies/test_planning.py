@@ -153,8 +153,20 @@ def test_a_high_flight_gets_the_samples_it_needs():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"size_m": (0.0, 5.0)}, {"sampling_m": -1.0}, {"overlap": 0.95}, {"altitude_m": 0.0}]
+    ("wrong", "field"),
+    [
+        ({"size_m": (0.0, 5.0)}, "area, east"),
+        ({"size_m": (50.0, 1e-6)}, "area, north"),
+        ({"sampling_m": -1.0}, "sampling"),
+        ({"overlap": 0.95}, "overlap"),
+        ({"altitude_m": 0.0}, "altitude"),
+        ({"most_rotation_rpm": 0.0}, "most-rpm"),
+        ({"most_rotation_rpm": math.nan}, "most-rpm"),
+        ({"most_chirp_rate_hz": -0.0}, "most-chirps"),
+        ({"speed_mps": 5e-324}, "speed"),
+        ({"heading_deg": math.inf}, "heading"),
+    ],
 )
-def test_what_cannot_be_planned_is_refused(wrong):
-    with pytest.raises(ScenarioError):
+def test_what_cannot_be_planned_is_refused_by_its_name(wrong, field):
+    with pytest.raises(ScenarioError, match=f"{field}: .* must be at least"):
         plan_flight(Wanted(**({"size_m": (50.0, 50.0), "sampling_m": 2.0} | wrong)))

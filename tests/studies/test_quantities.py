@@ -208,6 +208,8 @@ def test_expressions_take_arrays_and_name_what_they_need():
         "(" * 300 + ")" * 300,
         "1 +" * 400,
         "x := 3",
+        "rms_m * " + "7" * 320,
+        "rms_m + 3e400",
     ],
 )
 def test_whatever_else_is_refused(text):

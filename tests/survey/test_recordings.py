@@ -218,6 +218,22 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
         process(flown[1]["signals"], {"processing.cfar.guard": 2000})
 
 
+@pytest.mark.parametrize("range_m", [152.95, 153.5, 4e6])
+def test_ranges_beyond_the_last_cell_are_refused(flown, range_m):
+    """The last of 512 cells of c / 2B, at 153.2 m, is not tested."""
+    with pytest.raises(
+        ScenarioError, match=r"processing\.min_range_m: .* is beyond the last tested range cell, at 152\.9"
+    ):
+        process(flown[1]["signals"], {"processing.min_range_m": range_m})
+
+
+@pytest.mark.parametrize("range_m", [140.0, 151.0, 152.8])
+def test_few_cells_are_searched_without_a_volume(flown, range_m):
+    """Behind all ground there is noise: nothing but false alarms is found, and no rain."""
+    processed = process(flown[1]["signals"], {"processing.min_range_m": range_m})
+    assert len(processed.echoes) < 0.1 * flown[0].pulses
+
+
 def test_workers_process_a_recording_to_the_same_bits_and_go_on(flown, tmp_path):
     """Each opens the file once; what is kept is not processed again."""
     survey, files = flown

@@ -141,14 +141,19 @@ def first_guess(
 def _volume_at(
     share: float, power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
 ) -> VolumeClutter | None:
-    """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential."""
+    """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential.
+
+    None as well where the tested cells are too few to show the law.
+    """
+    if last - first < NEAR_CELLS:
+        return None
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
     noise = float(np.quantile(level[first:last], QUIET_SHARE))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
-    for start in (first, first + NEAR_CELLS):
-        near, far = slice(start, start + NEAR_CELLS // 2), slice(start + NEAR_CELLS // 2, min(start + NEAR_CELLS, last))
+    for start in range(first, last - NEAR_CELLS + 1, NEAR_CELLS)[:2]:
+        near, far = slice(start, start + NEAR_CELLS // 2), slice(start + NEAR_CELLS // 2, start + NEAR_CELLS)
         strength = float(np.median(compensated[near.start : far.stop]))
         nearest = float(np.median(compensated[first : first + NEAR_CELLS // 2]))
         ratio = float(np.median(compensated[near]) / max(np.median(compensated[far]), np.finfo(float).tiny))

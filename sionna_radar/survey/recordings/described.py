@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int, Num
@@ -59,6 +58,7 @@ from sionna_radar.survey.recordings.capture_file import (
     told_lanes,
 )
 from sionna_radar.survey.recordings.netcdf import open_netcdf
+from sionna_radar.survey.recordings.numpy_file import readable, stored_arrays
 from sionna_radar.survey.recordings.signal_file import MAX_PULSES, MAX_SAMPLES, MIN_SAMPLES, RecordedPulses, sweeps_of
 
 REMEDY = "give a recording's description in TOML; the page on recordings has one"
@@ -304,7 +304,7 @@ def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarr
     if path.suffix.lower() in (".npz", ".nc"):
         found, names = _stored(path, wanted, {"time_s": "s", "range_m": "m", "sigma_m": "m"})
     else:
-        with _readable(path, "a table"):
+        with readable(path, "a table"):
             table: np.ndarray = np.genfromtxt(
                 path, delimiter=",", names=True, dtype=np.float64, encoding="utf-8", ndmin=1
             )
@@ -318,15 +318,6 @@ def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarr
     if any(column.dtype.kind not in "iuf" for column in found.values()):
         _fail(path, "has columns that are no numbers; give seconds and metres")
     return {name: np.asarray(column, np.float64) for name, column in found.items()}
-
-
-@contextmanager
-def _readable(path: Path, what: str) -> Iterator[None]:
-    """Turn NumPy's errors for a file into one that names it."""
-    try:
-        yield
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        _fail(path, f"cannot be read as {what} ({str(error).splitlines()[0]})")
 
 
 def _stored(
@@ -346,12 +337,7 @@ def _stored(
                 if set(names) == set(axes) and names != axes:
                     file.fail(f"has the dimensions {list(names)}; set recording.axes to these")
             return {name: file.unpacked(variable, variable[...]) for name, variable in found.items()}, list(file)
-    with _readable(path, "a NumPy file"):
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return dict.fromkeys(wanted, loaded), []
-        with loaded as arrays:
-            return {name: arrays[key] for name, key in wanted.items() if key in arrays}, list(arrays)
+    return stored_arrays(path, wanted)
 
 
 def _description(path: Path) -> DescribedRecording:
