@@ -125,6 +125,8 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
+        # On a busy machine a new process takes longer than dask's 30 s.
+        "distributed.comm.timeouts.connect": "300s",
     }
     _start_silent_tracker()
     temporary = Path(tempfile.gettempdir())
@@ -332,10 +334,24 @@ class DaskWorkers:
             except queue.Empty:
                 if self.client.status not in ("running", "connecting"):
                     raise WorkersLostError("the dask scheduler is gone") from None
-                if not told and monotonic() - since > WARN_AFTER_S:
-                    told = True
-                    if not self._worker_count():
+                if monotonic() - since > WARN_AFTER_S and not self._worker_count():
+                    since = monotonic()
+                    if self.local:
+                        self._restart_lost()
+                    elif not told:
+                        told = True
                         logger.warning("the cluster has no worker any more; waiting for one")
+
+    def _restart_lost(self) -> None:
+        """Start new local workers if all have ended for good.
+
+        Dask restarts a worker that ends, but gives up when the new process does not connect in time.
+        """
+        from distributed.core import Status
+
+        cluster = self.client.cluster
+        if all(nanny.status in (Status.closed, Status.failed) for nanny in cluster.workers.values()):
+            cluster.scale(len(cluster.worker_spec) + self.local)
 
 
 def _deaths(future: "Future") -> int:

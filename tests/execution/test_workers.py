@@ -108,6 +108,29 @@ def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_
     assert len((tmp_path / "deaths").read_text().split()) == 3
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_workers_that_dask_gives_up_to_restart_are_started_anew(tmp_path, monkeypatch):
+    """On a busy machine the new process may not connect in time, after which dask closes its nanny for good."""
+    from distributed.nanny import WorkerProcess
+
+    starts, connected = [], WorkerProcess._wait_until_connected
+
+    async def too_late_once(self, *given):
+        starts.append(self)
+        if len(starts) == 2:
+            raise TimeoutError
+        return await connected(self, *given)
+
+    monkeypatch.setattr(WorkerProcess, "_wait_until_connected", too_late_once)
+    monkeypatch.setattr("sionna_radar.execution.cluster.WARN_AFTER_S", 0.5)
+    tasks = [{"do": "die", "deaths": str(tmp_path / "deaths")}, {"do": "look", "x": 7}]
+    with open_workers(1) as workers:
+        found = dict(workers.each(look, tasks))
+    assert len(starts) > 2
+    assert found[0] == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
+    assert seen(found[1])["x"] == 7
+
+
 class BlamedFuture(Future):
     """A task that is done at once, or with which its worker died."""
 
