@@ -33,6 +33,12 @@ settings.register_profile("search", deadline=None)
 settings.load_profile("any machine")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("hostile")
+    group.addoption("--hostile-inputs", type=int, default=10_000, help="Inputs of `-m hostile`, of all kinds together.")
+    group.addoption("--hostile-seed", type=int, default=0, help="Seed of the inputs of `-m hostile`.")
+
+
 def pytest_collection_finish() -> None:
     """What is loaded by now stays: the collector of cycles would look through it again and again."""
     gc.freeze()

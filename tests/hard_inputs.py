@@ -242,14 +242,16 @@ def _patterns() -> dict[str, bytes]:
 # Options that would wait for a network, for other processes, or for an hour.
 NEVER = ("--allow-network", "--network", "--scheduler", "--workers", "-o", "--output")
 QUICK = ("run", "sweep", "crosscheck", "image", "process", "log", "show", "compare", "merge", "validate", "plan", "fit")
+# One shows the city for a minute, and others look at this machine, not at what they are given.
+NO_INPUT = ("demo", "doctor", "scenes", "presets", "schema")
 
 
 def _options() -> dict[str, dict[str, bool]]:
-    """Return the options of each quick command, and whether they take a value."""
-    commands = get_command(app).commands
+    """Return the options of each command, and whether they take a value."""
     return {
-        name: {option: not getattr(given, "is_flag", False) for given in commands[name].params for option in given.opts}
-        for name in QUICK
+        name: {option: not getattr(given, "is_flag", False) for given in command.params for option in given.opts}
+        for name, command in get_command(app).commands.items()
+        if name not in NO_INPUT
     }
 
 
@@ -262,6 +264,11 @@ USUAL = {
     "sweep": ["--vary", "radar.snr_db=10,20"],
     "plan": ["--area", "40x30", "--sampling", "4"],
     "fit": ["--material", "ground"],
+    "link": ["--pulses", "200"],
+    "crosscheck": ["--pulses", "200"],
+    "range-doppler": ["--chirps", "32", "--frames", "1"],
+    "budget": ["--repeat", "1"],
+    "design": ["--free", "radar.antenna.beamwidth_deg=2:6", "--minimise", "rms_m", "--surveys", "4", "--repeat", "2"],
 }
 FITTING_WORDS = {
     "--set": ("radar.snr_db=20", "dem.method=smooth", "dem.spacing_m=0.5", "radar.antenna.beamwidth_deg=8", "seed=-1"),
@@ -274,14 +281,15 @@ FITTING_WORDS = {
 ARGUMENTS = (
     "small.toml", "hills", "nowhere.toml", "", "0", "-1", "1e999", "nan", "2/3", "sobol:4", "lhs:2", "sobol:x", "x=1:2",
     "radar.snr_db=10:20", "radar.snr_db=10,20", "radar.snr_db=", "radar.snr_db=nan", "=", "200x150", "small.toml/x",
-    "signals=a.nc", "int16", "parquet", "csv", "radar.snr_db=3:6:log", "seed=1:3", "platform=3", "[", "{",
+    "signals=a.nc", "int16", "parquet", "csv", "radar.snr_db=3:6:log", "seed=1:3", "platform=3", "[", "{", "inf",
+    "5e-324", "1e300", "9" * 309, "rms_m * " + "9" * 309, "1e-9x1e-9", ".", "..",
 )  # fmt: skip
 
 
 @st.composite
-def command_lines(draw: st.DrawFn) -> HardInput:
+def command_lines(draw: st.DrawFn, commands: Sequence[str] = QUICK) -> HardInput:
     """A command with options of its own, and values that need not fit them."""
-    command = draw(st.sampled_from(QUICK))
+    command = draw(st.sampled_from(commands))
     given: list[str] = [command]
     if command != "plan":
         given.append("small.toml" if draw(st.integers(0, 4)) else draw(st.sampled_from(ARGUMENTS)))
