@@ -533,6 +533,24 @@ def _over_common_cells(flown: Mapping[Place, Trial | Failure], *, keep_maps: boo
     return {**flown, **compared}
 
 
+# Largest difference of mapped areas, relative to the larger, between surveys whose errors may be compared as they are.
+AREAS_ALIKE = 0.05
+
+
+def unequal_areas(areas: Sequence[tuple[str, float]]) -> str:
+    """Return the sentence about areas, by name, m2, that differ by more than `AREAS_ALIKE`; "" if they do not."""
+    known = [(name, area) for name, area in areas if np.isfinite(area)]
+    if len(known) < 2:
+        return ""
+    (least_name, least), (most_name, most) = (pick(known, key=lambda pair: pair[1]) for pick in (min, max))
+    if most <= 0 or least >= (1 - AREAS_ALIKE) * most:
+        return ""
+    return (
+        f"mapped areas differ by {1 - least / most:.0%}: {least:,.0f} m2 at {least_name}, {most:,.0f} m2 at {most_name}; "
+        "an error over fewer cells may be smaller for that alone"
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class CommonCells:
     """Several maps over the cells that all of them fill: their number, and the RMS error of each map there."""

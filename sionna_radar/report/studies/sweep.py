@@ -40,7 +40,7 @@ from sionna_radar.report.terminal import NONE, console, number, print_whole, say
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
 from sionna_radar.studies.design import Axis
-from sionna_radar.studies.sweep import MAPS, OWN_STATISTICS, STATISTICS, Case, Sweep, Trial, label, short
+from sionna_radar.studies.sweep import MAPS, OWN_STATISTICS, STATISTICS, Case, Sweep, Trial, label, short, unequal_areas
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 SINGLE = "one trial each"
@@ -50,8 +50,10 @@ PANELS = {
     "off_wall_rms_m": "RMS error of lit cells\noff walls (m)",
     "nmad_m": "NMAD of lit cells (m)",
     "mean_m": "Mean error of lit cells (m)",
-    "coverage_of_swath": "Coverage: share of the planned\nswath with a height (%)",
+    "coverage": "Share of lit cells\nwith a height (%)",
+    "coverage_of_swath": "Share of the planned swath\nwith a height (%)",
 }
+SHARES = ("coverage", "coverage_of_swath")
 # Panels with an optional logarithmic scale, and the ratio of largest to smallest value from which it is used.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
@@ -134,9 +136,16 @@ def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Cas
 
 
 def _panels(sweep: Sweep) -> list[str]:
-    """Return the statistics of the four panels: if there are walls, the error off walls in place of the NMAD."""
-    walls = any(np.isfinite(case.mean("off_wall_rms_m")) for case in sweep.cases)
-    return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
+    """Return the statistics of the four panels.
+
+    If there are walls, the error off walls takes the place of the NMAD; where the planned swath is known, its coverage
+    that of the lit cells.
+    """
+    walls, swath = (
+        any(np.isfinite(case.mean(name)) for case in sweep.cases) for name in ("off_wall_rms_m", "coverage_of_swath")
+    )
+    left_out = "nmad_m" if walls else "off_wall_rms_m", "coverage" if swath else "coverage_of_swath"
+    return [statistic for statistic in PANELS if statistic not in left_out]
 
 
 def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> None:
@@ -149,7 +158,7 @@ def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> N
         axes.spines[["top", "right"]].set_visible(False)
         if statistic == "mean_m":
             axes.axhline(0.0, color="black", lw=0.8)
-        if statistic == "coverage_of_swath":
+        if statistic in SHARES:
             axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         if statistic in SIZES and len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
             axes.set_yscale("log", nonpositive="mask")
@@ -441,6 +450,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
         "interrupted": sweep.interrupted,
         "shard": sweep.shard or None,
         "meaning": MEANING,
+        "notes": [note for note in [_unequal(sweep)] if note],
         "cases": [
             {
                 "setting": case.setting,
@@ -495,7 +505,6 @@ HEADINGS = {
 }
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
-SHARES = ("coverage", "coverage_of_swath")
 # Shown only where a case has them.
 OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms_m")
 SIGNED = ("min_m", "max_m", "mean_m")
@@ -508,12 +517,22 @@ def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
     hidden = len(result.cases) - MAX_ROWS
     if hidden > 0:
         out.print(f"and {hidden:,} more settings in table.csv")
+    if unequal := _unequal(result):
+        say(unequal)
     better = [better_map(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
     if any(better) and METHOD not in [axis.key for axis in result.axes]:
         say(f"a better map: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
     for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             say(f"{label(case.setting)}: {note}")
+
+
+def _unequal(sweep: Sweep) -> str:
+    """Return the sentence about settings that map unequal areas, and what compares them; "" if they do not."""
+    unequal = unequal_areas([(label(case.setting), case.mean("mapped_m2")) for case in sweep.cases])
+    compared = any(np.isfinite(case.mean("common_rms_m")) for case in sweep.cases)
+    remedy = "compare common_rms_m, that of the same cells" if compared else "compare those of equal coverage_of_swath"
+    return f"{unequal}: {remedy}" if unequal else ""
 
 
 def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) -> Table:
