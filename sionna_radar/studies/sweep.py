@@ -546,8 +546,8 @@ def unequal_areas(areas: Sequence[tuple[str, float]]) -> str:
     if most <= 0 or least >= (1 - AREAS_ALIKE) * most:
         return ""
     return (
-        f"mapped areas differ by {1 - least / most:.0%}: {least:,.0f} m2 at {least_name}, {most:,.0f} m2 at {most_name}; "
-        "an error over fewer cells may be smaller for that alone"
+        f"mapped areas differ by {1 - least / most:.0%} ({least:,.0f} m2 at {least_name}, {most:,.0f} m2 at "
+        f"{most_name}), and an error over fewer cells may be smaller for that alone"
     )
 
 

@@ -25,9 +25,9 @@ from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.swath import MappedGround, mapped_ground
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.survey.swath import MappedGround, mapped_ground
 
 logger = logging.getLogger("sionna_radar")
 

@@ -414,21 +414,21 @@ def write_sweep(
             write_runs_parquet(folder / RUNS_PARQUET, sweep)
         draw_all(sweep, folder / "figures")
         kept = _kept(sweep, ranking, keep)
-        for number, case in enumerate(sweep.cases, 1):
+        for case_number, case in enumerate(sweep.cases, 1):
             names = MAPS if case in kept else ("error",) if sweep.shard else ()
             for trial in case.trials:
                 for name in names:
                     if name in trial.maps:
-                        path = _map_file(folder, number, trial.seed, name)
+                        path = _map_file(folder, case_number, trial.seed, name)
                         path.parent.mkdir(exist_ok=True)
                         trial.maps[name].to_geotiff(path)
 
     return write_folder(directory, MARKER, fill)
 
 
-def _map_file(folder: Path, number: int, seed: int, name: str) -> Path:
+def _map_file(folder: Path, case_number: int, seed: int, name: str) -> Path:
     """Return the file of a map of a trial, by the number of its case from 1."""
-    return folder / "maps" / f"{number}_seed_{seed}_{name}.tif"
+    return folder / "maps" / f"{case_number}_seed_{seed}_{name}.tif"
 
 
 def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
@@ -605,10 +605,10 @@ def _costs(folder: Path) -> list[dict[str, float]]:
     return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
-def _case(document: dict[str, Any], costs: Iterator[dict[str, float]], folder: Path, number: int) -> Case:
+def _case(document: dict[str, Any], costs: Iterator[dict[str, float]], folder: Path, case_number: int) -> Case:
     trials = []
     for run in document["runs"]:
-        trial, error = _trial(run | next(costs, UNKNOWN)), _map_file(folder, number, run["seed"], "error")
+        trial, error = _trial(run | next(costs, UNKNOWN)), _map_file(folder, case_number, run["seed"], "error")
         trials.append(replace(trial, maps={"error": Raster.read(error)} if error.is_file() else {}))
     return Case(
         setting=document["setting"],
