@@ -25,6 +25,7 @@ from sionna_radar.studies.quantities import (
     Costs,
     Expression,
     Requirement,
+    check_consistent,
     check_names,
     key_value,
     parse_expression,
@@ -227,6 +228,7 @@ def _check_names(plan: DesignPlan) -> None:
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
         check_names(part.names, known, f"{part.text!r}")
+    check_consistent(plan.requirements)
     check_names(plan.costs.needs, [name for name in known if name not in plan.costs.names], "--costs")
     if not plan.results:
         refuse("no survey is needed for it; name rms_m, coverage or the like", "--require")

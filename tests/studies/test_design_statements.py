@@ -19,7 +19,9 @@ from sionna_radar.studies.quantities import parse_requirement, quantities_of
 from sionna_radar.studies.radar_design import FLAT, INACTIVE, RELAXED, plan_design, standing_of
 
 BEAM, HEIGHT, RPM = "radar.antenna.beamwidth_deg", "platform.altitude_m", "radar.scan.rotation_rpm"
-WITHOUT_SURVEY = dict.fromkeys(("count", "min_m", "max_m", "std_m", "mean_m", "nmad_m", "le68_m", "le95_m"), 0.1) | {"count": 900}
+OTHERS = dict.fromkeys(("count", "min_m", "max_m", "std_m", "mean_m", "nmad_m", "le68_m", "le95_m"), 0.1) | {
+    "count": 900
+}
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
 
@@ -42,7 +44,7 @@ class Law:
         setting = {BEAM: radar.antenna.beamwidth_deg, HEIGHT: platform.altitude_m, RPM: radar.scan.rotation_rpm}
         noise = np.random.default_rng(scenario.seed).standard_normal(2)
         rms_m, share = self.rms_m(setting) * (1 + self.noise * noise[0]), 0.9 + 0.004 * noise[1]
-        error = WITHOUT_SURVEY | {"rms_m": rms_m, "le90_m": 1.6 * rms_m, "p95_p5_m": 0.3, "coverage": share}
+        error = OTHERS | {"rms_m": rms_m, "le90_m": 1.6 * rms_m, "p95_p5_m": 0.3, "coverage": share}
         trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
         rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
         return packed(trial=document_bytes(trial | rest | {"mapped_m2": 900.0, "coverage_of_swath": share}))
@@ -126,7 +128,9 @@ def holds_against_flights(design):
                 assert one.probability >= design.plan.confidence
                 assert abs(one.objectives[0] - printed) <= FLAT * abs(printed) * 1.001
     assert {within for (within,) in told(design, rf"within 5% of {NUMBER}")} <= {f"{printed:.3g}"}
-    for name, start, end, without in told(design, rf"^(.*): active.*from {NUMBER} to about {NUMBER}, .* to about {NUMBER} \("):
+    for name, start, end, without in told(
+        design, rf"^(.*): active.*from {NUMBER} to about {NUMBER}, .* to about {NUMBER} \("
+    ):
         assert start == f"{printed:.3g}"
         assert sign * float(without) <= sign * float(end) < sign * float(start)
         for one in design.checked:

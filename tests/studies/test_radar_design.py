@@ -236,6 +236,13 @@ def test_what_no_setting_meets_is_told(small):
         ({"require": ["common_rms_m < 1"]}, "common_rms_m is no key"),
         ({"require": ["rms_m < 1", "transmit_power_w < 1"]}, "transmit_power_dbm"),
         ({"require": ["rms_m < radar.scan.mode"]}, "'whisk_broom' is no number"),
+        (
+            {"require": ["rms_m < 0.1", "coverage > 0.5", "rms_m > 0.2"]},
+            r"0.1.* and .*> 0.2.* contradict",
+        ),
+        ({"free": ["platform.altitude_m=3:3"]}, "--free: platform.altitude_m = 3:3"),
+        ({"free": [*FREE, "dem.method=linear,linear"]}, "--free: .*twice"),
+        ({"free": [f"{BEAM}=-1:4:log"]}, "--free: .*logarithm"),
         ({"surveys": 9}, "must be 13"),
         ({"repeat": 1}, "at least 2"),
         ({"confidence": 1.0}, "below 1"),

@@ -224,7 +224,10 @@ def design_summary(design: RadarDesign) -> dict[str, Any]:
     return {
         "answer": sentence(design),
         "source": plan.source,
-        "free": [*map(asdict, plan.space.spans), *map(asdict, plan.space.listed)],
+        "free": [
+            *({name: value for name, value in asdict(span).items() if name != "option"} for span in plan.space.spans),
+            *map(asdict, plan.space.listed),
+        ],
         "objectives": [objective.text for objective in plan.objectives],
         "requirements": [requirement.text for requirement in plan.requirements],
         "worlds": [{"source": source, "overrides": dict(overrides)} for source, overrides in plan.worlds],
