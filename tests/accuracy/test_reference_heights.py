@@ -318,6 +318,20 @@ def test_a_table_that_does_not_fit_is_refused_by_its_line(tmp_path, text, words)
     assert str(path) in str(refused.value) or path.name in str(refused.value)
 
 
+@pytest.mark.filterwarnings("error")
+def test_single_filled_cells_tell_the_vertical_shift_alone_and_no_warning_of_numpy(tmp_path):
+    """Cells without filled neighbours have no slope, and without one no horizontal shift is seen."""
+    surface = relief(3)
+    lattice = np.zeros(surface.grid.shape, dtype=bool)
+    lattice[1::3, 1::3] = True
+    dem = replace(surface, height_m=np.where(lattice, surface.height_m + 0.5, np.nan))
+    surface.to_geotiff(tmp_path / "truth.tif")
+    for apply_shift in (False, True):
+        check = compare_with_reference(tmp_path / "truth.tif", dem, apply_shift=apply_shift)
+        assert check.shift.east_m is None
+        assert check.shift.up_m == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_reference_elsewhere_or_in_other_coordinates_is_refused(tmp_path):
     dem = seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1))
     far = replace(relief(1), grid=replace(relief(1).grid, west_m=5000.0))
