@@ -622,7 +622,7 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
     }
     flown = _over_common_cells(flown, keep_maps=False)
     compared = [
-        replace(case, trials=tuple(trial for place, trial in flown.items() if place[0] == number))
+        replace(case, trials=tuple(t for place, t in flown.items() if place[0] == number and isinstance(t, Trial)))
         for number, case in enumerate(cases)
     ]
     return replace(reference, cases=tuple(compared), shard="")

@@ -22,7 +22,12 @@ from sionna_radar.report.drawing import (
     ORANGE,
     PURPLE,
     RED,
+    Coordinates,
     ReportFigure,
+    finish_map,
+    frame_of,
+    map_bounds,
+    map_size,
     readable,
     show_raster,
 )
@@ -50,10 +55,13 @@ from sionna_radar.studies.surrogate import SHARES
 from sionna_radar.studies.sweep import AREAS_ALIKE, label, short, unequal_areas
 
 MARKER = "design.json"
+# Largest width and height of a map, inches.
+MAP_IN = (3.6, 3.6)
 # Designs listed in a terminal and on the page.
 MAX_LISTED = 6
 TITLE = "Designs flown with several seeds"
 SHOWN = ("rms_m", "le90_m", "coverage", "coverage_of_swath", "mapped_m2", "common_rms_m")
+OF_LIT_CELLS = "coverage of lit cells"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
 
 
@@ -96,7 +104,7 @@ def _tolerance(design: RadarDesign, cut: Slice) -> str:
     """Return the sentence about the values of a key that are as good as the optimum's."""
     of_range = cut.key in [span.key for span in design.plan.space.spans]
     low, high = short(cut.tolerance[0]), short(cut.tolerance[-1])
-    values = f"{low} to {high}" if of_range else ", ".join(map(short, cut.tolerance))
+    values = f"{low} to {high}" if of_range else " or ".join(map(short, cut.tolerance))
     objective = f"{_objective(design)} within {FLAT:.0%} of {design.best.objectives[0]:.3g}"
     asked = f" and all requirements met with P >= {design.plan.confidence:g}" if design.plan.requirements else ""
     return f"{cut.key}: {values} keeps {objective}{asked}, the other keys as they are (expected)"
@@ -131,7 +139,7 @@ def _areas(design: RadarDesign) -> list[str]:
     found = [f"{unequal}: compare common_rms_m, that of the same cells"] if unequal else []
     share = design.best.values.get("coverage_of_swath", np.nan)
     if share < 1 - AREAS_ALIKE:
-        asked = f"--require 'coverage_of_swath > {1 - AREAS_ALIKE:g}' excludes designs that leave ground dark"
+        asked = f"--require 'coverage_of_swath > {1 - AREAS_ALIKE:g}' leaves out designs that map less of theirs"
         found.append(f"the best design maps {share:.0%} of its planned swath; {asked}")
     return found
 
@@ -142,7 +150,8 @@ def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
     shown = [name for name in SHOWN if name in design.best.values]
     columns = list(dict.fromkeys([*named, *(n for n in design.plan.costs.names if n in design.best.values), *shown]))
     texts = [o.expression.text for o in design.plan.objectives if o.expression.text not in columns]
-    head = [*design.plan.space.keys, *texts, *columns, "DEM method", "seeds", "probability"]
+    heads = (OF_LIT_CELLS if name == "coverage" else name for name in columns)
+    head = [*design.plan.space.keys, *texts, *heads, "DEM method", "seeds", "probability"]
     listed = list(design.checked[:MAX_LISTED])
     if len(design.front) > 0:
         spread = {int(k) for k in np.linspace(0, len(design.front) - 1, MAX_LISTED)}
@@ -354,18 +363,20 @@ def draw_sensitivity(design: RadarDesign) -> Figure:
 
 
 def draw_maps(design: RadarDesign) -> Figure:
-    """Draw the height errors of the best designs side by side, on one scale."""
+    """Draw the height errors of the best designs side by side, on one scale and in map coordinates if known."""
     count = len(design.maps)
-    figure = ReportFigure(figsize=(4.2 * count + 1.0, 4.2), layout="constrained")
-    panels = figure.subplots(1, count, squeeze=False)[0]
+    bounds = [map_bounds(error.grid.extent_m, np.zeros((0, 3))) for _, error in design.maps]
+    sizes = [map_size(each, MAP_IN) for each in bounds]
+    size = sum(width for width, _ in sizes) + 1.0 * count + 1.4, max(height for _, height in sizes) + 1.6
+    figure = ReportFigure(figsize=size, layout="constrained")
+    panels = figure.subplots(1, count, squeeze=False, width_ratios=[width for width, _ in sizes])[0]
     errors = np.concatenate([error.height_m[error.filled] for _, error in design.maps])
     limit = float(np.percentile(np.abs(errors), 98)) if len(errors) else 1.0
     scale = Normalize(-limit, limit)
-    for axes, (name, error) in zip(panels, design.maps, strict=True):
+    for axes, (name, error), edges in zip(panels, design.maps, bounds, strict=True):
         show_raster(axes, error, ERRORS, scale)
-        axes.set(xlabel="East (m)", ylabel="North (m)")
-        axes.set_title(name.replace(", ", "\n"), fontsize="small")
-    figure.colorbar(panels[0].images[0], ax=panels, label="DEM minus truth (m)", extend="both")
+        finish_map(axes, edges, name.replace(", ", "\n"), frame_of(error.grid.georeference, Coordinates.MAP))
+    figure.colorbar(panels[0].images[0], ax=panels, label="DEM minus truth, lit cells (m)", extend="both")
     return figure
 
 
@@ -450,8 +461,8 @@ def print_studies(folders: Sequence[Path]) -> None:
     ]
     texts = ["study", "setting", "DEM method", "seeds"]
     ordered = (row for _, row in sorted(rows, key=lambda pair: pair[0]))
-    title = "DEM minus truth of lit cells, and the share of them with a height: settings of all studies"
-    print_whole(table_of(title, [*texts, "RMS", "LE90", "of lit cells"], ordered, left=texts))
+    title = "DEM minus truth of lit cells: settings of all studies"
+    print_whole(table_of(title, [*texts, "RMS", "LE90", OF_LIT_CELLS], ordered, left=texts))
 
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:

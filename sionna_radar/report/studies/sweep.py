@@ -495,9 +495,9 @@ HEADINGS = {
     "le90_m": "LE90",
     "min_m": "min",
     "max_m": "max",
-    "coverage": "of lit cells",
+    "coverage": "coverage of lit cells",
     "mapped_m2": "mapped m2",
-    "coverage_of_swath": "of swath",
+    "coverage_of_swath": "coverage of swath",
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
     "stated_sigma_m": "stated sigma",
@@ -541,7 +541,7 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
     Of the quantities in closed form those are shown that differ between cases.
     """
     trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
-    title = f"{result.source}: elevation error of lit cells in metres, and shares with a height, {trials}"
+    title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     columns = [s for s in HEADINGS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
     cases, varied = ranked(result, ranking), [axis.key for axis in result.axes]
     same = [n for n in COLUMNS if len({judged[n] for _, judged in cases if judged[n] == judged[n]}) < 2]

@@ -247,7 +247,7 @@ def better_map(scenario: Scenario, flown: Survey | Trial) -> str:
 
 def _errors(survey: Survey) -> dict[str, str]:
     lit, off_wall = survey.lit_error, survey.off_wall_error
-    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
+    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%} of lit cells"}
     if lit.count:
         rows |= {
             "RMSE of lit cells": f"{lit.rms_m:.3f} m",
