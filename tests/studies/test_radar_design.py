@@ -187,6 +187,30 @@ def test_two_objectives_give_the_front(small):
     assert found.best.seeds >= 3
 
 
+def test_designs_are_compared_over_the_cells_that_all_of_them_fill(designed):
+    """The outer cells, which only higher flights map, err twice as much: over the inner ones all err by their law."""
+    compared = [one for one in designed.checked if "common_rms_m" in one.values]
+    assert len(compared) != 1
+    for one in compared:
+        narrow = min(int(other.setting[HEIGHT]) for other in designed.checked)
+        outer = max(narrow - 30, 0) / (narrow + 0.5)
+        expected = one.values["rms_m"] * np.sqrt(1 + 3 * outer)
+        assert one.values["common_rms_m"] == pytest.approx(expected, rel=1e-3)
+    areas = [one.values["mapped_m2"] for one in designed.checked]
+    told = any("mapped areas differ" in text for text in statements(designed))
+    assert told == (min(areas) < 0.95 * max(areas))
+
+
+def test_an_optimum_that_leaves_its_swath_dark_is_told(designed):
+    dark = replace(designed.best, values=designed.best.values | {"coverage_of_swath": 0.7})
+    told = [text for text in statements(replace(designed, best=dark)) if "planned swath" in text]
+    assert told == [
+        "the best design maps 70% of its planned swath; --require 'coverage_of_swath > 0.95' leaves out designs that "
+        "map less of theirs"
+    ]
+    assert not any("planned swath" in text for text in statements(designed))
+
+
 def test_a_range_that_binds_is_told(small):
     """Any error is allowed, so that the least aperture is that of the widest beam, at the end of its range."""
     free = [f"{BEAM}=1:4:log", f"{HEIGHT}=30:60"]
@@ -313,6 +337,7 @@ def test_the_worst_is_the_largest_error_and_the_least_coverage():
     assert worst("rms_m", [0.1, 0.3]) == 0.3
     assert worst("mean_m", [0.1, -0.3]) == -0.3
     assert worst("coverage", [0.9, 0.8]) == 0.8
+    assert worst("mapped_m2", [900.0, 800.0]) == 800.0
 
 
 def test_settings_and_points_of_the_cube_are_each_others_inverse():
