@@ -258,7 +258,7 @@ def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
     figure.draw_without_rendering()
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels[0] == "RMS error of lit cells (m)"
-    assert labels[3].startswith("Coverage: share of lit")
+    assert labels[3].startswith("Share of the planned swath")
     assert figure.axes[2].get_xlabel() == "Beamwidth (deg)"
     assert [text.get_text() for text in figure.legends[0].texts] == ["Ranging: peak", "Ranging: centroid"]
     # The dots of the runs are drawn beside the bar of their case.
