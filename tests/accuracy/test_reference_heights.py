@@ -412,6 +412,22 @@ def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_befo
         CliRunner().invoke(app, ["run", "hills", "--reference", str(tmp_path / "none.tif")], catch_exceptions=False)
 
 
+def test_process_refuses_a_reference_that_does_not_fit_before_it_processes(tmp_path, monkeypatch):
+    recording = tmp_path / "signals.nc"
+    run(load_scenario("hills", {"platform.length_m": 4.0}), recordings={"signals": recording})
+    (tmp_path / "elsewhere.csv").write_text("x,y,z\n9000,9000,1\n9001,9000,1\n9002,9000,1\n")
+
+    def processed(*_args, **_kwargs):
+        pytest.fail("it is processed first")
+
+    monkeypatch.setattr("sionna_radar.survey.reprocessing.observe", processed)
+    for reference, says in (("elsewhere.csv", "0 of 3 places lie within the DEM"), ("none.csv", "does not exist")):
+        asked = ["process", str(recording), "--reference", str(tmp_path / reference), "-o", str(tmp_path / "out")]
+        with pytest.raises(InputFileError, match=says):
+            CliRunner().invoke(app, asked, catch_exceptions=False)
+        assert not (tmp_path / "out").exists()
+
+
 def test_a_cloud_that_is_a_surface_for_one_folder_and_single_points_for_another_is_printed_for_both(tmp_path, capsys):
     surface = relief(5)
     place = surface.grid.centres_m
