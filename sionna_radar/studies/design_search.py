@@ -643,12 +643,13 @@ class _Search:
             table = np.array([rows[name] for name in names])
             known = np.isfinite(table)
             middle = [row[k].mean() if k.any() else 0.0 for row, k in zip(table, known, strict=True)]
-            return np.where(known, table, np.array(middle)[:, None])
+            # Twice, as SciPy 1.17 fails at a single output of a single parameter.
+            return np.tile(np.where(known, table, np.array(middle)[:, None]), (2, 1))
 
         found = sobol_indices(
             func=of_shares, n=SOBOL_SAMPLES, dists=[uniform(0, 1)] * len(keys), rng=np.random.default_rng(0)
         )
-        total = np.clip(np.nan_to_num(found.total_order), 0.0, 1.0).reshape(len(names), len(keys))
+        total = np.clip(np.nan_to_num(found.total_order), 0.0, 1.0).reshape(2 * len(names), len(keys))[: len(names)]
         return {
             name: {key: float(index) for key, index in zip(keys, row, strict=True)}
             for name, row in zip(names, total, strict=True)

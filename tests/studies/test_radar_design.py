@@ -211,6 +211,11 @@ def test_an_optimum_that_leaves_its_swath_dark_is_told(designed):
     assert not any("planned swath" in text for text in statements(designed))
 
 
+def test_one_parameter_and_one_result_have_a_sensitivity(small):
+    plan = plan_design(small, [f"{BEAM}=1:4:log"], minimise=["rms_m"], surveys=16, repeat=2)
+    assert run_design(plan).sensitivity["rms_m"] == {BEAM: pytest.approx(1.0, abs=0.05)}
+
+
 def test_a_range_that_binds_is_told(small):
     """Any error is allowed, so that the least aperture is that of the widest beam, at the end of its range."""
     free = [f"{BEAM}=1:4:log", f"{HEIGHT}=30:60"]
