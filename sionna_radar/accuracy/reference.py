@@ -314,7 +314,7 @@ def _check_at(
         error=None,
         statistics=statistics(error_m, len(inside)),
         breakdown=None,
-        calibration=None if stated is None or known is None else calibration(error_m[known], stated[known]),
+        calibration=None if stated is None or not np.any(known) else calibration(error_m[known], stated[known]),
         untold={"slope, incidence, distance from walls, cover, variogram": "single points are no surface"},
     )
 
@@ -356,6 +356,9 @@ def _fitted(
         model = np.column_stack([*own, constant]) if moved else constant
         instruments = np.column_stack([*slopes, constant]) if moved else constant
         usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
+        if moved and not usable.any():
+            # No cell has slopes on both surfaces, as where the DEM has single cells only: nothing tells the direction.
+            return _fitted(dem, reference, cells, seed, None)
         usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
         solved = np.linalg.pinv(instruments[usable].T @ model[usable]) @ instruments[usable].T @ residual[usable]
         if not moved:

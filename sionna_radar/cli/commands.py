@@ -259,7 +259,7 @@ def sweep(
     ] = None,
     keep: Annotated[
         Keep,
-        typer.Option("--keep", help="Write maps; compare errors over the cells that all surveys filled, too."),
+        typer.Option("--keep", help="Write maps."),
     ] = Keep.NONE,
 ) -> None:
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
@@ -339,9 +339,10 @@ def design(
     """Find the radar and flight that meet requirements at the least cost, and how sure that is; exit code 1 if none.
 
     EXPR and CONDITION are arithmetic over keys of the scenario, costs, results of a survey (rms_m, le90_m, nmad_m,
-    std_m, mean_m, min_m, max_m, coverage, off_wall_rms_m, all_cells_rms_m, stated_sigma_m) and quantities in closed
-    form: aperture_m, swath_m, area_per_hour_km2, lines, flying_time_s, line_gap_m, dwell_s, pulses_per_s,
-    samples_per_s, data_rate_mbps, transmit_power_w.
+    std_m, mean_m, min_m, max_m, coverage, which is the share of lit cells with a height, mapped_m2, mapped_swath_m,
+    coverage_of_swath, which is that share of the planned swath, off_wall_rms_m, all_cells_rms_m, stated_sigma_m) and
+    quantities in closed form: aperture_m, swath_m, area_per_hour_km2, lines, flying_time_s, line_gap_m, dwell_s,
+    pulses_per_s, samples_per_s, data_rate_mbps, transmit_power_w.
     """
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.studies.flights import parse_pair

@@ -126,13 +126,17 @@ def process_command(
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
     from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
-    from sionna_radar.survey.reprocessing import identity_of, process
+    from sionna_radar.survey.reprocessing import identity_of, open_recording, process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
     page = Report.PAGE if report else Report.NONE
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
+        if heights.path is not None:
+            # A reference that does not fit is refused before a long processing.
+            with open_recording(recording, session.overrides) as source:
+                heights.check(source.mappable_grid())
         with session.team() as team:
             checkpoints = keep(identity_of(recording, session.overrides, size))
             execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)

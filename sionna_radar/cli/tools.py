@@ -381,24 +381,31 @@ def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None
 def show(
     session: Session,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page; default NAME_show.html.")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for show.html, or a file .html; default results/NAME_show."
+        ),
     ] = None,
     map_coordinates: MapOption = True,
 ) -> None:
     """Draw the scene, the flight and its footprints as an interactive 3-D page, without tracing."""
     from sionna_radar.report.drawing import Coordinates
-    from sionna_radar.report.page.show import PAGE_FILE, show_page
+    from sionna_radar.report.files.folder import check_output
+    from sionna_radar.report.page.show import MARKER, PAGE_FILE, show_page, write_page
     from sionna_radar.survey.preparation import prepare
 
     name = Path(session.scenario).stem
-    path = PAGE_FILE.check(output or Path(f"{name}_show.html"))
+    path = output or Path("results") / f"{name}_show"
+    in_folder = path.suffix.lower() not in (".html", ".htm")
+    path = check_output(path, MARKER) if in_folder else PAGE_FILE.check(path)
     checked = session.load()
     with session.reach():
         prepared = prepare(checked)
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    PAGE_FILE.write(path, show_page(prepared, name, coordinates))
+    page = show_page(prepared, name, coordinates)
+    written = write_page(page, path) if in_folder else PAGE_FILE.write(path, page)
     if not session.quiet:
-        typer.echo(f"page in {shown(path)}")
+        typer.echo(f"page in {shown(written)}")
 
 
 def compare(

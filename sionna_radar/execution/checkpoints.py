@@ -23,7 +23,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.errors import InputFileError, OutputError, PluginError, ScenarioError
 
 PREFIX = ".sionna-radar-"
 STAGING_LOCK, OWNER = "lock", "owner"
@@ -145,15 +145,19 @@ def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -
     except OSError as error:
         raise OutputError(f"output = {directory} cannot be written ({error.strerror}); name another folder") from error
     parts, begun = Checkpoints(folder), False
+    earlier = len(parts)
     try:
         _take_over(parts, directory, json.loads(json.dumps(run)), resume)
         begun = True
         yield parts
     except BaseException as error:
         lock.release()
-        if len(parts) and begun:
-            error.add_note("finished tasks are saved; continue with the same command and --resume")
-        elif len(parts) == 0:
+        refused = isinstance(error, ScenarioError | PluginError)
+        if len(parts) and begun and not refused:
+            mended = "once the file is mended, " if isinstance(error, InputFileError) else ""
+            error.add_note(f"finished tasks are saved; {mended}continue with the same command and --resume")
+        elif len(parts) == 0 or (refused and begun and not earlier):
+            # A request that would be refused again cannot be continued; what an earlier run saved stays all the same.
             _remove(folder, directory if made else None)
         raise
     lock.release()

@@ -189,18 +189,25 @@ class PulseSchedule(PulseSequence):
         """Return some of the pulses."""
         return self.at(index, self.time_s[index])
 
+    def mount(
+        self, time_s: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+        """Return the true position and velocity of the antenna at any times, and the orientation of its mount."""
+        euler = self.trajectory.euler(time_s)
+        R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
+        return *antenna_place(body_motion(self.trajectory, time_s), self.lever_arm_m), R_world_mount
+
     def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
         """Return pulses at any times; `index` is the key of their random numbers."""
         pointing = self.scan.point(time_s)
-        euler = self.trajectory.euler(time_s)
-        R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
-        position, velocity = antenna_place(body_motion(self.trajectory, time_s), self.lever_arm_m)
+        position, velocity, R_world_mount = self.mount(time_s)
         true_pose = Pose(
             position_m=position, velocity_mps=velocity, R_world_antenna=R_world_mount @ pointing.R_mount_antenna
         )
         measured_pose = true_pose
         if self.navigation is not None:
-            R_world_body = world_from_body(euler) if self.scan.stabilised else R_world_mount
+            stabilised = self.scan.stabilised
+            R_world_body = world_from_body(self.trajectory.euler(time_s)) if stabilised else R_world_mount
             R_body_antenna = R_world_body.transpose(0, 2, 1) @ true_pose.R_world_antenna
             measured_pose = self.navigation.measure(index, time_s, self.trajectory, R_body_antenna)
         return Pulses(

@@ -150,3 +150,23 @@ class ElectronicScan:
         ground_points = height_m * directions[:, :2] / cos_incidence[:, None]
         beam_spacing_m = float(np.linalg.norm(np.diff(ground_points, axis=0), axis=1).max())
         return max(speed_mps / self.scans_per_s, beam_spacing_m)
+
+
+def sector(scan: Scan, height_m: float, spacing_m: float) -> Float[np.ndarray, "n 3 3"] | None:
+    """Return the pointings of a scan's whole sector, in the axes of its mount; None for a scan of another kind.
+
+    Neighbours lie at most `spacing_m` apart on level ground, but for the beams of an electronic scan, which are those
+    it has.
+    """
+    if isinstance(scan, ElectronicScan):
+        time_s = (np.arange(scan.beams) + 0.5) / (scan.beams * scan.scans_per_s)
+    elif isinstance(scan, RotatingScan) and scan.rotation_rad_s != 0:
+        turn_s = 2 * np.pi / abs(scan.rotation_rad_s)
+        steps = int(np.ceil(turn_s * abs(scan.spacing_m(height_m, 0.0, 1.0)) / spacing_m))
+        time_s = np.linspace(0.0, turn_s, max(steps, 2))
+    elif isinstance(scan, RotatingScan | SideLookingScan):
+        time_s = np.zeros(1)
+    else:
+        return None
+    pointing = scan.point(time_s)
+    return pointing.R_mount_antenna[pointing.active]

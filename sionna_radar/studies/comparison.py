@@ -15,6 +15,7 @@ from sionna_radar.studies.quantities import (
     QUANTITIES,
     Expression,
     Requirement,
+    check_consistent,
     check_names,
     key_value,
     parse_expression,
@@ -131,6 +132,7 @@ class Ranking:
         known = [*STATISTICS, *QUANTITIES, *dotted_keys()]
         check_names(() if ranking.sort is None else ranking.sort.names, known, "--sort")
         check_names([name for part in ranking.require for name in part.names], known, "--require")
+        check_consistent(ranking.require)
         check_names([name for part in ranking.front for name in part.names], known, "--pareto")
         return ranking
 

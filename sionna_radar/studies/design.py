@@ -13,7 +13,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, NoReturn, cast, get_args
@@ -50,6 +50,8 @@ class Axis:
 class Span:
     """A sampled range of a key, uniform or log-uniform.
 
+    option: that gave it, named in errors.
+
     Raises ScenarioError for an empty or infinite range, or a logarithmic one that is not positive.
     """
 
@@ -57,13 +59,14 @@ class Span:
     low: float
     high: float
     logarithmic: bool = False
+    option: str = field(default="--vary", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         text = f"{self.low:g}:{self.high:g}"
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            refuse(f"{self.key} = {text} is no range; give finite LOW:HIGH with LOW below HIGH")
+            refuse(f"{self.key} = {text} is no range; give finite LOW:HIGH with LOW below HIGH", self.option)
         if self.logarithmic and self.low <= 0:
-            refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0")
+            refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0", self.option)
 
     def at(self, share: Float[np.ndarray, " sample"], *, whole: bool, digits: int = DIGITS) -> list[float] | list[int]:
         """Return the values at fractions, from 0 to below 1, of the interval from low to high."""
@@ -71,7 +74,8 @@ class Span:
             # Every whole number, both ends included, has the same share of the interval.
             low, high = math.ceil(self.low), math.floor(self.high) + 1
             if low >= high:
-                refuse(f"{self.key} = {self.low:g}:{self.high:g} holds no whole number, which that key must be")
+                text = f"{self.key} = {self.low:g}:{self.high:g}"
+                refuse(f"{text} holds no whole number, which that key must be", self.option)
             return [int(v) for v in np.floor(self._between(float(low), float(high), share))]
         drawn = [float(f"{value:.{digits}g}") for value in self._between(self.low, self.high, share)]
         return [min(max(value, self.low), self.high) for value in drawn]
@@ -207,8 +211,8 @@ def is_whole(base: Scenario, key: str) -> bool:
     table: Any = base
     for attribute in tables:
         table = table.get(attribute) if isinstance(table, Mapping) else getattr(table, attribute, None)
-    field = getattr(type(table), "model_fields", {}).get(name)
-    kinds = () if field is None else (get_args(field.annotation) or (field.annotation,))
+    known = getattr(type(table), "model_fields", {}).get(name)
+    kinds = () if known is None else (get_args(known.annotation) or (known.annotation,))
     return int in kinds and float not in kinds
 
 
@@ -254,9 +258,10 @@ def parse_varied(assignments: Iterable[str], option: str = "--vary") -> tuple[tu
         span = RANGE.fullmatch(text)
         if span:
             low, high, logarithmic = span.groups()
-            spans.append(Span(key=key, low=float(low), high=float(high), logarithmic=logarithmic is not None))
+            ends, shape = (float(low), float(high)), logarithmic is not None
+            spans.append(Span(key=key, low=ends[0], high=ends[1], logarithmic=shape, option=option))
         else:
-            listed.append(Axis(key=key, values=_values(key, text)))
+            listed.append(Axis(key=key, values=_values(key, text, option)))
     return tuple(listed), tuple(spans)
 
 
@@ -321,18 +326,19 @@ def _refuse(path: Path, message: str) -> NoReturn:
     raise InputFileError(f"--table {shown(path)}: {message}; {REMEDY}")
 
 
-def _values(key: str, text: str) -> tuple[Any, ...]:
+def _values(key: str, text: str, option: str) -> tuple[Any, ...]:
     if len(text) > LONGEST_ASSIGNMENT:
-        refuse(f"{shown(key)[1:-1]} has values of {len(text):,} characters; name fewer, or give them as a --table")
+        table = ", or give them as a --table" if option == "--vary" else ""
+        refuse(f"{shown(key)[1:-1]} has values of {len(text):,} characters; name fewer{table}", option)
     try:
         values = tuple(parse_toml(f"values = [{text}]")["values"])
     except ValueError:
         # Some are bare words: split at the commas outside brackets.
         values = tuple(parse_value(key, part.strip()) for part in re.split(r",(?![^\[]*\])", text))
     if "" in values:
-        refuse(f"{key} has an empty value in {shown(text)}; take out the extra comma")
+        refuse(f"{key} has an empty value in {shown(text)}; take out the extra comma", option)
     names = [repr(value) for value in values]
     repeated = [value for index, value in enumerate(values) if names[index] in names[:index]]
     if repeated:
-        refuse(f"{key} takes the value {repeated[0]!r} twice; name it once")
+        refuse(f"{key} takes the value {repeated[0]!r} twice; name it once", option)
     return values

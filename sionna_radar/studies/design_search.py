@@ -13,6 +13,7 @@ t distribution of its margins over these: that their mean over all seeds is posi
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -44,8 +45,7 @@ from sionna_radar.studies.radar_design import (
     worst,
 )
 from sionna_radar.studies.surrogate import Surrogate, flown_probability, improvement, pareto
-from sionna_radar.studies.sweep import Trial, failure, fly_trials, label
-from sionna_radar.survey.chain import run
+from sionna_radar.studies.sweep import Trial, common_rms_m, failure, fly_trials, label
 
 # Proposed at once, whatever the number of workers.
 BATCH = 4
@@ -108,6 +108,8 @@ class _Search:
                 refuse(f"{axis.key} = {never[0]} cannot be flown with any of the other values; remove it", "--free")
         self.normal = self.rng.standard_normal((len(plan.results), DRAWS))
         self.checked: dict[str, Checked] = {}
+        # Height errors over lit cells of each design flown with several seeds, seed by seed, by world.
+        self.errors: dict[str, list[tuple[Raster, ...]]] = {}
 
     # Flights
 
@@ -146,6 +148,9 @@ class _Search:
                     why = [text for trial in trials for text in trial.warnings]
                     unfilled = "no cell of the map has a height, or none it asks for"
                     reason = f"{missing[0]} is undefined: {next(iter(why), unfilled)}"
+                errors = tuple(trial.maps["error"] for trial in trials if "error" in trial.maps)
+                if settings.count(setting) > 1 and len(errors) == len(self.plan.worlds):
+                    self.errors.setdefault(repr(setting), []).append(errors)
             method = outcomes[0][0].dem.map_method if outcomes else ""
             self.observations.append(
                 Observation(setting=setting, seed=seed, results=results, method=method, reason=reason)
@@ -421,17 +426,22 @@ class _Search:
             standing=standing,
         )
 
-    def _checked(self, setting: Setting) -> Checked | None:
-        """Return the standing of a setting from all its surveys; None with fewer than two."""
+    def _checked(self, setting: Setting, relaxed: Mapping[int, float] | None = None) -> Checked | None:
+        """Return the standing of a setting from all its surveys; None with fewer than two.
+
+        Of requirements that are relaxed infinitely there is no standing.
+        """
         flown = [o for o in self.observations if o.setting == setting and not o.reason]
         if len(flown) < 2:
             return None
         results = {name: np.array([[o.results[name] for o in flown]]) for name in RESULTS}
         used = {name: results[name] for name in self.plan.results}
         values = self.values([setting], used)
+        given = relaxed or {}
+        asked = [r for n, r in enumerate(self.plan.requirements) if np.isfinite(given.get(n, 0.0))]
         standing = tuple(
             standing_of(requirement, margin[0])
-            for requirement, margin in zip(self.plan.requirements, self.margins(values), strict=True)
+            for requirement, margin in zip(asked, self.margins(values, given), strict=True)
         )
         found = self.objectives(values, 1)[0].mean(axis=0)
         scenario = self.plan.scenarios(setting)[0]
@@ -468,63 +478,122 @@ class _Search:
             (c for c in self.checked.values() if c.setting != best.setting),
             key=lambda c: (c.probability < self.plan.confidence, signs[0] * c.objectives[0]),
         )
+        if repr(best.setting) in self.checked:  # what was flown, not what the models pool
+            best = replace(best, objectives=self.checked[repr(best.setting)].objectives)
+        designs = self._over_common_cells([best, *others])
+        holds = bool(sure or front)
         return RadarDesign(
             plan=self.plan,
             observations=tuple(self.observations),
-            best=best,
-            holds=bool(sure or front),
-            checked=(best, *others),
+            best=designs[0],
+            holds=holds,
+            checked=tuple(designs),
             front=tuple(front),
-            maps=self._maps([best, *others]),
-            slices=tuple(self._slice(best, number) for number in range(len(self.plan.space.keys))),
-            relaxations=self._relaxations(best),
+            maps=self._maps(designs),
+            slices=tuple(self._slice(best, number, holds=holds) for number in range(len(self.plan.space.keys))),
+            relaxations=self._relaxations(best, holds=holds),
             sensitivity=self._sensitivity(),
             noise={name: model.noise for name, model in self.models.items()},
         )
 
-    def _maps(self, designs: Sequence[Checked]) -> tuple[tuple[str, Raster], ...]:
-        """Fly the best designs once more, each with the first of its seeds, and return their height errors."""
-        found = []
-        for design in designs[:MAPS]:
-            seed = next(o.seed for o in self.observations if o.setting == design.setting and not o.reason)
-            survey = run(
-                design.scenario.model_copy(update={"seed": seed}),
-                execution=Execution(block_size=self.execution.block_size),
-            )
-            found.append((label(design.setting), survey.error))
-        return tuple(found)
+    def _over_common_cells(self, designs: Sequence[Checked]) -> list[Checked]:
+        """Return designs with their RMS error over the cells that all of them filled: the worst of all worlds."""
+        flown = [self.errors.get(repr(design.setting), []) for design in designs]
+        if len([seeds for seeds in flown if seeds]) < 2:
+            return list(designs)
+        common = [
+            common_rms_m([errors[world] for seeds in flown for errors in seeds])
+            for world in range(len(self.plan.worlds))
+        ]
+        if any(cells is None for cells in common):
+            return list(designs)
+        rms_m = np.max([cells.rms_m for cells in common if cells is not None], axis=0)
+        first, found = 0, list[Checked]()
+        for design, seeds in zip(designs, flown, strict=True):
+            own = {"common_rms_m": float(rms_m[first : first + len(seeds)].mean())} if seeds else {}
+            found.append(replace(design, values=design.values | own))
+            first += len(seeds)
+        return found
 
-    def _slice(self, best: Checked, number: int) -> Slice:
+    def _maps(self, designs: Sequence[Checked]) -> tuple[tuple[str, Raster], ...]:
+        """Return the height errors of the best designs in the first world, each with the first seed of its check."""
+        kept = [design.setting for design in designs if repr(design.setting) in self.errors]
+        return tuple((label(setting), self.errors[repr(setting)][0][0]) for setting in kept[:MAPS])
+
+    def _slice(self, best: Checked, number: int, *, holds: bool) -> Slice:
         space = self.plan.space
         key, centre = space.keys[number], space.shares([best.setting])[0]
         levels = None if number < len(space.spans) else len(space.listed[number - len(space.spans)].values)
         along = np.linspace(0, 1, SLICE_POINTS) if levels is None else (np.arange(levels) + 0.5) / levels
         share = np.tile(centre, (len(along), 1))
         share[:, number] = along
-        settings = self._possible([{**best.setting, key: s[key]} for s in space.settings(share)])
+        on_slice = [{**best.setting, key: s[key]} for s in space.settings(share)]
+        settings = self._possible([*on_slice, best.setting])
+        settings = [settings[k] for k in np.argsort(space.shares(settings)[:, number], kind="stable")]
         inputs = space.inputs(settings)
-        holds = self.probability(self.draws(settings), len(settings)) * self.flyable(settings)
+        chance = self.probability(self.draws(settings), len(settings)) * self.flyable(settings)
         objective = self.objectives(self.expected(settings), len(settings))[:, 0]
         results = {}
         for name, model in self.models.items():
             mean, sigma = model.moments(inputs)
             results[name] = model.result(mean), (model.result(mean + sigma) - model.result(mean - sigma)) / 2
-        signs = np.array([o.sign for o in self.plan.objectives])
-        flat = None
-        if len(signs) == 1:
-            reached = signs[0] * best.objectives[0]
-            inside = (objective[:, 0] <= reached + FLAT * abs(reached)) & (holds >= 0.5)
-            flat = tuple(s[key] for s, kept in zip(settings, inside, strict=True) if kept)
+        tolerance, at_end = tuple[Any, ...](), False
+        if objective.shape[1] == 1 and holds:
+            at = [repr(setting) for setting in settings].index(repr(best.setting))
+            within = self._within_tolerance(best, settings, objective[:, 0], chance, at)
+            if levels is None:
+                within = _joined(within, at)
+                at_end = self._at_end(centre[number], objective[:, 0], chance, at)
+            tolerance = tuple(s[key] for s, kept in zip(settings, within, strict=True) if kept)
         return Slice(
             key=key,
             values=tuple(setting[key] for setting in settings),
-            objectives=objective * signs,
+            objectives=objective * np.array([o.sign for o in self.plan.objectives]),
             results=results,
-            holds=holds,
-            flat=flat,
+            holds=chance,
+            tolerance=tolerance,
+            at_end=at_end,
         )
 
-    def _relaxations(self, best: Checked) -> tuple[Relaxation, ...]:
+    def _within_tolerance(
+        self,
+        best: Checked,
+        settings: Sequence[Setting],
+        objective: Float[np.ndarray, " n"],
+        chance: Float[np.ndarray, " n"],
+        at: int,
+    ) -> Bool[np.ndarray, " n"]:
+        """Return the settings that are as good as the optimum, by the models and by what was flown with several seeds.
+
+        Flown designs that differ from the optimum in other keys count where those agree to within a step of the slice.
+        """
+        printed = self.plan.objectives[0].sign * best.objectives[0]
+        flat = FLAT * abs(printed)
+        within = (np.abs(objective - objective[at]) <= flat) & (chance >= self.plan.confidence)
+        within[at] = True
+        shares = self.plan.space.shares(settings)
+        for design in self.checked.values():
+            near = np.abs(shares - self.plan.space.shares([design.setting])[0]).max(axis=1) <= 0.5 / (SLICE_POINTS - 1)
+            off = abs(self.plan.objectives[0].sign * design.objectives[0] - printed) > flat
+            if design.setting != best.setting and (off or design.probability < self.plan.confidence):
+                within[near] = False
+        within[at] = True
+        return np.asarray(within)
+
+    def _at_end(
+        self, share: float, objective: Float[np.ndarray, " n"], chance: Float[np.ndarray, " n"], at: int
+    ) -> bool:
+        """Return True if an optimum lies at an end of its range, and the objective improves all the way toward it."""
+        step = 1 / (SLICE_POINTS - 1)
+        if min(share, 1 - share) > step:
+            return False
+        end, inward = (0, 1) if share <= step else (len(objective) - 1, -1)
+        # Over a tenth of the range, beyond what a rounded value changes.
+        inner = min(max(end + inward * SLICE_POINTS // 10, 0), len(objective) - 1)
+        towards = objective[min(inner, end) : max(inner, end) + 1][::-inward]
+        return bool((np.diff(towards) < 0).all() and len(towards) > 1 and chance[at] >= 0.5)
+
+    def _relaxations(self, best: Checked, *, holds: bool) -> tuple[Relaxation, ...]:
         """Return the price of each requirement for one objective."""
         if len(self.plan.objectives) != 1:
             return ()
@@ -533,16 +602,29 @@ class _Search:
         values = self.draws(candidates)
         objective = self.objectives(self.expected(candidates), len(candidates))[:, 0, 0]
         flyable = self.flyable(candidates) >= 0.5
+        printed = sign * best.objectives[0]
 
         def least(relaxed: Mapping[int, float]) -> float:
             sure = flyable & (self.probability(values, len(candidates), relaxed) >= self.plan.confidence)
+            sure[-1] |= holds  # the optimum, which was flown
             return float(objective[sure].min()) if sure.any() else np.nan
+
+        def expected(number: int, by: float) -> float:
+            """Return the optimum's objective with a limit relaxed: that of the models, and what was flown."""
+            if not holds:
+                return least({number: by})
+            flown = [
+                sign * design.objectives[0]
+                for design in (self._checked(one.setting, {number: by}) for one in self.checked.values())
+                if design is not None and design.probability >= self.plan.confidence
+            ]
+            return min([printed + least({number: by}) - now, *flown])
 
         now, found = least({}), list[Relaxation]()
         for number, requirement in enumerate(self.plan.requirements):
-            relaxed, without = least({number: RELAXED}), least({number: np.inf})
-            saving = float((now - relaxed) / abs(now)) if now else np.nan
-            limits = {"relaxed": sign * relaxed, "without": sign * without}
+            relaxed, without = expected(number, RELAXED), expected(number, np.inf)
+            saving = float((printed - relaxed) / abs(printed)) if holds and printed else np.nan
+            limits = {"relaxed": sign * relaxed, "without": sign * min(without, relaxed)}
             found.append(Relaxation(requirement=requirement.text, saving=saving, **limits))
         return tuple(found)
 
@@ -561,16 +643,28 @@ class _Search:
             table = np.array([rows[name] for name in names])
             known = np.isfinite(table)
             middle = [row[k].mean() if k.any() else 0.0 for row, k in zip(table, known, strict=True)]
-            return np.where(known, table, np.array(middle)[:, None])
+            # Twice, as SciPy 1.17 fails at a single output of a single parameter.
+            return np.tile(np.where(known, table, np.array(middle)[:, None]), (2, 1))
 
         found = sobol_indices(
             func=of_shares, n=SOBOL_SAMPLES, dists=[uniform(0, 1)] * len(keys), rng=np.random.default_rng(0)
         )
-        total = np.clip(np.nan_to_num(found.total_order), 0.0, 1.0).reshape(len(names), len(keys))
+        total = np.clip(np.nan_to_num(found.total_order), 0.0, 1.0).reshape(2 * len(names), len(keys))[: len(names)]
         return {
             name: {key: float(index) for key, index in zip(keys, row, strict=True)}
             for name, row in zip(names, total, strict=True)
         }
+
+
+def _joined(within: Bool[np.ndarray, " n"], at: int) -> Bool[np.ndarray, " n"]:
+    """Return what is joined to one place without a gap."""
+    kept = np.zeros_like(within)
+    for step in (-1, 1):
+        place = at
+        while 0 <= place < len(within) and within[place]:
+            kept[place] = True
+            place += step
+    return kept
 
 
 @on_one_thread

@@ -17,6 +17,7 @@ import operator
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
@@ -420,6 +421,57 @@ def parse_requirement(text: str, option: str = "--require") -> Requirement:
     if type(tree.ops[0]) in (ast.Gt, ast.GtE):
         sides.reverse()
     return Requirement(" ".join(text.split()), *sides)
+
+
+# Bounds of results of a survey that hold whatever is flown.
+BOUNDS = {
+    **dict.fromkeys(("rms_m", "std_m", "nmad_m", "le90_m", "off_wall_rms_m", "all_cells_rms_m"), (0.0, np.inf)),
+    **dict.fromkeys(("stated_sigma_m", "common_rms_m", "mapped_m2", "mapped_swath_m"), (0.0, np.inf)),
+    **dict.fromkeys(("coverage", "coverage_of_swath"), (0.0, 1.0)),
+}
+
+
+def check_consistent(requirements: Sequence[Requirement], option: str = "--require") -> None:
+    """Raise ScenarioError, with the conditions, for requirements that no setting can meet together."""
+    for count in (1, 2, len(requirements)):
+        for chosen in combinations(requirements, min(count, len(requirements))):
+            if not _possible(chosen):
+                texts = " and ".join(shown(requirement.text) for requirement in chosen)
+                if len(chosen) == 1:
+                    _refuse(option, f"{texts} can never hold; a result lies strictly within its bounds")
+                _refuse(option, f"{texts} contradict each other; change or remove one")
+
+
+def _possible(requirements: Sequence[Requirement]) -> bool:
+    """Return False if the requirements contradict each other, each side taken as one unknown, or as its number.
+
+    Conditions x < y + c are edges of a graph; they contradict each other if it has a cycle whose sum is not positive
+    (Cormen et al. 2009, "Introduction to algorithms", sec. 24.4). Bounds of results may be reached.
+    """
+    sides = {side.text: side for requirement in requirements for side in (requirement.left, requirement.right)}
+    unknown = [text for text, side in sides.items() if side.names]
+    node = {text: number for number, text in enumerate(unknown, 1)}
+    offset = {text: 0.0 if side.names else float(side.value({})) for text, side in sides.items()}
+    # least[x, y]: least c known of x - y <= c; node 0 is the number 0.
+    least = np.full((len(unknown) + 1,) * 2, np.inf)
+    strict = np.zeros(least.shape, dtype=bool)
+    for text in unknown:
+        low, high = BOUNDS.get(text, (-np.inf, np.inf))
+        least[0, node[text]], least[node[text], 0] = -low, high
+    for requirement in requirements:
+        left, right = requirement.left.text, requirement.right.text
+        x, y, c = node.get(left, 0), node.get(right, 0), offset[right] - offset[left]
+        if c <= least[x, y]:
+            least[x, y], strict[x, y] = c, True
+    for k in range(len(least)):
+        for x, y in product(range(len(least)), repeat=2):
+            through = least[x, k] + least[k, y]
+            if through < least[x, y]:
+                least[x, y], strict[x, y] = through, strict[x, k] | strict[k, y]
+            elif through == least[x, y]:
+                strict[x, y] |= strict[x, k] | strict[k, y]
+    own = np.diagonal(least)
+    return not bool(((own < 0) | ((own == 0) & np.diagonal(strict))).any())
 
 
 def check_names(names: Sequence[str], known: Sequence[str], option: str) -> None:

@@ -25,6 +25,7 @@ from sionna_radar.studies.quantities import (
     Costs,
     Expression,
     Requirement,
+    check_consistent,
     check_names,
     key_value,
     parse_expression,
@@ -35,12 +36,14 @@ from sionna_radar.studies.surrogate import Space, check_installed
 from sionna_radar.studies.sweep import STATISTICS, label
 from sionna_radar.survey.preparation import prepare
 
-# Relative change of the objective that counts as flat, and by which a limit is relaxed.
+# Relative change of the objective that counts as a tolerance, and by which a limit is relaxed.
 FLAT, RELAXED = 0.05, 0.10
+# An objective that changes by less when a limit is relaxed does not depend on it.
+INACTIVE = 0.005
 MAX_SURVEYS = 2000
 # Places between the corners of the space of which one must be flyable; the error of the first is shown otherwise.
 TRIED = (0.5, 0.25, 0.75, 0.05, 0.95)
-# What a survey tells; errors over common cells take several ones.
+# Results of one survey; errors over common cells take several ones.
 RESULTS = tuple(name for name in STATISTICS if name != "common_rms_m")
 
 
@@ -225,6 +228,7 @@ def _check_names(plan: DesignPlan) -> None:
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
         check_names(part.names, known, f"{part.text!r}")
+    check_consistent(plan.requirements)
     check_names(plan.costs.needs, [name for name in known if name not in plan.costs.names], "--costs")
     if not plan.results:
         refuse("no survey is needed for it; name rms_m, coverage or the like", "--require")
@@ -295,11 +299,13 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class Slice:
-    """Results along one free parameter through the optimum, by the models.
+    """Results along one free parameter through the optimum, by the models; the optimum's own value is one of them.
 
     objectives: at each value. results: mean and standard deviation by name. holds: probability of all requirements.
-    flat: the values whose objective is within `FLAT` of the optimum's, and at which the requirements more likely hold
-    than not; None for several objectives.
+    tolerance: the values, of a range without a gap around the optimum's, whose objective differs from the optimum's by
+        at most `FLAT`, and at which all requirements hold with the confidence asked for, by the models and by all
+        designs flown with several seeds. Empty for several objectives, and if the optimum does not meet all.
+    at_end: whether the optimum lies at an end of its range, toward which the objective improves.
     """
 
     key: str
@@ -307,14 +313,18 @@ class Slice:
     objectives: Float[np.ndarray, "value objective"]
     results: dict[str, tuple[Float[np.ndarray, " value"], Float[np.ndarray, " value"]]]
     holds: Float[np.ndarray, " value"]
-    flat: tuple[Any, ...] | None
+    tolerance: tuple[Any, ...] = ()
+    at_end: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxation:
-    """What a requirement costs: the least objective with its limit relaxed by `RELAXED`, and without it, by the models.
+    """What a requirement costs: the objective expected with its limit relaxed by `RELAXED`, and without it.
 
-    saving: relative change of the objective by relaxing, positive for the better.
+    relaxed, without: the optimum's objective plus the change of the least expected one, by the models; no worse than
+        what a design flown with several seeds reached under the relaxed limit. If the optimum does not meet all
+        requirements, the least expected objective itself; NaN where no design is expected to meet what is left.
+    saving: relative change of the objective by relaxing, positive for the better; NaN if the optimum does not meet all.
     """
 
     requirement: str
@@ -329,8 +339,9 @@ class RadarDesign:
 
     best: the optimum, checked with several seeds; of two objectives the point of the front nearest to the best of both.
     holds: whether all its requirements hold with the confidence asked for.
-    checked: all designs flown with several seeds, best first. front: of two objectives. maps: name and height error of
-        the best of them, one seed each.
+    checked: all designs flown with several seeds, best first; of several their values hold `common_rms_m`, over the
+        lit cells that all of them filled with every seed. front: of two objectives. maps: name and height error over
+        lit cells of the best of them, one seed each.
     sensitivity: total-order Sobol indices by result and objective, by key. noise: from seed to seed, by result;
     relative for errors.
     """
@@ -368,8 +379,8 @@ def first_count(plan: DesignPlan) -> int:
 
 
 def worst(name: str, values: Sequence[float]) -> float:
-    """Return the worst of a result's values over several worlds: the least coverage, the largest error."""
-    if name == "coverage" or name == "min_m":
+    """Return the worst of a result's values over several worlds: the least coverage or area, the largest error."""
+    if name in ("coverage", "min_m", "mapped_m2", "mapped_swath_m", "coverage_of_swath"):
         return min(values)
     return max(values, key=abs)
 

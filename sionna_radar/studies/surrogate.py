@@ -27,7 +27,11 @@ LOGARITHMIC = (
     "off_wall_rms_m",
     "all_cells_rms_m",
     "stated_sigma_m",
+    "mapped_m2",
+    "mapped_swath_m",
 )
+# Results between 0 and 1.
+SHARES = ("coverage", "coverage_of_swath")
 SMALLEST = 1e-6
 # Significant digits of a proposed value: finer ones no radar is built to.
 DIGITS = 3
@@ -165,7 +169,7 @@ class Surrogate:
         """Return results for values in the scale of the model."""
         if self.name in LOGARITHMIC:
             return np.exp(modelled)
-        return np.clip(modelled, 0.0, 1.0) if self.name == "coverage" else modelled
+        return np.clip(modelled, 0.0, 1.0) if self.name in SHARES else modelled
 
 
 def _modelled(name: str, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -244,7 +244,8 @@ def short(value: Any) -> str:
 
 # Largest number of cases in `repr`.
 MAX_LINES = 8
-# Statistics by their names in the results: the trial's error, and the field of this `DemError`.
+# Statistics of a trial itself, and all by their names in the results: its error, and the field of this `DemError`.
+OWN_STATISTICS = ("mapped_m2", "mapped_swath_m", "coverage_of_swath", "stated_sigma_m", "common_rms_m")
 STATISTICS = {
     **{
         name: ("lit_error", name)
@@ -252,8 +253,7 @@ STATISTICS = {
     },
     "off_wall_rms_m": ("off_wall_error", "rms_m"),
     "all_cells_rms_m": ("dem_error", "rms_m"),
-    "stated_sigma_m": ("", "stated_sigma_m"),
-    "common_rms_m": ("", "common_rms_m"),
+    **{name: ("", name) for name in OWN_STATISTICS},
 }
 
 
@@ -261,9 +261,10 @@ STATISTICS = {
 class Trial:
     """One survey of a sweep; its errors are those of `Survey`.
 
+    mapped_m2, mapped_swath_m, coverage_of_swath: see `MappedGround`; None where undefined.
     stated_sigma_m: root mean square of the DEM's stated standard deviation over lit cells; None if none is stated.
-    common_rms_m: RMS error of the cells that every survey of the study lit and filled; None unless maps are kept, and
-        their cells coincide.
+    common_rms_m: RMS error of the cells that every survey of the study lit and filled; None in a shard, and where the
+        cells of the maps do not coincide.
     maps: by name, if kept: `dem`, `dem_sigma` where stated, and `error`, DEM minus truth over lit cells.
     wall_s, peak_memory_mb: cost of the flight, which varies from run to run and is ignored in comparisons.
     """
@@ -275,6 +276,9 @@ class Trial:
     lit_error: DemError
     off_wall_error: DemError | None
     warnings: tuple[str, ...]
+    mapped_m2: float | None = None
+    mapped_swath_m: float | None = None
+    coverage_of_swath: float | None = None
     stated_sigma_m: float | None = None
     common_rms_m: float | None = None
     maps: Mapping[str, Raster] = field(default_factory=dict, compare=False, repr=False)
@@ -380,7 +384,8 @@ def run_sweep(
     shard:
         Subset of the trials to fly; see `Shard`. None for all.
     keep_maps:
-        Hold the maps of all trials in memory, and compare them over their common cells.
+        Hold the maps of all trials in memory. Without it only errors are held, until they are compared over the cells
+        that all trials fill (of a shard until they are written, as `merge_shards` compares them).
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
@@ -415,7 +420,8 @@ def run_sweep(
     repeats: dict[int, list[int]] = {}
     for number, _, repeat in flights:
         repeats.setdefault(number, []).append(repeat)
-    flown = _over_common_cells(flown)
+    if shard is None:  # otherwise `merge_shards` compares the maps of all shards
+        flown = _over_common_cells(flown, keep_maps=keep_maps)
     return Sweep(
         source=plan.source,
         axes=plan.axes,
@@ -494,8 +500,9 @@ def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
+        **{name: value for name, value in asdict(survey.mapped).items() if np.isfinite(value)},
         stated_sigma_m=_stated_sigma_m(survey),
-        maps=_maps(survey) if keep_maps else {},
+        maps=_maps(survey, MAPS if keep_maps else ("error",)),
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
     )
@@ -508,45 +515,83 @@ def _stated_sigma_m(survey: Survey) -> float | None:
     return float(np.sqrt(np.mean(stated**2))) if len(stated) else None
 
 
-def _maps(survey: Survey) -> dict[str, Raster]:
-    lit_error = replace(survey.error, height_m=np.where(survey.lit, survey.error.height_m, np.nan))
+def _maps(survey: Survey, names: Sequence[str]) -> dict[str, Raster]:
+    lit_error = replace(survey.error, height_m=np.where(survey.lit, survey.error.height_m, np.nan).astype(np.float32))
     maps = dict(zip(MAPS, (survey.dem, survey.dem_sigma, lit_error), strict=True))
-    return {name: raster for name, raster in maps.items() if raster is not None}
+    return {name: raster for name, raster in maps.items() if raster is not None and name in names}
 
 
-def _over_common_cells(flown: Mapping[Place, Trial | Failure]) -> dict[Place, Trial | Failure]:
+def _over_common_cells(flown: Mapping[Place, Trial | Failure], *, keep_maps: bool) -> dict[Place, Trial | Failure]:
     """Return the trials with their errors over the cells that all of them lit and filled, if their cells coincide."""
-    kept = {place: trial for place, trial in flown.items() if isinstance(trial, Trial) and trial.maps}
-    windows = _common_windows([trial.maps["error"] for trial in kept.values()])
-    common = np.isfinite(windows).all(axis=0)
+    trials = {place: trial for place, trial in flown.items() if isinstance(trial, Trial) and trial.maps}
+    common = common_rms_m([trial.maps["error"] for trial in trials.values()])
+    rms_m = [None] * len(trials) if common is None else common.rms_m
+    compared = {
+        place: replace(trial, common_rms_m=rms, maps=trial.maps if keep_maps else {})
+        for (place, trial), rms in zip(trials.items(), rms_m, strict=True)
+    }
+    return {**flown, **compared}
+
+
+# Largest difference of mapped areas, relative to the larger, between surveys whose errors may be compared as they are.
+AREAS_ALIKE = 0.05
+
+
+def unequal_areas(areas: Sequence[tuple[str, float]]) -> str:
+    """Return the sentence about areas, by name, m2, that differ by more than `AREAS_ALIKE`; "" if they do not."""
+    known = [(name, area) for name, area in areas if np.isfinite(area)]
+    if len(known) < 2:
+        return ""
+    (least_name, least), (most_name, most) = (pick(known, key=lambda pair: pair[1]) for pick in (min, max))
+    if most <= 0 or least >= (1 - AREAS_ALIKE) * most:
+        return ""
+    return (
+        f"mapped areas differ by {1 - least / most:.0%} ({least:,.0f} m2 at {least_name}, {most:,.0f} m2 at "
+        f"{most_name}), and an error over fewer cells may be smaller for that alone"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonCells:
+    """Several maps over the cells that all of them fill: their number, and the RMS error of each map there."""
+
+    count: int
+    rms_m: list[float]
+
+
+def common_rms_m(errors: Sequence[Raster]) -> CommonCells | None:
+    """Return the errors of maps over the cells that all of them fill; None if there are none, or do not coincide.
+
+    The maps are reduced one by one, so that no stack of them is held in memory.
+    """
+    windows = _common_windows(errors)
+    if windows is None:
+        return None
+    common = np.logical_and.reduce([np.isfinite(window) for window in windows])
     if not common.any():
-        return dict(flown)
-    rms_m = np.sqrt(np.mean(windows[:, common].astype(float) ** 2, axis=1))
-    compared = zip(kept.items(), rms_m, strict=True)
-    return {**flown, **{place: replace(trial, common_rms_m=float(rms)) for (place, trial), rms in compared}}
+        return None
+    rms_m = [float(np.sqrt(np.mean(window[common].astype(float) ** 2))) for window in windows]
+    return CommonCells(count=int(common.sum()), rms_m=rms_m)
 
 
-def _common_windows(maps: Sequence[Raster]) -> Float[np.ndarray, "map row column"]:
-    """Return the part that maps have in common, none if their cells do not coincide; NaN in empty cells."""
-    nothing = np.empty((len(maps), 0, 0))
+def _common_windows(maps: Sequence[Raster]) -> list[Float[np.ndarray, "row column"]] | None:
+    """Return the part of each map that all have in common; None if their cells do not coincide. NaN in empty cells."""
     if len({raster.grid.spacing_m for raster in maps}) != 1:  # or no maps
-        return nothing
+        return None
     transforms = np.array([raster.grid.transform for raster in maps])
     # Of the north-west corners: rows to the south, columns to the east.
     corner = np.column_stack([-transforms[:, 5], transforms[:, 2]]) / maps[0].grid.spacing_m
     start = corner.max(axis=0) - corner
     size = np.min([raster.grid.shape - first for raster, first in zip(maps, start, strict=True)], axis=0)
     if np.abs(start - np.round(start)).max() > ALIGNED or size.min() < 0.5:
-        return nothing
+        return None
     rows, columns = np.round(size).astype(int)
     starts = zip(maps, np.round(start).astype(int), strict=True)
-    return np.stack(
-        [raster.height_m[::-1][row : row + rows, column : column + columns] for raster, (row, column) in starts]
-    )
+    return [raster.height_m[::-1][row : row + rows, column : column + columns] for raster, (row, column) in starts]
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:
-    """Return the whole study from its shards, identical to one flown at once.
+    """Return the whole study from its shards with the maps of their errors, identical to one flown at once.
 
     Raises InputFileError if they are shards of different studies, one is missing or duplicate, or one is not a shard.
     """
@@ -572,7 +617,15 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
     if missing:
         _refuse(f"shard {', '.join(f'{n}/{parsed[0].count}' for n in missing)} is missing; name its folder, too")
     cases = [_merged(same) for same in zip(*(sweep.cases for sweep in shards), strict=True)]
-    return replace(reference, cases=tuple(cases), shard="")
+    flown: dict[Place, Trial | Failure] = {
+        (number, repeat): trial for number, case in enumerate(cases) for repeat, trial in enumerate(case.trials)
+    }
+    flown = _over_common_cells(flown, keep_maps=False)
+    compared = [
+        replace(case, trials=tuple(t for place, t in flown.items() if place[0] == number and isinstance(t, Trial)))
+        for number, case in enumerate(cases)
+    ]
+    return replace(reference, cases=tuple(compared), shard="")
 
 
 def _merged(cases: Sequence[Case]) -> Case:

@@ -16,7 +16,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.route import Route
-from sionna_radar.flight.scan import Scan
+from sionna_radar.flight.scan import RotatingScan, Scan
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.mapping.mapper import Extent
 from sionna_radar.radar.antenna import Antenna
@@ -388,6 +388,52 @@ def warn_of_posting(
             posting_m,
             footprint_m,
         )
+
+
+def warn_of_repeated_angles(
+    scan: Scan,
+    altitude_m: float,
+    speed_mps: float,
+    chirp_rate_hz: float,
+    stagger: float,
+    beamwidths_rad: tuple[float, float],
+) -> None:
+    """Warn of a turning beam that returns to the same angles while it passes over its footprint, and leaves gaps.
+
+    A place stays within the half-power footprint, h / cos^2(incidence) times the elevation width along the track, for
+    as many turns as fit into that length. With n chirps a turn, e off a whole number, each turn's angles are those of
+    the last one shifted by e steps of 2 pi / n (of staggered chirps, which repeat in pairs, the number must be even).
+    While e shifts do not make up a step, 1 - (turns - 1) e of every step is not visited, and stays dark if the beam,
+    which turns by its azimuth width / cos(incidence) (conical: sin) to move by its width, does not reach across.
+
+    chirp_rate_hz: without the pauses of `stagger`.
+    """
+    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s == 0:
+        return
+    azimuth_rad, elevation_rad = beamwidths_rad
+    down, side = np.cos(scan.incidence_rad), np.sin(scan.incidence_rad)
+    arm = side if scan.mode == "conical" else down
+    if min(arm, down) <= 0:
+        return
+    turn_s, width_rad = 2 * np.pi / abs(scan.rotation_rad_s), azimuth_rad / arm
+    turns = int(altitude_m / down**2 * elevation_rad / (speed_mps * turn_s))
+    chirps, together = turn_s * chirp_rate_hz / (1 + stagger / 2), 2 if stagger > 0 else 1
+    off = abs(chirps - together * round(chirps / together))
+    step_rad = 2 * np.pi / chirps
+    gap_rad = step_rad * ((1 + stagger) / (1 + stagger / 2) - (turns - 1) * off)
+    if turns < 2 or off * turns >= 1 or not off * step_rad < width_rad < gap_rad:
+        return
+    logger.warning(
+        "radar.scan.rotation_rpm = %g at %g chirps/s makes %.5g chirps a turn: in the %d turns during which the beam "
+        "passes over its footprint it returns to nearly the same angles, and of the %.2g deg between them it lights "
+        "%.2g deg; ground stays dark there. Set radar.scan.rotation_rpm = %.4g, or another radar.chirp_rate_hz",
+        60 / turn_s,
+        chirp_rate_hz,
+        chirps,
+        turns,
+        *np.rad2deg([gap_rad, width_rad]),
+        60 / turn_s * chirps / (round(chirps) + 1 / turns),
+    )
 
 
 def warn_of_folded(

@@ -62,6 +62,7 @@ from sionna_radar.survey.checks import (
     check_vegetation,
     warn_of_folded,
     warn_of_posting,
+    warn_of_repeated_angles,
 )
 from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
 from sionna_radar.survey.map_positions import in_local_frame
@@ -466,6 +467,15 @@ def _flight(local: Scenario, radar: _Radar, route: Route, world: BuiltScene, cus
             navigation=navigation,
             stagger=local.radar.stagger,
         )
+        if local.sensor == "radar":
+            warn_of_repeated_angles(
+                radar.scan,
+                flown.altitude_m,
+                flown.speed_mps,
+                pulse_rate_hz(local),
+                local.radar.stagger,
+                radar.antenna.beamwidths_rad,
+            )
     if radar.module is None or local.sensor != "mimo":
         bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
     else:

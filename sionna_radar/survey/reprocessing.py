@@ -29,10 +29,11 @@ from sionna_radar.execution.workers import Task
 from sionna_radar.flight.build import build_errors, build_scan
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, believed_motion
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import stage, timed, timing
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
@@ -72,6 +73,10 @@ SPECTRUM_PULSES = 512
 BAND_HELD, STRONG = 0.9, 10.0
 # Without a scan that says how far beams lie apart, a map closes gaps up to this quantile of the points' distances.
 SPACING_QUANTILE = 0.99
+
+
+# Poses whose ground a reference must have heights of, and cells along the longer side of that ground.
+SAMPLED_POSES, COARSE_CELLS = 2000, 500
 
 
 def process(
@@ -234,6 +239,24 @@ class RecordingSource:
     def conjugate(self) -> bool:
         """Whether the samples' Q has the other sign."""
         return isinstance(self.settings, RecordedSettings) and self.settings.radar.conjugate
+
+    def mappable_grid(self) -> Grid:
+        """Return a grid that holds whatever the recording may map: that of its DEM if known, or coarse cells in reach.
+
+        Raises InputFileError for a recording without poses.
+        """
+        if not self.flight.located:
+            message = f"{shown(self.path)} has no poses, so that there is no DEM to compare; leave the reference out"
+            raise InputFileError(message)
+        if self.file.flight is not None:
+            return self.mapper_of(None).grid
+        place_m = self.flight.sample(SAMPLED_POSES).measured.position_m[:, :2]
+        ranges_m = self.file.range_m if isinstance(self.file, DescribedRanges) else np.array(self.sweeps[0].max_range_m)
+        reach_m = float(np.max(ranges_m[np.isfinite(ranges_m)], initial=0.0))
+        (west, south), (east, north) = place_m.min(axis=0) - reach_m, place_m.max(axis=0) + reach_m
+        spacing_m = max(self.settings.dem.spacing_m, float(max(east - west, north - south)) / COARSE_CELLS)
+        grid = Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
+        return replace(grid, georeference=self.file.georeference)
 
     def mapper_of(self, points: Points | None) -> Mapper:
         """Return the mapper: of the ground that a simulated flight was to see, or of that under the points."""

@@ -27,6 +27,7 @@ from sionna_radar.scene.terrains.build import covers_on
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.survey.swath import MappedGround, mapped_ground
 
 logger = logging.getLogger("sionna_radar")
 
@@ -171,6 +172,11 @@ class Survey(_ComparedWithReference, Comparison):
             },
             covers=self.prepared.truth.covers,
         )
+
+    @cached_property
+    def mapped(self) -> MappedGround:
+        """Area and swath that the map fills, and its share of the planned swath; computed on first use."""
+        return mapped_ground(self.prepared, self.lit & self.error.filled)
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:

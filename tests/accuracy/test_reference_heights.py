@@ -318,6 +318,20 @@ def test_a_table_that_does_not_fit_is_refused_by_its_line(tmp_path, text, words)
     assert str(path) in str(refused.value) or path.name in str(refused.value)
 
 
+@pytest.mark.filterwarnings("error")
+def test_single_filled_cells_tell_the_vertical_shift_alone_and_no_warning_of_numpy(tmp_path):
+    """Cells without filled neighbours have no slope, and without one no horizontal shift is seen."""
+    surface = relief(3)
+    lattice = np.zeros(surface.grid.shape, dtype=bool)
+    lattice[1::3, 1::3] = True
+    dem = replace(surface, height_m=np.where(lattice, surface.height_m + 0.5, np.nan))
+    surface.to_geotiff(tmp_path / "truth.tif")
+    for apply_shift in (False, True):
+        check = compare_with_reference(tmp_path / "truth.tif", dem, apply_shift=apply_shift)
+        assert check.shift.east_m is None
+        assert check.shift.up_m == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_reference_elsewhere_or_in_other_coordinates_is_refused(tmp_path):
     dem = seen(relief(1), (0, 0), 0.0, (0, 0), np.random.default_rng(1))
     far = replace(relief(1), grid=replace(relief(1).grid, west_m=5000.0))
@@ -396,6 +410,22 @@ def test_commands_compare_with_a_reference_and_refuse_one_that_does_not_fit_befo
         assert words in shown
     with pytest.raises(InputFileError, match="does not exist"):
         CliRunner().invoke(app, ["run", "hills", "--reference", str(tmp_path / "none.tif")], catch_exceptions=False)
+
+
+def test_process_refuses_a_reference_that_does_not_fit_before_it_processes(tmp_path, monkeypatch):
+    recording = tmp_path / "signals.nc"
+    run(load_scenario("hills", {"platform.length_m": 4.0}), recordings={"signals": recording})
+    (tmp_path / "elsewhere.csv").write_text("x,y,z\n9000,9000,1\n9001,9000,1\n9002,9000,1\n")
+
+    def processed(*_args, **_kwargs):
+        pytest.fail("it is processed first")
+
+    monkeypatch.setattr("sionna_radar.survey.reprocessing.observe", processed)
+    for reference, says in (("elsewhere.csv", "0 of 3 places lie within the DEM"), ("none.csv", "does not exist")):
+        asked = ["process", str(recording), "--reference", str(tmp_path / reference), "-o", str(tmp_path / "out")]
+        with pytest.raises(InputFileError, match=says):
+            CliRunner().invoke(app, asked, catch_exceptions=False)
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_cloud_that_is_a_surface_for_one_folder_and_single_points_for_another_is_printed_for_both(tmp_path, capsys):

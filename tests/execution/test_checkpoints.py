@@ -8,21 +8,21 @@ import signal
 import pytest
 
 from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpoints
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.errors import InputFileError, OutputError, ScenarioError
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}
 
 
-def leave(directory, count, run=RUN):
-    """An interrupted run; returns what it says."""
+def leave(directory, count, run=RUN, reason=KeyboardInterrupt):
+    """A run that ends for a reason, an interrupt unless given; returns what it says."""
 
     def interrupted():
         with open_checkpoints(directory, run, resume=True) as parts:
             for number in range(count):
                 parts.put(f"part {number}", b"x" * number)
-            raise KeyboardInterrupt
+            raise reason
 
-    with pytest.raises(KeyboardInterrupt) as raised:
+    with pytest.raises(reason if isinstance(reason, type) else type(reason)) as raised:
         interrupted()
     return "".join(getattr(raised.value, "__notes__", []))
 
@@ -42,6 +42,20 @@ def test_parts_stay_after_an_interrupt_and_go_at_the_end(tmp_path):
 def test_an_interrupt_before_the_first_part_leaves_nothing(tmp_path):
     assert leave(tmp_path / "out", 0) == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_a_refusal_that_would_come_again_leaves_no_parts_and_does_not_advise_to_resume(tmp_path):
+    refusal = ScenarioError.of("--surveys", "too few; raise it", "command line")
+    assert leave(tmp_path / "out", 3, reason=refusal) == ""
+    assert not (tmp_path / "out").exists()
+    # What an interrupted run saved is kept.
+    leave(tmp_path / "out", 3)
+    assert leave(tmp_path / "out", 4, reason=refusal) == ""
+    assert len(Checkpoints(tmp_path / "out" / FOLDER)) == 4
+
+
+def test_a_file_that_is_to_be_mended_is_named_before_the_advice_to_resume(tmp_path):
+    assert "once the file is mended" in leave(tmp_path / "out", 2, reason=InputFileError("damaged"))
 
 
 @pytest.mark.parametrize("key", ["scenario", "seed", "version"])

@@ -352,6 +352,16 @@ def test_nothing_of_the_users_is_overwritten(tmp_path, place):
     assert (tmp_path / "theirs.html").read_text() == "mine"
 
 
+def test_show_writes_a_folder_like_other_commands(cli, small, tmp_path):
+    done = cli("show", small, "-o", tmp_path / "world")
+    assert str(tmp_path / "world" / "show.html") in done.stdout
+    cli("show", small, "-o", tmp_path / "world")
+    assert {path.name for path in (tmp_path / "world").iterdir()} == {"show.html", MANIFEST}
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes").write_text("mine")
+    assert "mine" in cli("show", small, "-o", tmp_path / "mine", code=2).stderr
+
+
 def test_show_writes_a_page_and_refuses_another_file(cli, small, tmp_path):
     path = tmp_path / "small.html"
     done = cli("show", small, "-o", path)

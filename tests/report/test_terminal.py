@@ -33,7 +33,9 @@ def test_markup_is_printed_literally(survey: Survey, capsys: pytest.CaptureFixtu
 
 def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.CaptureFixture[str]) -> None:
     other = replace(survey.lit_error, rms_m=0.125, count=survey.lit_error.count - 7)
-    print_survey(replace(survey, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
+    lit_cells = survey.lit.copy()
+    lit_cells[:10] = False
+    print_survey(replace(survey, lit=lit_cells, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
     printed = capsys.readouterr().out
     covered, lit, off_wall = (printed.index(text) for text in ("coverage", "0.125 m", "0.062 m"))
     assert covered < lit < off_wall

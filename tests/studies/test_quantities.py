@@ -16,6 +16,7 @@ from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
 from sionna_radar.studies.quantities import (
     QUANTITIES,
     Area,
+    check_consistent,
     check_names,
     parse_expression,
     parse_requirement,
@@ -283,3 +284,34 @@ def test_what_is_no_table_of_costs_is_refused(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputFileError, match="--costs"):
         read_costs(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        ["le90_m < 0.3", "le90_m > 0.4"],
+        ["0.5 < coverage", "coverage < 2 * 0.2"],
+        ["rms_m < le90_m", "aperture_m < 1", "le90_m < std_m", "std_m < rms_m"],
+        ["nmad_m < 0"],
+        ["coverage_of_swath > 1"],
+        ["rms_m / 2 > 1", "rms_m / 2 < 1"],
+    ],
+)
+def test_requirements_that_contradict_each_other_are_refused(conditions):
+    with pytest.raises(ScenarioError, match=r"contradict each other|can never hold"):
+        check_consistent([parse_requirement(text) for text in conditions])
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        ["le90_m > 0.3", "le90_m < 0.4"],
+        ["mean_m > -0.1", "mean_m < 0"],
+        ["rms_m < le90_m", "le90_m < 2 * rms_m", "rms_m < 0.1"],
+        ["coverage > 0.99", "coverage_of_swath > 0.9"],
+        ["log(0 * rms_m) < 1"],
+        [],
+    ],
+)
+def test_requirements_that_can_be_met_are_not(conditions):
+    check_consistent([parse_requirement(text) for text in conditions])

@@ -22,7 +22,7 @@ from sionna_radar.report.studies.sweep import abscissa, errors, print_sweep, sum
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.comparison import Ranking, ranked
 from sionna_radar.studies.design import Axis, parse_design
-from sionna_radar.studies.sweep import label, plan_sweep, run_sweep
+from sionna_radar.studies.sweep import label, plan_sweep, run_sweep, unequal_areas
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -258,7 +258,7 @@ def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
     figure.draw_without_rendering()
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels[0] == "RMS error of lit cells (m)"
-    assert labels[3].startswith("Coverage: share of lit")
+    assert labels[3].startswith("Share of the planned swath")
     assert figure.axes[2].get_xlabel() == "Beamwidth (deg)"
     assert [text.get_text() for text in figure.legends[0].texts] == ["Ranging: peak", "Ranging: centroid"]
     # The dots of the runs are drawn beside the bar of their case.
@@ -404,7 +404,7 @@ def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     rms_m = [np.sqrt(np.mean([cells[place] ** 2 for place in shared])) for cells in errors_at]
     np.testing.assert_allclose(told, rms_m, rtol=1e-6)
     cli("sweep", small, *vary, "--keep", "best", "-q", "-o", tmp_path / "best")
-    rms = [case["statistics"]["rms_m"]["mean"] for case in json.loads((out / "sweep.json").read_text())["cases"]]
+    rms = [case["statistics"]["common_rms_m"]["mean"] for case in json.loads((out / "sweep.json").read_text())["cases"]]
     number = 1 + int(np.argmin(rms))
     kept = {path.name: path.read_bytes() for path in (tmp_path / "best" / "maps").iterdir()}
     assert kept == {path.name: path.read_bytes() for path in (out / "maps").glob(f"{number}_*")}
@@ -425,3 +425,31 @@ def test_maps_whose_cells_do_not_coincide_share_none(small):
     trials = [trial for case in run_sweep(plan, keep_maps=True).cases for trial in case.trials]
     assert [trial.common_rms_m for trial in trials] == [None, None]
     assert all(set(trial.maps) >= {"dem", "error"} for trial in trials)
+
+
+def test_a_sweep_says_that_mapped_areas_differ_and_compares_the_same_ground(small, cli, tmp_path):
+    """The swath grows with the height; the errors of the common cells are stated without kept maps."""
+    short = ["--set", "platform.length_m=30"]
+    shown = cli("sweep", small, "--vary", "platform.altitude_m=35,50", *short, "-o", tmp_path / "a").stdout
+    said = " ".join(shown.split())
+    assert "mapped areas differ by" in said
+    assert "altitude_m = 35" in said[said.index("mapped areas differ") :]
+    with (tmp_path / "a" / "table.csv").open(newline="") as file:
+        low, high = csv.DictReader(file)
+    areas = [float(row["mapped_m2"]) for row in (low, high)]
+    swaths = [float(row["mapped_swath_m"]) for row in (low, high)]
+    assert 1.2 < areas[1] / areas[0] < 1.8
+    assert swaths == pytest.approx([area / 30 for area in areas])
+    assert all(0.5 < float(row["coverage_of_swath"]) <= 1 for row in (low, high))
+    assert float(high["common_rms_m"]) != float(high["rms_m"])
+    assert json.loads((tmp_path / "a" / "sweep.json").read_text())["notes"]
+    assert not (tmp_path / "a" / "maps").exists()
+    asked = ["--require", "mapped_m2 > 1", "--sort", "-coverage_of_swath", "--vary", "radar.snr_db=20,30"]
+    shown = cli("sweep", small, *asked, *short, "-o", tmp_path / "b").stdout
+    assert "mapped areas differ" not in shown
+
+
+def test_areas_that_differ_by_no_more_than_a_twentieth_are_alike():
+    assert unequal_areas([("a", 95.0), ("b", 100.0), ("c", np.nan)]) == ""
+    assert "6% (94 m2 at a, 100 m2 at b)" in unequal_areas([("a", 94.0), ("b", 100.0)])
+    assert unequal_areas([("a", 94.0)]) == ""

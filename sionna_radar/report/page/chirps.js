@@ -9,16 +9,15 @@ views.push(async data => {
   const highest = chirps.top_db + 6, lowest = Math.max(chirps.floor_db, chirps.top_db - 110);
   await Plotly.newPlot(time, beats.map((_, k) => ({type: "scatter", mode: "lines", x: chirps.time_ms, y: [], name:
     beats.length > 1 ? ["in phase", "quadrature"][k] : "beat signal", line: {color: [BLUE, ORANGE][k], width: 1}})),
-    layoutOf({title: heading("Beat signal"), showlegend: beats.length > 1, legend: {orientation: "h", x: 1, xanchor: "right",
-    y: 1.02, yanchor: "bottom"}, xaxis: axis("Time in the chirp (ms)"), yaxis: axis(chirps.beat_label)}), config);
+    layoutOf({title: heading("Beat signal"), showlegend: beats.length > 1, ...(beats.length > 1 ? legendBelow : {}),
+    xaxis: axis("Time in the chirp (ms)"), yaxis: axis(chirps.beat_label)}), config);
   await Plotly.newPlot(range, [
     {type: "scatter", mode: "lines", name: "spectrum", x: chirps.range_m, y: [], line: {color: BLUE, width: 1.2}},
     {type: "scatter", mode: "lines", name: "CFAR threshold", x: chirps.range_m, y: [],
       line: {color: ORANGE, width: 1.8, dash: "dash"}},
     {type: "scatter", mode: "markers", name: "detections", x: [], y: [], marker: {symbol: "triangle-down", size: 12,
       color: RED, line: {color: "#000", width: 1}}, hovertemplate: "%{x:.2f} m, %{y:.1f} dB<extra>detection</extra>"},
-  ], layoutOf({title: heading("Range spectrum"), legend: {orientation: "h", x: 1, xanchor: "right", y: 1.02,
-    yanchor: "bottom"}, xaxis: axis("Range, not corrected for Doppler (m)"),
+  ], layoutOf({title: heading("Range spectrum"), ...legendBelow, xaxis: axis("Range, not corrected for Doppler (m)"),
     yaxis: axis(chirps.power_label, {range: [lowest, highest]})}), config);
   const show = row => {
     let k = 0;  // the nearest pulse whose chirp is here

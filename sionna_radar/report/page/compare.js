@@ -18,8 +18,8 @@ views.push(async data => {
   const heights = profiles.height.map(rowsOf), errors = profiles.error.map(rowsOf);
   const lines = rows => rows.map((_, i) => ({type: "scatter", mode: "lines", x: profiles.x, y: [], name: profiles.names[i],
     line: {color: colours[i % 6], width: 1.6, dash: i < 6 ? "solid" : "dash"}}));
-  const layout = (title, label) => layoutOf({title: heading(title), showlegend: true, legend: {orientation: "h", x: 1,
-    xanchor: "right", y: 1.02, yanchor: "bottom"}, xaxis: axis(data.frame.east, {tickformat: "d"}), yaxis: axis(label)});
+  const layout = (title, label) => layoutOf({title: heading(title), showlegend: true, ...legendBelow,
+    xaxis: axis(data.frame.east, {tickformat: "d"}), yaxis: axis(label)});
   await Plotly.newPlot(place, lines(heights), layout("DEMs along the line", data.frame.height), config);
   await Plotly.newPlot(below, lines(errors), layout("Errors along the line", "DEM minus truth (m)"), config);
   const show = line => {

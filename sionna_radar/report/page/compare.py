@@ -32,7 +32,7 @@ ERRORS = {
     "NMAD": ("nmad_m", ".3f"),
     "LE90": ("le90_m", ".3f"),
     "cells": ("count", ",.0f"),
-    "coverage": ("coverage", ".1%"),
+    "coverage of lit cells": ("coverage", ".1%"),
 }
 
 

@@ -57,6 +57,10 @@ function layoutOf(more) {
     ...more};
 }
 
+// Below the abscissa and its label, since the tool bar lies above the plot.
+const legendBelow = {legend: {orientation: "h", x: 0.5, xanchor: "center", yref: "container", y: 0.01, yanchor: "bottom"},
+  margin: {l: 70, r: 20, t: 34, b: 76}};
+
 function heading(text) {
   return {text, font: {size: 14}, x: 0, xref: "paper", xanchor: "left", y: 1, yref: "paper", yanchor: "bottom",
     pad: {b: 9}};

@@ -1,6 +1,7 @@
 """The page of a scenario before it is flown."""
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
-from sionna_radar.report.files.folder import SignedFile
+from sionna_radar.report.files.contents import write_text
+from sionna_radar.report.files.folder import SignedFile, write_folder
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     Beams,
@@ -163,6 +165,15 @@ def _tiles(prepared: Prepared, beams: Beams, hits: BoresightHits) -> list[tuple[
         (f"{east - west:.0f} x {north - south:.0f} m", "area of the DEM", "dashed in the view"),
         (f"{1 - hit.mean():.1%}", "beams without ground", "of the axes"),
     ]
+
+
+MARKER = "show.html"
+
+
+def write_page(page: str, directory: Path) -> Path:
+    """Write `show.html` into a directory, and return the file; raises OutputError as `write_folder`."""
+    write_folder(directory, MARKER, lambda folder: write_text(folder / MARKER, page))
+    return directory / MARKER
 
 
 PAGE_FILE = SignedFile(command="show", before="<!-- ", after=" -->", at_end=True)

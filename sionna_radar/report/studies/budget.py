@@ -148,7 +148,7 @@ def grades_table(budget: Budget) -> Table:
         for g in budget.grades
     )
     title = "All errors of a grade of GPS/IMU together"
-    return table_of(title, ["grade", "RMS", "growth", "coverage"], rows, left=["grade"])
+    return table_of(title, ["grade", "RMS", "growth", "coverage of lit cells"], rows, left=["grade"])
 
 
 def _limit_text(limit: Limit) -> str:

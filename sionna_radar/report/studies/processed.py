@@ -395,7 +395,7 @@ def _mapped(processed: Processed) -> dict[str, str]:
         off_wall = processed.comparison.off_wall_error
         if off_wall is not None:
             rows["RMSE away from walls"] = number(off_wall.rms_m, ".3f", " m")
-        rows["coverage"] = f"{lit.coverage:.1%}"
+        rows["coverage of lit cells"] = f"{lit.coverage:.1%}"
     if processed.reference is not None:
         rows |= reference_rows(processed.reference)
     return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

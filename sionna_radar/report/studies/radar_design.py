@@ -22,7 +22,12 @@ from sionna_radar.report.drawing import (
     ORANGE,
     PURPLE,
     RED,
+    Coordinates,
     ReportFigure,
+    finish_map,
+    frame_of,
+    map_bounds,
+    map_size,
     readable,
     show_raster,
 )
@@ -30,20 +35,33 @@ from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.page.compare import folder_names, read_document
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
+from sionna_radar.report.studies.sweep import MAPPED_MEANING, read_sweep, table_text
 from sionna_radar.report.studies.sweep import MARKER as SWEEP_MARKER
-from sionna_radar.report.studies.sweep import read_sweep, table_text
 from sionna_radar.report.terminal import NONE, number, print_whole, say, table_of
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.quantities import QUANTITIES
-from sionna_radar.studies.radar_design import FLAT, RELAXED, RESULTS, Checked, DesignPlan, RadarDesign, Slice
-from sionna_radar.studies.sweep import label, short
+from sionna_radar.studies.radar_design import (
+    FLAT,
+    INACTIVE,
+    RELAXED,
+    RESULTS,
+    Checked,
+    RadarDesign,
+    Relaxation,
+    Slice,
+)
+from sionna_radar.studies.surrogate import SHARES
+from sionna_radar.studies.sweep import AREAS_ALIKE, label, short, unequal_areas
 
 MARKER = "design.json"
+# Largest width and height of a map, inches.
+MAP_IN = (3.6, 3.6)
 # Designs listed in a terminal and on the page.
 MAX_LISTED = 6
 TITLE = "Designs flown with several seeds"
-SHOWN = ("rms_m", "le90_m", "coverage")
+SHOWN = ("rms_m", "le90_m", "coverage", "coverage_of_swath", "mapped_m2", "common_rms_m")
+OF_LIT_CELLS = "coverage of lit cells"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
 
 
@@ -56,59 +74,84 @@ def sentence(design: RadarDesign) -> str:
         for objective, value in zip(design.plan.objectives, best.objectives, strict=True)
     )
     least = min(best.standing, key=lambda standing: standing.probability, default=None)
-    sure = "" if least is None else f"; least sure is {least.requirement}, with probability {least.probability:.2f}"
+    sure = "" if least is None else f"; weakest requirement: {least.requirement} (P = {least.probability:.2f})"
     if not design.holds:
         asked = design.plan.confidence
         none = f"No design was shown to meet all requirements with probability {asked:g}"
         return f"{none}; the nearest: {setting}: {reached}{sure}."
-    kind = "Best compromise" if len(best.objectives) == 2 else "Best"
-    return f"{kind} of {design.surveys} surveys: {setting}: {reached}, over {best.seeds} seeds{sure}."
+    kind = "Best compromise" if len(best.objectives) == 2 else "Best design"
+    return f"{kind} after {design.surveys} surveys: {setting}: {reached}, over {best.seeds} seeds{sure}."
 
 
 def statements(design: RadarDesign) -> list[str]:
-    """Return notes on the optimum: its flatness, the binding requirements, and the savings by relaxing them."""
+    """Return notes on the optimum: tolerances, ends of ranges, active requirements, areas, and failed settings."""
     found = []
     for cut in design.slices:
-        if cut.flat:
-            low, high = cut.flat[0], cut.flat[-1]
-            kept = f"{low:g} to {high:g}" if isinstance(low, Real) else ", ".join(map(str, cut.flat))
-            found.append(
-                f"{cut.key}: {kept} changes the objective by at most {FLAT:.0%}, with the requirements likely to hold"
-            )
-        if _at_its_end(cut, design.plan):
-            end = design.best.setting[cut.key]
-            found.append(f"{cut.key}: the range ends near {end:g} and binds; a wider --free may give a better design")
-    for relaxation in design.relaxations:
-        if not np.isfinite(relaxation.saving):
-            found.append(f"{relaxation.requirement}: no design is expected to meet it and all others")
-        elif relaxation.saving < FLAT / 10:
-            found.append(f"{relaxation.requirement}: does not bind; relaxing it by {RELAXED:.0%} saves nothing")
-        else:
-            found.append(
-                f"{relaxation.requirement}: binds; relaxed by {RELAXED:.0%} it gives {relaxation.relaxed:.3g} "
-                f"({relaxation.saving:.0%} better), without it {relaxation.without:.3g}"
-            )
+        if len(cut.tolerance) > 1:
+            found.append(_tolerance(design, cut))
+        if cut.at_end:
+            end = short(design.best.setting[cut.key])
+            found.append(f"{cut.key}: the optimum, {end}, lies at the end of its range; a wider --free may improve it")
+    found += [text for relaxation in design.relaxations if (text := _relaxed(design, relaxation))]
+    found += _areas(design)
     failed = [o.reason for o in design.observations if o.reason]
     if failed:
         found.append(f"{len(failed)} settings could not be flown, e.g. {failed[0]}")
     return found
 
 
-def _at_its_end(cut: Slice, plan: DesignPlan) -> bool:
-    """Return True if one objective improves along a range up to its end, with the requirements likely to hold."""
-    if len(plan.objectives) > 1 or cut.key not in [span.key for span in plan.space.spans]:
-        return False
-    objective = np.where(cut.holds >= 0.5, plan.objectives[0].sign * cut.objectives[:, 0], np.inf)
-    best = int(np.argmin(objective))
-    return best in (0, len(objective) - 1) and bool(np.ptp(cut.objectives) > 0)
+def _tolerance(design: RadarDesign, cut: Slice) -> str:
+    """Return the sentence about the values of a key that are as good as the optimum's."""
+    of_range = cut.key in [span.key for span in design.plan.space.spans]
+    low, high = short(cut.tolerance[0]), short(cut.tolerance[-1])
+    values = f"{low} to {high}" if of_range else " or ".join(map(short, cut.tolerance))
+    objective = f"{_objective(design)} within {FLAT:.0%} of {design.best.objectives[0]:.3g}"
+    asked = f" and all requirements met with P >= {design.plan.confidence:g}" if design.plan.requirements else ""
+    return f"{cut.key}: {values} keeps {objective}{asked}, the other keys as they are (expected)"
+
+
+def _objective(design: RadarDesign) -> str:
+    return design.plan.objectives[0].expression.text
+
+
+def _relaxed(design: RadarDesign, relaxation: Relaxation) -> str:
+    """Return the sentence about the price of a requirement; "" where there is nothing to say."""
+    name, objective, by = relaxation.requirement, _objective(design), f"{RELAXED:.0%}"
+    if not design.holds:
+        known = {f"with its limit relaxed by {by}": relaxation.relaxed, "without it": relaxation.without}
+        for how, value in known.items():
+            if np.isfinite(value):
+                return f"{name}: {how} a design with {objective} = {value:.3g} is expected to meet all others"
+        return ""
+    if not relaxation.saving >= INACTIVE:
+        return f"{name}: not active; relaxing its limit by {by} improves {objective} by less than {INACTIVE:.1%}"
+    change = "cut" if design.plan.objectives[0].sign > 0 else "raise"
+    return (
+        f"{name}: active constraint; relaxing its limit by {by} would {change} {objective} from "
+        f"{design.best.objectives[0]:.3g} to about {relaxation.relaxed:.3g}, and leaving it out to about "
+        f"{relaxation.without:.3g} (expected)"
+    )
+
+
+def _areas(design: RadarDesign) -> list[str]:
+    """Return sentences about designs that map unequal areas, and about an optimum that leaves its swath dark."""
+    unequal = unequal_areas([(label(one.setting), one.values.get("mapped_m2", np.nan)) for one in design.checked])
+    found = [f"{unequal}: compare common_rms_m, that of the same cells"] if unequal else []
+    share = design.best.values.get("coverage_of_swath", np.nan)
+    if share < 1 - AREAS_ALIKE:
+        asked = f"--require 'coverage_of_swath > {1 - AREAS_ALIKE:g}' leaves out designs that map less of theirs"
+        found.append(f"the best design maps {share:.0%} of its planned swath; {asked}")
+    return found
 
 
 def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
     """Return heading and rows of the designs flown with several seeds, best first; or of designs along the front."""
     named = [name for name in design.plan.names if name not in design.plan.space.keys]
-    columns = list(dict.fromkeys([*named, *(n for n in design.plan.costs.names if n in design.best.values), *SHOWN]))
+    shown = [name for name in SHOWN if name in design.best.values]
+    columns = list(dict.fromkeys([*named, *(n for n in design.plan.costs.names if n in design.best.values), *shown]))
     texts = [o.expression.text for o in design.plan.objectives if o.expression.text not in columns]
-    head = [*design.plan.space.keys, *texts, *columns, "DEM method", "seeds", "probability"]
+    heads = (OF_LIT_CELLS if name == "coverage" else name for name in columns)
+    head = [*design.plan.space.keys, *texts, *heads, "DEM method", "seeds", "probability"]
     listed = list(design.checked[:MAX_LISTED])
     if len(design.front) > 0:
         spread = {int(k) for k in np.linspace(0, len(design.front) - 1, MAX_LISTED)}
@@ -131,7 +174,7 @@ def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
 
 def _with_spread(one: Checked, name: str) -> str:
     value, spread = one.values.get(name, np.nan), one.spread.get(name, np.nan)
-    form = ".1%" if name == "coverage" else ".3g"
+    form = ".1%" if name in SHARES else ",.0f" if name == "mapped_m2" else ".3g"
     return number(value, form) + (f" ± {number(spread, form)}" if np.isfinite(spread) else "")
 
 
@@ -190,7 +233,10 @@ def design_summary(design: RadarDesign) -> dict[str, Any]:
     return {
         "answer": sentence(design),
         "source": plan.source,
-        "free": [*map(asdict, plan.space.spans), *map(asdict, plan.space.listed)],
+        "free": [
+            *({name: value for name, value in asdict(span).items() if name != "option"} for span in plan.space.spans),
+            *map(asdict, plan.space.listed),
+        ],
         "objectives": [objective.text for objective in plan.objectives],
         "requirements": [requirement.text for requirement in plan.requirements],
         "worlds": [{"source": source, "overrides": dict(overrides)} for source, overrides in plan.worlds],
@@ -202,14 +248,15 @@ def design_summary(design: RadarDesign) -> dict[str, Any]:
         "best": _document(design.best),
         "statements": statements(design),
         "relaxations": [asdict(relaxation) for relaxation in design.relaxations],
-        "flat": {cut.key: cut.flat for cut in design.slices},
+        "tolerance": {cut.key: cut.tolerance for cut in design.slices},
         "sensitivity": design.sensitivity,
         "noise": design.noise,
         "checked": [_document(checked) for checked in design.checked],
         "front": [_document(checked) for checked in design.front],
         "observations": [asdict(observation) for observation in design.observations],
         "scenario": design.best.scenario.model_dump(mode="json"),
-        "meaning": {name: f"{quantity.unit}: {quantity.formula}" for name, quantity in QUANTITIES.items()},
+        "meaning": {name: f"{quantity.unit}: {quantity.formula}" for name, quantity in QUANTITIES.items()}
+        | MAPPED_MEANING,
         "versions": versions(),
     }
 
@@ -230,7 +277,8 @@ def _document(checked: Checked) -> dict[str, Any]:
 def figures_of(design: RadarDesign) -> dict[str, Any]:
     """Return the drawings of a design by name."""
     front = {"front": draw_front} if design.front else {}
-    return {**front, "slices": draw_slices, "sensitivity": draw_sensitivity, "maps": draw_maps}
+    maps = {"maps": draw_maps} if design.maps else {}
+    return {**front, "slices": draw_slices, "sensitivity": draw_sensitivity, **maps}
 
 
 def draw_front(design: RadarDesign) -> Figure:
@@ -315,18 +363,20 @@ def draw_sensitivity(design: RadarDesign) -> Figure:
 
 
 def draw_maps(design: RadarDesign) -> Figure:
-    """Draw the height errors of the best designs side by side, on one scale."""
+    """Draw the height errors of the best designs side by side, on one scale and in map coordinates if known."""
     count = len(design.maps)
-    figure = ReportFigure(figsize=(4.2 * count + 1.0, 4.2), layout="constrained")
-    panels = figure.subplots(1, count, squeeze=False)[0]
+    bounds = [map_bounds(error.grid.extent_m, np.zeros((0, 3))) for _, error in design.maps]
+    sizes = [map_size(each, MAP_IN) for each in bounds]
+    size = sum(width for width, _ in sizes) + 1.0 * count + 1.4, max(height for _, height in sizes) + 1.6
+    figure = ReportFigure(figsize=size, layout="constrained")
+    panels = figure.subplots(1, count, squeeze=False, width_ratios=[width for width, _ in sizes])[0]
     errors = np.concatenate([error.height_m[error.filled] for _, error in design.maps])
     limit = float(np.percentile(np.abs(errors), 98)) if len(errors) else 1.0
     scale = Normalize(-limit, limit)
-    for axes, (name, error) in zip(panels, design.maps, strict=True):
+    for axes, (name, error), edges in zip(panels, design.maps, bounds, strict=True):
         show_raster(axes, error, ERRORS, scale)
-        axes.set(xlabel="East (m)", ylabel="North (m)")
-        axes.set_title(name.replace(", ", "\n"), fontsize="small")
-    figure.colorbar(panels[0].images[0], ax=panels, label="DEM minus truth (m)", extend="both")
+        finish_map(axes, edges, name.replace(", ", "\n"), frame_of(error.grid.georeference, Coordinates.MAP))
+    figure.colorbar(panels[0].images[0], ax=panels, label="DEM minus truth, lit cells (m)", extend="both")
     return figure
 
 
@@ -412,7 +462,7 @@ def print_studies(folders: Sequence[Path]) -> None:
     texts = ["study", "setting", "DEM method", "seeds"]
     ordered = (row for _, row in sorted(rows, key=lambda pair: pair[0]))
     title = "DEM minus truth of lit cells: settings of all studies"
-    print_whole(table_of(title, [*texts, "RMS", "LE90", "coverage"], ordered, left=texts))
+    print_whole(table_of(title, [*texts, "RMS", "LE90", OF_LIT_CELLS], ordered, left=texts))
 
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:

@@ -30,6 +30,7 @@ from sionna_radar.accuracy.compare import LE90_MEANING, DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable, save_figures
 from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text, strict_json, write_text
 from sionna_radar.report.files.folder import write_folder
@@ -39,7 +40,7 @@ from sionna_radar.report.terminal import NONE, console, number, print_whole, say
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.comparison import COLUMNS, Ranking, ranked
 from sionna_radar.studies.design import Axis
-from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, short
+from sionna_radar.studies.sweep import MAPS, OWN_STATISTICS, STATISTICS, Case, Sweep, Trial, label, short, unequal_areas
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 SINGLE = "one trial each"
@@ -49,8 +50,10 @@ PANELS = {
     "off_wall_rms_m": "RMS error of lit cells\noff walls (m)",
     "nmad_m": "NMAD of lit cells (m)",
     "mean_m": "Mean error of lit cells (m)",
-    "coverage": "Coverage: share of lit\ncells with a height (%)",
+    "coverage": "Share of lit cells\nwith a height (%)",
+    "coverage_of_swath": "Share of the planned swath\nwith a height (%)",
 }
+SHARES = ("coverage", "coverage_of_swath")
 # Panels with an optional logarithmic scale, and the ratio of largest to smallest value from which it is used.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
@@ -133,9 +136,16 @@ def _small_multiples(sweep: Sweep, across: Axis, lines: list[tuple[str, list[Cas
 
 
 def _panels(sweep: Sweep) -> list[str]:
-    """Return the statistics of the four panels: if there are walls, the error off walls in place of the NMAD."""
-    walls = any(np.isfinite(case.mean("off_wall_rms_m")) for case in sweep.cases)
-    return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
+    """Return the statistics of the four panels.
+
+    If there are walls, the error off walls takes the place of the NMAD; where the planned swath is known, its coverage
+    that of the lit cells.
+    """
+    walls, swath = (
+        any(np.isfinite(case.mean(name)) for case in sweep.cases) for name in ("off_wall_rms_m", "coverage_of_swath")
+    )
+    left_out = "nmad_m" if walls else "off_wall_rms_m", "coverage" if swath else "coverage_of_swath"
+    return [statistic for statistic in PANELS if statistic not in left_out]
 
 
 def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> None:
@@ -148,7 +158,7 @@ def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> N
         axes.spines[["top", "right"]].set_visible(False)
         if statistic == "mean_m":
             axes.axhline(0.0, color="black", lw=0.8)
-        if statistic == "coverage":
+        if statistic in SHARES:
             axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         if statistic in SIZES and len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
             axes.set_yscale("log", nonpositive="mask")
@@ -269,10 +279,18 @@ RUNS_CSV, RUNS_PARQUET = "runs.csv", "runs.parquet"
 COSTS = ("wall_s", "peak_memory_mb")
 # Prefixes of the columns' names, with the errors of a trial.
 KINDS = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
+MAPPED_MEANING = {
+    "coverage": "share of the lit cells that the DEM fills",
+    "mapped_m2": "area of the lit cells that the DEM fills, m2",
+    "mapped_swath_m": "that area over the way flown, m",
+    "coverage_of_swath": "share of the cells of the planned swath that are lit and filled; what the beam would sweep "
+    "if it looked at every angle of its sector from every place of its track",
+    "common_rms_m": "RMS error of the cells that every survey of the study lit and filled",
+}
 RUNS_MEANING = {
     "run_seed": "seed of the survey",
+    **MAPPED_MEANING,
     "stated_sigma_m": "root mean square of the DEM's stated standard deviation over lit cells",
-    "common_rms_m": "RMS error of the cells that every survey lit and filled",
     "reason": "why the setting was not flown, or not with all seeds",
     "wall_s": "time the survey took, s",
     "peak_memory_mb": "most memory of its process until then, MB",
@@ -304,7 +322,7 @@ def _numbers(trial: Trial | None) -> Row:
     for prefix, kind in KINDS.items():
         error = getattr(trial, kind, None)
         row |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
-    row |= {name: _number(getattr(trial, name, None)) for name in ("stated_sigma_m", "common_rms_m")} | {"reason": None}
+    row |= {name: _number(getattr(trial, name, None)) for name in OWN_STATISTICS} | {"reason": None}
     return row | {name: _number(getattr(trial, name, None)) for name in COSTS}
 
 
@@ -351,10 +369,9 @@ UNRANKED = Ranking()
 MEANING = {
     "cells": "lit_error: cells that the main beam reached, and all statistics without another name; off_wall_error: "
     "those of them farther than half a footprint from any wall; dem_error: all cells that the DEM fills",
-    "coverage": "share of the lit cells that the DEM fills",
+    **MAPPED_MEANING,
     "spread": "standard deviation from trial to trial (n - 1)",
     "le90_m": LE90_MEANING,
-    "common_rms_m": "RMS error of the cells that every survey of the study lit and filled, with --keep",
 }
 
 
@@ -379,7 +396,8 @@ def write_sweep(
         Order and judgement of the settings in `table.csv`.
     keep:
         Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
-        (without one, of the least RMS error), or all.
+        (without one, of the least RMS error over common cells), or all. Of a shard the errors of all, which `merge`
+        compares.
 
     Raises
     ------
@@ -395,14 +413,22 @@ def write_sweep(
         if RunsFile.PARQUET in runs:
             write_runs_parquet(folder / RUNS_PARQUET, sweep)
         draw_all(sweep, folder / "figures")
-        for case in _kept(sweep, ranking, keep):
+        kept = _kept(sweep, ranking, keep)
+        for case_number, case in enumerate(sweep.cases, 1):
+            names = MAPS if case in kept else ("error",) if sweep.shard else ()
             for trial in case.trials:
-                for name, raster in trial.maps.items():
-                    path = folder / "maps" / f"{sweep.cases.index(case) + 1}_seed_{trial.seed}_{name}.tif"
-                    path.parent.mkdir(exist_ok=True)
-                    raster.to_geotiff(path)
+                for name in names:
+                    if name in trial.maps:
+                        path = _map_file(folder, case_number, trial.seed, name)
+                        path.parent.mkdir(exist_ok=True)
+                        trial.maps[name].to_geotiff(path)
 
     return write_folder(directory, MARKER, fill)
+
+
+def _map_file(folder: Path, case_number: int, seed: int, name: str) -> Path:
+    """Return the file of a map of a trial, by the number of its case from 1."""
+    return folder / "maps" / f"{case_number}_seed_{seed}_{name}.tif"
 
 
 def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
@@ -410,7 +436,9 @@ def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
     flown = [case for case, _ in ranked(sweep, ranking) if case.trials]
     if keep is not Keep.BEST:
         return flown if keep is Keep.ALL else []
-    return flown[:1] if ranking.sort else sorted(flown, key=lambda case: case.mean("rms_m"))[:1]
+    compared = all(np.isfinite(case.mean("common_rms_m")) for case in flown)
+    least = "common_rms_m" if compared else "rms_m"
+    return flown[:1] if ranking.sort else sorted(flown, key=lambda case: case.mean(least))[:1]
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
@@ -422,6 +450,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
         "interrupted": sweep.interrupted,
         "shard": sweep.shard or None,
         "meaning": MEANING,
+        "notes": [note for note in [_unequal(sweep)] if note],
         "cases": [
             {
                 "setting": case.setting,
@@ -466,7 +495,9 @@ HEADINGS = {
     "le90_m": "LE90",
     "min_m": "min",
     "max_m": "max",
-    "coverage": "coverage",
+    "coverage": "coverage of lit cells",
+    "mapped_m2": "mapped m2",
+    "coverage_of_swath": "coverage of swath",
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
     "stated_sigma_m": "stated sigma",
@@ -475,7 +506,7 @@ HEADINGS = {
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
 # Shown only where a case has them.
-OPTIONAL = ("off_wall_rms_m", "stated_sigma_m", "common_rms_m")
+OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms_m")
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
@@ -486,12 +517,22 @@ def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
     hidden = len(result.cases) - MAX_ROWS
     if hidden > 0:
         out.print(f"and {hidden:,} more settings in table.csv")
+    if unequal := _unequal(result):
+        say(unequal)
     better = [better_map(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
     if any(better) and METHOD not in [axis.key for axis in result.axes]:
         say(f"a better map: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
     for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             say(f"{label(case.setting)}: {note}")
+
+
+def _unequal(sweep: Sweep) -> str:
+    """Return the sentence about settings that map unequal areas, and what compares them; "" if they do not."""
+    unequal = unequal_areas([(label(case.setting), case.mean("mapped_m2")) for case in sweep.cases])
+    compared = any(np.isfinite(case.mean("common_rms_m")) for case in sweep.cases)
+    remedy = "compare common_rms_m, that of the same cells" if compared else "compare those of equal coverage_of_swath"
+    return f"{unequal}: {remedy}" if unequal else ""
 
 
 def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) -> Table:
@@ -501,7 +542,7 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
     """
     trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
-    columns = [s for s in STATISTICS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    columns = [s for s in HEADINGS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
     cases, varied = ranked(result, ranking), [axis.key for axis in result.axes]
     same = [n for n in COLUMNS if len({judged[n] for _, judged in cases if judged[n] == judged[n]}) < 2]
     hidden = {*same, *(["method"] if METHOD in varied else [])}
@@ -528,7 +569,8 @@ def _warnings(case: Case) -> list[str]:
 
 def _with_spread(case: Case, statistic: str, sign: str) -> str:
     mean, spread = case.mean(statistic), case.spread(statistic)
-    form = ".1%" if statistic == "coverage" else "+.3f" if statistic in SIGNED else ".3f"
+    form = ".1%" if statistic in SHARES else "+.3f" if statistic in SIGNED else ".3f"
+    form = ",.0f" if statistic == "mapped_m2" else form
     if mean != mean:
         return NONE
     return number(mean, form) + ("" if spread != spread else f" {sign}{number(spread, form.strip('+'))}")
@@ -548,7 +590,7 @@ def read_sweep(folder: Path) -> Sweep:
             source=document["source"],
             axes=tuple(Axis(**{**axis, "values": tuple(axis["values"])}) for axis in document["axes"]),
             repeat=document["repeat"],
-            cases=tuple(_case(case, costs) for case in document["cases"]),
+            cases=tuple(_case(case, costs, folder, n) for n, case in enumerate(document["cases"], 1)),
             interrupted=document["interrupted"],
             shard=document["shard"] or "",
         )
@@ -563,11 +605,15 @@ def _costs(folder: Path) -> list[dict[str, float]]:
     return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
 
-def _case(document: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:
+def _case(document: dict[str, Any], costs: Iterator[dict[str, float]], folder: Path, case_number: int) -> Case:
+    trials = []
+    for run in document["runs"]:
+        trial, error = _trial(run | next(costs, UNKNOWN)), _map_file(folder, case_number, run["seed"], "error")
+        trials.append(replace(trial, maps={"error": Raster.read(error)} if error.is_file() else {}))
     return Case(
         setting=document["setting"],
         scenario=parse_scenario(document["scenario"]) if document["scenario"] else None,
-        trials=tuple(_trial(run | next(costs, UNKNOWN)) for run in document["runs"]),
+        trials=tuple(trials),
         reason=document["reason"] or "",
     )
 

@@ -35,6 +35,9 @@ MEANING = {
     "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
+    "mapped": "mapped_m2: area of the lit cells that the DEM fills; mapped_swath_m: that area over the way flown; "
+    "coverage_of_swath: share of the cells of the planned swath that are lit and filled, of all ground that the beam "
+    "would meet if it looked at every angle of its sector from every place of its track",
     **ERROR_MEANING,
     "no_echo": "lit cells that the DEM leaves empty and pulses without any echo looked at, as over calm water, and "
     "their share of the lit cells",
@@ -74,6 +77,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
+        "mapped": asdict(survey.mapped),
         "breakdown": asdict(survey.breakdown),
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "reference": survey.reference.document() if survey.reference else None,
@@ -247,7 +251,10 @@ def better_map(scenario: Scenario, flown: Survey | Trial) -> str:
 
 def _errors(survey: Survey) -> dict[str, str]:
     lit, off_wall = survey.lit_error, survey.off_wall_error
-    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
+    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%} of lit cells"}
+    mapped = survey.mapped
+    if np.isfinite(mapped.coverage_of_swath):
+        rows["planned swath filled"] = f"{mapped.coverage_of_swath:.1%}; {mapped.mapped_m2:,.0f} m2 mapped"
     if lit.count:
         rows |= {
             "RMSE of lit cells": f"{lit.rms_m:.3f} m",

@@ -38,6 +38,7 @@ KEYS = [
     "dem_error",
     "lit_error",
     "off_wall_error",
+    "mapped",
     "breakdown",
     "dem_uncertainty",
     "reference",
