@@ -125,34 +125,35 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
-        # On a busy machine a new process takes longer than dask's 30 s.
+        # On a busy machine a new process takes longer than the 30 s in which dask connects to it, and the 15 s after
+        # which it gives up a worker that has ended.
         "distributed.comm.timeouts.connect": "300s",
+        "distributed.deploy.lost-worker-timeout": "1h",
     }
     _start_silent_tracker()
     temporary = Path(tempfile.gettempdir())
     for _ in abandoned(temporary):
         pass
-    with staged(temporary) as place:
-        folder = str(place)
-        with dask.config.set(settings | {"temporary-directory": folder}):
-            cluster = LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                memory_limit=None,
-                local_directory=folder,
-                silence_logs=logging.CRITICAL,
-                scheduler_kwargs={
-                    # Dask blames all tasks of a worker for its death, and would try them together again.
-                    "allowed_failures": 0,
-                    # The dashboard cannot be disabled: use a free port and no plotting dependencies.
-                    "dashboard": False,
-                    "dashboard_address": "127.0.0.1:0",
-                },
-                env={THREADS_VARIABLE: str(threads), AHEAD_VARIABLE: " ".join(ahead)},
-                preload=[__name__],
-            )
+    # The settings hold as long as the workers live: dask reads some of them when one ends.
+    with staged(temporary) as place, dask.config.set(settings | {"temporary-directory": str(place)}):
+        cluster = LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            memory_limit=None,
+            local_directory=str(place),
+            silence_logs=logging.CRITICAL,
+            scheduler_kwargs={
+                # Dask blames all tasks of a worker for its death, and would try them together again.
+                "allowed_failures": 0,
+                # The dashboard cannot be disabled: use a free port and no plotting dependencies.
+                "dashboard": False,
+                "dashboard_address": "127.0.0.1:0",
+            },
+            env={THREADS_VARIABLE: str(threads), AHEAD_VARIABLE: " ".join(ahead)},
+            preload=[__name__],
+        )
         try:
             with Client(cluster, set_as_default=False) as client, threads_of_all(given and count * given):
                 yield client

@@ -1,5 +1,6 @@
 """Tasks give the same results in this process and on workers; what fails, or ends its worker, costs itself alone."""
 
+import asyncio
 import json
 import logging
 import math
@@ -128,6 +129,26 @@ def test_workers_that_dask_gives_up_to_restart_are_started_anew(tmp_path, monkey
         found = dict(workers.each(look, tasks))
     assert len(starts) > 2
     assert found[0] == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
+    assert seen(found[1])["x"] == 7
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_worker_may_take_longer_to_start_again_than_dask_waits(tmp_path, monkeypatch):
+    from distributed import Nanny
+
+    started = Nanny.instantiate
+
+    async def late(self):
+        await asyncio.sleep(20.0 if self.process is not None else 0.0)
+        return await started(self)
+
+    monkeypatch.setattr(Nanny, "instantiate", late)
+    monkeypatch.setattr(DaskWorkers, "_restart_lost", lambda _: None)
+    monkeypatch.setattr("sionna_radar.execution.cluster.ATTEMPTS", 1)
+    tasks = [{"do": "die", "deaths": str(tmp_path / "deaths")}, {"do": "look", "x": 7}]
+    with open_workers(1) as workers:
+        found = dict(workers.each(look, tasks))
     assert seen(found[1])["x"] == 7
 
 
