@@ -21,7 +21,7 @@ from hard_inputs import OPTIONS, HardInput, command_lines
 from surveys import SMALL
 
 KINDS = QUICK_KINDS | {"damaged files": damaged_files(), "all commands": command_lines(sorted(OPTIONS))}
-WITHIN_S = 90.0
+WITHIN_S = 300.0
 # Everything loaded, and a survey of the greatest size that is let through.
 MAX_MB = 4000.0
 # Commands that end with 1 where the result is bad news: settings that failed, engines that disagree.
