@@ -158,7 +158,7 @@ def test_a_module_states_carrier_sweep_and_frames() -> None:
     """Chirps of each transmitter times transmitters, at 12 kHz; a pencil beam has pulses."""
     array = {"transmitters_wavelengths": [[0, 0], [1, 0]], "receivers_wavelengths": [[0, 0], [0.5, 0]], "chirps": 40}
     radar = {"chirp_rate_hz": 12_000.0, "carrier_hz": 79e9, "array": array | {"frame_rate_hz": 8.0}}
-    changes = {"sensor": "mimo", "radar": radar | {"samples_per_chirp": 256, "bandwidth_hz": 300e6, "snr_db": 30.0}}
+    changes = {"sensor": "mimo", "radar": radar | {"samples_per_chirp": 512, "bandwidth_hz": 300e6, "snr_db": 30.0}}
     scan = {"scan": {"mode": "fixed", "incidence_deg": 0.0}, "antenna": {"beamwidth_deg": [58.0, 40.0]}}
     changes["radar"] |= scan
     rows = flown_rows(
