@@ -83,7 +83,15 @@ class Cut:
     @cached_property
     def two_way_distribution(self) -> Float[np.ndarray, " n"]:
         """Cumulative distribution of the cosine under a density proportional to the two-way power."""
-        cumulative = cumulative_simpson(self.voltage**4, x=self.cosine, initial=0.0)
+        return self._distribution(self.voltage**4)
+
+    @cached_property
+    def one_way_distribution(self) -> Float[np.ndarray, " n"]:
+        """Cumulative distribution of the cosine under a density proportional to the one-way power."""
+        return self._distribution(self.voltage**2)
+
+    def _distribution(self, density: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        cumulative = cumulative_simpson(density, x=self.cosine, initial=0.0)
         cumulative = np.maximum.accumulate(cumulative)
         return cumulative / cumulative[-1]
 

@@ -7,6 +7,11 @@ and a bias of ranges (`range_bias_m`). The survey is prepared for a key just bel
 and the tables of pattern and materials change is the direction in which Dr.Jit differentiates the fields
 (`tracing.engines.beam.frozen`).
 
+The echo is an integral over the beam, which rays sample. Derivatives are exact for these rays; as those of the integral
+they have a sampling error, which is stated. Rays come in pairs of opposite directions about the beam's axis: what is
+odd over the beam, most of the scatter, cancels. Sets of pairs are drawn anew some times, and the standard error of
+their mean derivative is that of independent draws.
+
 Each derivative is held against the difference of the same echoes between the two prepared surveys, which knows nothing
 of automatic differentiation. Surface that comes into view or is hidden is in the difference of surveys traced anew
 alone; `retraced=True` says how large that is.
@@ -29,6 +34,7 @@ from sionna_radar.survey.preparation import Prepared, prepare
 if TYPE_CHECKING:  # the ray tracer is loaded by the call alone
     from sionna_radar.tracing.engines.beam.beam import BeamEngine
     from sionna_radar.tracing.engines.beam.frozen import Direction, FrozenEchoes, RangeCells
+    from sionna_radar.tracing.engines.beam.rays import CutRays, GridRays
 
 Quantity = Literal["echo_power", "mean_range", "profile"]
 SHIFTS = {"pose.east_m": 0, "pose.north_m": 1, "pose.up_m": 2}
@@ -44,6 +50,8 @@ RETRACED_STEPS = 50.0
 RESPONSE_CELLS = 6
 # Largest RMS difference between derivative and difference quotient, over the RMS of the latter.
 TOLERANCE = 0.01
+# Independent draws of the rays of a pulse: the standard error is known within a quarter.
+DRAWS = 8
 # RMS rounding of a quantity, over its RMS: single precision, summed over the places of a pulse.
 ROUNDING = 1e-5
 
@@ -55,6 +63,8 @@ class Sensitivities:
     values: each quantity: `echo_power` over the transmitted power, `mean_range` m, (pulse), `profile` over the
         transmitted power, (pulse, cell).
     derivatives: of each quantity by each parameter, per unit of the parameter (dB for keys in dB), of the same shape.
+    standard_errors: of each derivative, from the sampling of the beam by rays, of the same shape; zeros with fixed
+        speckle, whose scatterers are the surface.
     deviations: RMS of the derivative less the difference quotient of the same rays, over the RMS of the latter.
     left_out: the same with surveys traced anew, which meet other facets, and surface that comes into view or is hidden;
         empty unless asked for.
@@ -63,6 +73,7 @@ class Sensitivities:
 
     values: Mapping[str, Float[np.ndarray, "pulse ..."]]
     derivatives: Mapping[tuple[str, str], Float[np.ndarray, "pulse ..."]]
+    standard_errors: Mapping[tuple[str, str], Float[np.ndarray, "pulse ..."]]
     deviations: Mapping[tuple[str, str], float]
     left_out: Mapping[tuple[str, str], float]
     range_m: Float[np.ndarray, " cell"]
@@ -127,40 +138,46 @@ def sensitivities(
     if unknown := sorted(set(of) - set(get_args(Quantity))):
         raise ValueError(f"of = {unknown}: give {', '.join(get_args(Quantity))}")
     refuse_squint(prepared.local.radar, "a derivative")
-    from sionna_radar.tracing.engines.beam.frozen import FrozenEchoes
+    from sionna_radar.tracing.engines.beam.rays import wide_beam_rays
 
     index = np.asarray(pulses, dtype=np.int64)
     here = _state(prepared, index)
     cells, fixed = _range_cells(prepared), speckle == "fixed"
-    frozen = FrozenEchoes(here.engine, here.pulses, cells, fixed_speckle=fixed)
+    draws = 1 if fixed else DRAWS
     to_sides = partial(_sides, prepared, here, index, fixed)
     sides = {name: to_sides(name) for name in to}
     directions = [_direction(name, here, *side) for name, side in sides.items()]
+    trace = partial(_frozen, rays=wide_beam_rays(prepared.antenna), cells=cells, fixed=fixed, draws=draws)
+    frozen = trace(here)
     values = _evaluated(frozen, here, of)
-    found = frozen.derivatives(here.engine.sionna, here.pulses.true, directions, of)
+    found = [[f.derivatives(here.engine.sionna, here.pulses.true, directions, of) for f in pair] for pair in frozen]
     derivatives: dict[tuple[str, str], Float[np.ndarray, "pulse ..."]] = {}
+    standard_errors: dict[tuple[str, str], Float[np.ndarray, "pulse ..."]] = {}
     deviations: dict[tuple[str, str], float] = {}
     left_out: dict[tuple[str, str], float] = {}
-    for rates, (name, (low, high, step)) in zip(found, sides.items(), strict=True):
+    for number, (name, (low, high, step)) in enumerate(sides.items()):
         ends = _evaluated(frozen, low, of), _evaluated(frozen, high, of)
         compared = [(deviations, ends, step)]
         if retraced:
             *far, far_step = to_sides(name, RETRACED_STEPS)
-            traced = [FrozenEchoes(s.engine, s.pulses, cells, fixed_speckle=fixed) for s in far]
-            anew = _evaluated(traced[0], far[0], of), _evaluated(traced[1], far[1], of)
+            anew = _evaluated(trace(far[0]), far[0], of), _evaluated(trace(far[1]), far[1], of)
             compared.append((left_out, anew, far_step))
         for quantity in of:
-            derivatives[quantity, name] = rates[quantity]
+            each = np.array([np.mean([one[number][quantity] for one in pair], axis=0) for pair in found])
+            rates = each.mean(axis=0)
+            derivatives[quantity, name] = rates
+            standard_errors[quantity, name] = each.std(axis=0, ddof=1 if draws > 1 else 0) / np.sqrt(draws)
             for deviation, (before, after), width in compared:
                 quotient = (after[quantity] - before[quantity]) / width
                 rounding = ROUNDING * _rms(values[quantity]) / width
-                deviation[quantity, name] = _deviation(rates[quantity], quotient, rounding)
+                deviation[quantity, name] = _deviation(rates, quotient, rounding)
             if deviations[quantity, name] > TOLERANCE:
                 quotient = (ends[1][quantity] - ends[0][quantity]) / step
-                raise ScenarioError.of(name, _why_refused(quantity, rates[quantity], quotient))
+                raise ScenarioError.of(name, _why_refused(quantity, rates, quotient))
     return Sensitivities(
         values=values,
         derivatives=derivatives,
+        standard_errors=standard_errors,
         deviations=deviations,
         left_out=left_out,
         range_m=(cells.chirp.first_cell + np.arange(cells.count)) * cells.chirp.range_resolution_m,
@@ -199,8 +216,30 @@ def _range_cells(prepared: Prepared) -> "RangeCells":
     return RangeCells(chirp=analyser.chirp, count=count, response=response)
 
 
-def _evaluated(frozen: "FrozenEchoes", state: _State, of: Sequence[str]) -> dict[str, Float[np.ndarray, "pulse ..."]]:
-    return frozen.evaluate(state.engine.sionna, state.pulses.true, of, state.range_bias_m)
+def _frozen(
+    state: _State, rays: "CutRays | GridRays", cells: "RangeCells", *, fixed: bool, draws: int
+) -> list[list["FrozenEchoes"]]:
+    """Return the echoes on the places of each draw of rays: two with opposite rays, or one with fixed speckle."""
+    from sionna_radar.tracing.engines.beam.frozen import FrozenEchoes
+
+    if fixed:
+        return [[FrozenEchoes(state.engine, state.pulses, cells, fixed_speckle=True)]]
+    return [
+        [
+            FrozenEchoes(state.engine.with_rays(rays, draw, opposite=side), state.pulses, cells, fixed_speckle=False)
+            for side in (False, True)
+        ]
+        for draw in range(draws)
+    ]
+
+
+def _evaluated(
+    frozen: Sequence[Sequence["FrozenEchoes"]], state: _State, of: Sequence[str]
+) -> dict[str, Float[np.ndarray, "pulse ..."]]:
+    """Return the mean of quantities over all draws of rays."""
+    sionna, pose, bias_m = state.engine.sionna, state.pulses.true, state.range_bias_m
+    each = [one.evaluate(sionna, pose, of, bias_m) for pair in frozen for one in pair]
+    return {name: np.mean([values[name] for values in each], axis=0) for name in of}
 
 
 def _sides(

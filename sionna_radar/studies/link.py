@@ -3,18 +3,19 @@
 Level ground fills the beam; its mean spectrum and the floors under it have a closed form (`link_spectra`). The
 signal-to-noise ratio is that of the strongest range cell of the ground, and a cell of speckle is detected with the
 probability of a Swerling 1 target. The same ground is then simulated at a few ranges, traced, synthesised, received
-and detected by the chain of every survey, for comparison.
+and detected by the chain of every survey: for comparison, and for what the survey's own detector finds.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.execution.execution import Execution
+from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.foundation.numerics import to_db
 from sionna_radar.foundation.progress import advance, stage
@@ -22,7 +23,8 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average, refuse_gate, refuse_squint
 from sionna_radar.scenario.table import SMALLEST
 from sionna_radar.studies.link_spectra import STEPS_PER_BIN, Expected, GroundCase, phase_noise
-from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.sensors.sweeps import SweepDetector
 
 # Tolerance of simulation against closed form; a simulated ratio that scatters by more than half of it is not compared.
 TOLERANCE_DB = 0.3
@@ -67,6 +69,7 @@ class Simulated:
     spread_db: standard deviation of that ratio, from the number of looks.
     passed: share of pulses in which that cell passes the CFAR.
     echo_passed: share of pulses in which any cell within 3 dB of it does.
+    survey_detection: share of pulses in which the survey's own detector finds the ground.
     reason: reason for a missing simulation; empty otherwise.
     """
 
@@ -76,6 +79,7 @@ class Simulated:
     spread_db: float
     passed: float
     echo_passed: float
+    survey_detection: float
     reason: str = ""
 
     @classmethod
@@ -89,6 +93,7 @@ class Simulated:
             spread_db=nothing,
             passed=nothing,
             echo_passed=nothing,
+            survey_detection=nothing,
             reason=reason,
         )
 
@@ -105,7 +110,15 @@ class Simulated:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Link over range for one material, incidence and rain rate."""
+    """Link over range for one material, incidence and rain rate.
+
+    Two detectors are compared. One tests the ground's strongest range cell alone, in closed form. The other is the
+    survey's, simulated: in clear air the CFAR over all cells of the echo, behind rain the end of the rain's echo,
+    followed from pulse to pulse, so that it finds ground that no cell's power tells from rain.
+
+    survey_reach_m: farthest sampled range up to which the survey's detector finds the ground with `SURE`; not a number
+        if it could not be simulated.
+    """
 
     material: str
     incidence_deg: float
@@ -113,29 +126,28 @@ class Link:
     range_m: Float[np.ndarray, " range"]
     ground: tuple[GroundLink, ...]
     simulated: tuple[Simulated, ...]
+    survey_reach_m: float = float("nan")
 
     def of_ground(self, name: str) -> Float[np.ndarray, " range"]:
         """Return a number of the ground over range, by its name in `GroundLink`."""
         return np.array([getattr(ground, name) for ground in self.ground])
 
     @property
-    def reach_m(self) -> float:
-        """Farthest range up to which the cell passes in nine pulses of ten with ground above clutter; zero for none."""
-        passing = self.of_ground("passing")
-        lost = np.flatnonzero((passing < SURE) | (self.of_ground("snr") < self.of_ground("clutter")))
+    def cell_reach_m(self) -> float:
+        """Farthest range up to which a range cell alone detects the ground with `SURE`; zero for none."""
+        detection = self.of_ground("detection")
+        lost = np.flatnonzero(detection < SURE)
         if len(lost) == 0:
             return float(self.range_m[-1])
         if lost[0] == 0:
             return 0.0
-        last_sure, first_lost = lost[0] - 1, lost[0]
-        if passing[first_lost] >= SURE:
-            return float(self.range_m[last_sure])
-        return float(np.interp(SURE, passing[[first_lost, last_sure]], self.range_m[[first_lost, last_sure]]))
+        ends = [lost[0], lost[0] - 1]
+        return float(np.interp(SURE, detection[ends], self.range_m[ends]))
 
     @property
     def reaches_the_end(self) -> bool:
-        """True if the reach extends to the last sampled range."""
-        return self.reach_m == float(self.range_m[-1])
+        """True if one of the reaches extends to the last sampled range."""
+        return float(self.range_m[-1]) in (self.cell_reach_m, self.survey_reach_m)
 
 
 ECHO_NOISE = "phase noise of the echo"
@@ -214,6 +226,8 @@ class LinkBudget:
         return to_db(float(snr.max() / snr.min())) if len(snr) else 0.0
 
 
+# Beat signals of pulses.
+Beating = Callable[[Pulses], Inexact[np.ndarray, "pulse sample"]]
 # Detection probability as a function of the signal-to-noise ratio.
 Detected = Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]
 
@@ -223,6 +237,8 @@ RANGES = 60
 # Positions of the simulated ranges between nearest and farthest, on a logarithmic scale.
 SIMULATED = (0.45, 0.85)
 PULSES, PULSES_AT_ONCE = 3000, 500
+# Pulses in which the survey's detector is tried: a share of 0.9 has a standard deviation of 0.02.
+SURVEY_PULSES = 200
 # Nearest range as a share of the sampled ones, and spare cells between the farthest range and those of the CFAR.
 NEAREST, SPARE_CELLS = 0.03, 8
 # Ratios at which detection probabilities are tabulated, in decibels.
@@ -323,15 +339,42 @@ def _link(case: GroundCase, detected: Detected, pulses: int) -> Link:
     margin_cells = training.guard + training.training + SPARE_CELLS
     farthest_m = (chirp.max_range_m - margin_cells * chirp.range_resolution_m) / case.built.scale
     range_m = np.geomspace(min(NEAREST * chirp.max_range_m, farthest_m / 2), farthest_m, RANGES)
-    link = Link(
+    simulated_at = [round(share * (RANGES - 1)) for share in SIMULATED]
+    simulated = tuple(_simulated(case, float(range_m[index]), detected, pulses) for index in simulated_at)
+    return Link(
         material=case.material,
         incidence_deg=case.incidence_deg,
         rain_mm_per_h=case.rain_mm_per_h,
         range_m=range_m,
         ground=tuple(_ground(case, case.expected(float(distance)), detected) for distance in range_m),
-        simulated=(),
+        simulated=simulated,
+        survey_reach_m=_survey_reach_m(
+            range_m,
+            {index: one.survey_detection for index, one in zip(simulated_at, simulated, strict=True)},
+            lambda distance_m: _survey_detection(case, distance_m, pulses),
+        ),
     )
-    return replace(link, simulated=tuple(_simulated(case, link, share, detected, pulses) for share in SIMULATED))
+
+
+def _survey_reach_m(
+    range_m: Float[np.ndarray, " range"], known: dict[int, float], detection: Callable[[float], float]
+) -> float:
+    """Return the farthest sampled range up to which the survey's detector finds the ground with `SURE`, by bisection.
+
+    known: its detection probabilities by index of the range. detection: simulates a further one.
+    """
+    last = len(range_m) - 1
+    lost = next((index for index in sorted(known) if not known[index] >= SURE), None)
+    if lost is not None and np.isnan(known[lost]):
+        return float("nan")
+    if lost is None and detection(float(range_m[last])) >= SURE:
+        return float(range_m[last])
+    lost = last if lost is None else lost
+    sure = max((index for index in known if index < lost), default=-1)
+    while lost - sure > 1:
+        middle = (sure + lost) // 2
+        sure, lost = (middle, lost) if detection(float(range_m[middle])) >= SURE else (sure, middle)
+    return float(range_m[sure]) if sure >= 0 else 0.0
 
 
 def _ground(case: GroundCase, expected: Expected, detected: Detected) -> GroundLink:
@@ -373,14 +416,14 @@ def _floors(case: GroundCase, pulses: int) -> Floors:
     )
 
 
-def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, pulses: int) -> Simulated:
+def _simulated(case: GroundCase, range_m: float, detected: Detected, pulses: int) -> Simulated:
     """Return the simulated echo of the ground at one of the ranges, beside the closed form."""
-    range_m = float(link.range_m[round(share * (RANGES - 1))])
     expected, noise = case.expected(range_m), case.floor
     peak, echo_bins = expected.peak, expected.half_power
     total, ground = expected.ground + expected.clutter, _ground(case, expected, detected)
     try:
         power, cell_passed, echo_passed = _flown(case, range_m, pulses, expected)
+        survey_detection = _survey_detection(case, range_m, pulses)
     except RadarError as error:
         advance()
         return Simulated.impossible(range_m, ground, str(error))
@@ -396,6 +439,7 @@ def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, p
         spread_db=float(10 / np.log(10) * (1 + 1 / expected_ratio) / np.sqrt(pulses * cells)),
         passed=cell_passed,
         echo_passed=echo_passed,
+        survey_detection=survey_detection,
     )
 
 
@@ -403,17 +447,12 @@ def _flown(
     case: GroundCase, range_m: float, pulses: int, expected: Expected
 ) -> tuple[Float[np.ndarray, " bin"], float, float]:
     """Return the mean spectrum of simulated pulses, and the shares with a passing peak and a passing echo."""
-    prepared = case.over_plane(range_m, pulses)
-    receiver = replace(
-        prepared.receiver,
-        noise_power_w=case.prepared.receiver.noise_power_w,
-        transmit_power_w=case.prepared.receiver.transmit_power_w,
-    )
-    tracer, detector = prepared.sensor_inputs().tracer(), prepared.detector
+    prepared, beat_of = _hovering(case, range_m, pulses)
+    detector = prepared.detector
     total, cell_passes, echo_passes = np.zeros(len(detector.analyser.range_m)), 0, 0
     for start in range(0, pulses, PULSES_AT_ONCE):
         block = prepared.flight.pulses(np.arange(start, min(start + PULSES_AT_ONCE, pulses)))
-        beat = receiver.beat(tracer.trace(block), block)
+        beat = beat_of(block)
         if case.prepared.local.processing.leakage == "subtract":
             beat = beat - beat.mean(axis=0)
         spectra = detector.spectra(beat)
@@ -422,6 +461,46 @@ def _flown(
         cell_passes += int(passing[:, expected.peak].sum())
         echo_passes += int(passing[:, expected.half_power].any(axis=1).sum())
     return total / pulses, cell_passes / pulses, echo_passes / pulses
+
+
+def _hovering(case: GroundCase, range_m: float, pulses: int) -> tuple[Prepared, Beating]:
+    """Return a survey that hovers over level ground at a range, and what returns the beat signals of its pulses."""
+    prepared = case.over_plane(range_m, pulses)
+    receiver = replace(
+        prepared.receiver,
+        noise_power_w=case.prepared.receiver.noise_power_w,
+        transmit_power_w=case.prepared.receiver.transmit_power_w,
+    )
+    tracer = prepared.sensor_inputs().tracer()
+    return prepared, lambda block: receiver.beat(tracer.trace(block), block)
+
+
+def _survey_detection(case: GroundCase, range_m: float, pulses: int) -> float:
+    """Return the share of pulses in which the survey's detector finds the ground.
+
+    An echo is the ground's if its range is that of the ground in its direction, within half of the echo's width and
+    three of its stated standard deviations, of at least a range cell together.
+    """
+    count = min(pulses, SURVEY_PULSES)
+    prepared, beat_of = _hovering(case, range_m, count)
+    sweeps = SweepDetector(
+        detector=prepared.detector,
+        sweeps=(prepared.receiver.chirp,),
+        schedule=prepared.flight,
+        expected_ground=None,
+        beats=lambda pulses: [beat_of(pulses)],
+    )
+    block = prepared.flight.pulses(np.arange(count))
+    echoes = sweeps.correct(sweeps.detect([beat_of(block)], block).echoes, block.index, block.measured)
+    row, pose = block.row_of(echoes.pulse), block.true
+    toward = pose.boresight[row]
+    if echoes.direction is not None:
+        toward = np.einsum("eij,ej->ei", pose.R_world_antenna[row], echoes.direction)
+    ground_m = case.built.scale * pose.position_m[row, 2] / np.maximum(-toward[:, 2], SMALLEST)
+    width_m = prepared.detector.analyser.bin_m * np.ptp(case.expected(range_m).half_power)
+    around_m = np.maximum(3 * echoes.range_sigma_m, prepared.receiver.chirp.range_resolution_m)
+    own = np.abs(echoes.range_m - ground_m) <= width_m / 2 + around_m
+    return len(np.unique(row[own])) / count
 
 
 def _detection(cfar: Cfar) -> Detected:

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
+import sionna_radar.mapping.terrain.local_relief as local_relief_module
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.terrain import kriging
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance
@@ -241,3 +242,17 @@ def test_errors_are_wider_where_walls_run_along_the_scan_lines_alone(seed):
     along, across = (misfit(each, fit_covariance(each)) for each in (along, across))
     assert along > 1.3
     assert across == 1.0
+
+
+def test_chance_widens_one_map_in_thousands(monkeypatch):
+    """Over ground as the covariance says; deviations of 1.6 times what it says are told."""
+    rng = np.random.default_rng(11)
+    terrain = FittedCovariance(Covariance(1.0, 9.0, 0.05), 1.0)
+    place = scanned(rng, walls_along=True).above(np.zeros(3))
+
+    def told(factor, draws):
+        monkeypatch.setattr(local_relief_module, "_off_other_lines", lambda *_: factor * rng.standard_normal(184))
+        return np.mean([misfit_between_lines(place, terrain, None) > 1 for _ in range(draws)])
+
+    assert told(1.0, 1500) < 2e-3
+    assert told(1.6, 60) > 0.95

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare
+from sionna_radar.radar.equation import plane_echo_parts
 from sionna_radar.studies import sensitivities
+from sionna_radar.studies.gradients import _evaluated, _frozen, _range_cells, _state
+from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.tracing.engines.beam.rays import wide_beam_rays
 
 POSE = [f"pose.{name}" for name in ("east_m", "north_m", "up_m", "roll_deg", "pitch_deg", "heading_deg")]
 KEYS = ["platform.altitude_m", "radar.antenna.beamwidth_deg", "radar.antenna.side_lobe_db", "radar.scan.incidence_deg"]
@@ -19,7 +23,7 @@ PULSES = np.arange(0, 60, 6)
 
 
 def prepared(scene, **changes):
-    small = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 128}
+    small = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 32}
     return prepare(load_scenario(scene, small | {k.replace("__", "."): v for k, v in changes.items()}))
 
 
@@ -84,7 +88,7 @@ def test_what_walls_hide_is_told():
     """Rays of one tracing cannot pass the edge of a roof; over hills nothing hides behind another."""
     left = []
     for scene in ("hills", "buildings"):
-        ready = prepared(scene, tracing__paths_per_pulse=2048, platform__length_m=60.0)
+        ready = prepared(scene, tracing__paths_per_pulse=256, platform__length_m=60.0)
         index = np.arange(0, len(ready), 4)
         found = sensitivities(ready, index, of=["mean_range"], to=["pose.roll_deg"], retraced=True)
         left.append(found.left_out["mean_range", "pose.roll_deg"])
@@ -104,3 +108,60 @@ def test_what_walls_hide_is_told():
 def test_what_has_no_derivative_is_refused(scene, changes, name, message):
     with pytest.raises(ScenarioError, match=message):
         sensitivities(prepared(scene, **changes), [0, 5], to=[name])
+
+
+def plane_derivatives(beamwidth_deg, tilt_rad, height_m):
+    """Return those of the log of power and of the mean range by the beamwidth, from the integral over a plane."""
+    ends = []
+    for width_deg in (beamwidth_deg - 0.01, beamwidth_deg + 0.01):
+        ready = fixed_beam(width_deg)
+        ground = as_radar_material(ready.scene.scene.materials[ready.scene.scene.ground_material]).co_polar
+        echo = plane_echo_parts(ready.antenna, ground, 0.0039, height_m, tilt_rad)
+        ends.append((np.log(echo.power.sum()), np.sum(echo.power * echo.range_m) / echo.power.sum()))
+    return np.diff(ends, axis=0)[0] / 0.02
+
+
+def fixed_beam(beamwidth_deg, **changes):
+    fixed = {
+        "tracing__paths_per_pulse": 256,
+        "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
+        "radar__scan": {"mode": "fixed", "incidence_deg": 33},
+    }
+    return prepared("hills", radar__antenna={"beamwidth_deg": beamwidth_deg}, **fixed, **changes)
+
+
+@pytest.mark.parametrize("beamwidth_deg", [1.3, 5.0])
+def test_derivatives_by_the_beamwidth_scatter_about_those_of_the_integral_as_stated(beamwidth_deg):
+    """Over level ground, where each pulse is another draw of rays; rays without their opposites scatter more."""
+    ready = fixed_beam(beamwidth_deg)
+    found = sensitivities(ready, PULSES, of=["echo_power", "mean_range"], to=["radar.antenna.beamwidth_deg"])
+    expected = plane_derivatives(beamwidth_deg, np.deg2rad(33.0), 50.0)
+    for quantity, truth in zip(("echo_power", "mean_range"), expected, strict=True):
+        scale = found.values[quantity] if quantity == "echo_power" else 1.0
+        rate = found[quantity, "radar.antenna.beamwidth_deg"] / scale
+        error = found.standard_errors[quantity, "radar.antenna.beamwidth_deg"] / scale
+        # Student's t of seven degrees of freedom has a variance of 7 / 5.
+        assert 0.5 < np.sqrt(np.mean(((rate - truth) / error) ** 2)) < 2.0
+        assert np.mean(rate) == pytest.approx(truth, abs=4 * np.sqrt(np.mean(error**2) / len(rate)))
+    alone = _frozen(_state(ready, PULSES), wide_beam_rays(ready.antenna), _range_cells(ready), fixed=False, draws=1)[0]
+    low, high = (_state(fixed_beam(beamwidth_deg + step), PULSES) for step in (-0.01, 0.01))
+    pulse = [
+        (
+            _evaluated([[one]], high, ["mean_range"])["mean_range"]
+            - _evaluated([[one]], low, ["mean_range"])["mean_range"]
+        )
+        / 0.02
+        for one in alone
+    ]
+    assert np.mean(pulse, axis=0).std() < pulse[0].std() / 4
+
+
+def test_more_rays_state_smaller_errors_and_fixed_scatterers_none():
+    errors = []
+    for rays in (64, 1024):
+        ready = prepared("hills", tracing__paths_per_pulse=rays)
+        found = sensitivities(ready, PULSES, of=["mean_range"], to=["pose.pitch_deg"])
+        errors.append(np.sqrt(np.mean(found.standard_errors["mean_range", "pose.pitch_deg"] ** 2)))
+    assert errors[1] < errors[0] / 4
+    fixed = sensitivities(ready, PULSES, of=["mean_range"], to=["pose.pitch_deg"], speckle="fixed")
+    assert not np.any(fixed.standard_errors["mean_range", "pose.pitch_deg"])

@@ -12,7 +12,9 @@ from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.report.studies.link import print_link
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.link import run_link_budget
+from sionna_radar.studies.link import _survey_reach_m, run_link_budget
+from sionna_radar.survey import run
+from sionna_radar.survey.preparation import prepare
 from surveys import WEAK
 
 # Whose probability of detection is no integral.
@@ -66,7 +68,7 @@ def test_rain_takes_and_adds(budget):
     loss_db = 10 * np.log10(clear.of_ground("snr") / rain.of_ground("snr"))
     # Twice the path at the specific attenuation of 20 mm/h at 77 GHz (ITU-R P.838: 10.5 dB/km).
     np.testing.assert_allclose(loss_db, 2 * 10.5e-3 * clear.range_m, rtol=0.1, atol=0.02)
-    assert rain.reach_m < clear.range_m[-1]
+    assert rain.cell_reach_m < clear.range_m[-1]
     assert budget.dynamic_range_db > 10
 
 
@@ -186,3 +188,47 @@ def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
     assert not any(one.reason for one in link.simulated)
     assert np.all(np.isfinite(link.of_ground("snr")))
     assert np.all(np.isfinite(link.of_ground("detection")))
+
+
+def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys):
+    """A threshold in one cell tells ground from heavy rain seldom; the survey's detector nearly always, as flown."""
+    flat = {"kind": "flat", "size_m": [260.0, 160.0]}
+    platform = {"altitude_m": 30.0, "speed_mps": 8.0, "length_m": 6.0}
+    changes = {"terrain": flat, "platform": platform, "weather.rain_rate_mm_per_h": 28.0, "dem.method": "linear"}
+    scenario = load_scenario("hills", changes | {"radar.scan": {"mode": "fixed", "incidence_deg": 30.0}})
+    budget = run_link_budget(scenario, incidences_deg=[30.0], rains_mm_per_h=[28.0], pulses=200)
+    (link,) = budget.links
+    flown = run(scenario)
+    height_m = flown.points.position_m[:, 2]
+    found = np.abs(height_m) < 3 * flown.points.range_sigma_m + 0.3  # and a range cell
+    share = np.unique(flown.points.pulse[found]).size / len(prepare(scenario))
+    assert share > 0.9
+    for one in link.simulated:
+        assert one.ground.detection < 0.1
+        assert one.survey_detection == pytest.approx(share, abs=0.1)
+    assert link.cell_reach_m == 0.0
+    assert link.survey_reach_m > 50.0
+    print_link(budget)
+    assert "survey: the survey's detector, simulated" in capsys.readouterr().out
+
+
+def test_the_reach_is_up_to_where_the_probability_of_its_own_column_holds(budget):
+    for link in budget.links:
+        detection = link.of_ground("detection")
+        assert np.all(detection[link.range_m <= link.cell_reach_m] >= 0.9)
+        assert link.cell_reach_m == link.range_m[-1] or detection[link.range_m > link.cell_reach_m][0] < 0.9
+        for one in link.simulated:
+            assert (one.ground.detection >= 0.9) == (one.range_m <= link.cell_reach_m)
+            assert (one.survey_detection >= 0.9) == (one.range_m <= link.survey_reach_m)
+
+
+@pytest.mark.parametrize(("end_m", "reach_m"), [(0.5, 0.0), (7.2, 7.0), (13.0, 13.0), (29.0, 29.0), (99.0, 30.0)])
+def test_the_reach_of_the_survey_is_found_by_bisection(end_m, reach_m):
+    range_m = np.arange(1.0, 31.0)
+
+    def detection(distance_m):
+        return 0.95 if distance_m <= end_m + 1e-9 else 0.3
+
+    known = {index: detection(range_m[index]) for index in (9, 20)}
+    assert _survey_reach_m(range_m, known, detection) == reach_m
+    assert np.isnan(_survey_reach_m(range_m, {9: np.nan, 20: 1.0}, detection))

@@ -3,7 +3,9 @@
 Stationary ground of range rate v lies on the cone u.m = -v / |m| about the measured motion m of the radar. On it one
 angle is left, phi about the motion, which the channels tell: the spectrum |a(phi)^H x|^2 of a cell's channels x is that
 of beams across the track, each with the phases that its own direction and range rate give to the chirps of a block, so
-that the motion between transmitters is compensated exactly. Range rates beyond half of the blocks' rate fold into the
+that the motion between transmitters is compensated exactly, at the range rate interpolated between the cells: half a
+cell of N blocks is a phase of pi / N from one block to the next, which transmitters in turn would take for an angle.
+Range rates beyond half of the blocks' rate fold into the
 same cell; all cones that the antenna sees are compared, and the phases of the codes tell them apart.
 
 A cell holds up to two sources, as the cone meets level ground left and right of the track. The second is sought in
@@ -33,6 +35,7 @@ statistic of the whole map, its lowest tenth. Echoes can only raise that, and lo
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
@@ -56,6 +59,8 @@ SCANNED = 0.03
 STEPS_IN_BEAM = 4
 # Steps of a parabola to a source's place, each half as wide.
 ASCENTS = 3
+# Samples of a window's response over a cell.
+BETWEEN_STEPS = 65
 # Passes over both sources.
 REFINEMENTS = 3
 # Least share of a source's vector outside of another's: a quarter of a beam.
@@ -88,12 +93,38 @@ class FrameMap:
         """Mean power of the channels."""
         return np.mean(np.abs(self.channel) ** 2, axis=2)
 
+    def between(
+        self,
+        rate: Int[np.ndarray, " n"],
+        cell: Int[np.ndarray, " n"],
+        weights: Float[np.ndarray, " sample"],
+        axis: Literal[0, 1],
+    ) -> Float[np.ndarray, " n"]:
+        """Return how far ahead of cells along an axis a single scatterer would lie, in cells, at most half of one.
+
+        By the difference of the amplitudes in the cells beside it over its own, the same in all channels, whose value
+        for a scatterer d ahead is the window's: (W(d - 1) - W(d + 1)) / W(d), for a Hann window 6 d / (4 - d^2).
+
+        weights: window along the axis: 0 for range rates, 1 for ranges.
+        """
+        # Phases of ranges count from the sample number N // 2, those of range rates and of responses from the middle.
+        count = len(weights)
+        turn = 1.0 if axis == 0 else np.exp(2j * np.pi * ((count - 1) / 2 - count // 2) / count)
+        own = self.channel[rate, cell]
+        before, after = (np.roll(self.channel, side, axis)[rate, cell] for side in (1, -1))
+        beside = np.einsum("nc,nc->n", own.conj(), after * turn - before * np.conj(turn)).real
+        found = beside / np.maximum(np.sum(np.abs(own) ** 2, axis=1), 1e-300)
+        ahead = np.linspace(-0.5, 0.5, BETWEEN_STEPS)
+        behind, at, beyond = (_response(weights, ahead + side) for side in (1, 0, -1))
+        return np.interp(found, ((beyond - behind) * at.conj()).real / np.abs(at) ** 2, ahead)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sources(Columns):
     """Sources in cells of a map.
 
     rate, cell: of the map; fold: how many times the range rate is folded.
+    range_m: interpolated between the cells, not corrected for Doppler.
     direction: in the antenna's frame. power: of its amplitude.
     phi_sigma_rad: standard deviation of the angle about the motion.
     """
@@ -101,6 +132,7 @@ class Sources(Columns):
     rate: Int[np.ndarray, " source"]
     cell: Int[np.ndarray, " source"]
     fold: Int[np.ndarray, " source"]
+    range_m: Float[np.ndarray, " source"]
     direction: Float[np.ndarray, "source 3"]
     power: Float[np.ndarray, " source"]
     phi_sigma_rad: Float[np.ndarray, " source"]
@@ -111,12 +143,14 @@ class Cones(Columns):
     """Directions of range rates, in the antenna's frame: u = axis + across cos(phi) + up sin(phi).
 
     row: of the map that a range rate folds into; fold: how many times it does.
+    axis_per_rate: derivative of the axis by the range rate, s/m; zero without a motion.
     """
 
     row: Int[np.ndarray, " cone"]
     fold: Int[np.ndarray, " cone"]
     range_rate_mps: Float[np.ndarray, " cone"]
     axis: Float[np.ndarray, "cone 3"]
+    axis_per_rate: Float[np.ndarray, "cone 3"]
     across: Float[np.ndarray, "cone 3"]
     up: Float[np.ndarray, "cone 3"]
 
@@ -132,7 +166,15 @@ class Cones(Columns):
             rows = np.arange(len(found.rate_mps))
             ahead, left, _ = (np.tile(axis, (len(rows), 1)) for axis in np.eye(3))
             axis = np.zeros((len(rows), 3))
-            return cls(row=rows, fold=0 * rows, range_rate_mps=found.rate_mps, axis=axis, across=left, up=ahead)
+            return cls(
+                row=rows,
+                fold=0 * rows,
+                range_rate_mps=found.rate_mps,
+                axis=axis,
+                axis_per_rate=axis,
+                across=left,
+                up=ahead,
+            )
         speed = float(np.linalg.norm(velocity))
         most = int(np.ceil(speed / span_mps)) + 1 if speed > 0 else 0
         row, fold = (
@@ -154,14 +196,20 @@ class Cones(Columns):
             fold=fold,
             range_rate_mps=rate,
             axis=np.outer(cosine, ahead),
+            axis_per_rate=np.tile(-ahead / max(speed, 1e-300), (len(rate), 1)),
             across=np.outer(sine, np.cross(up, ahead)),
             up=np.outer(sine, up),
         )
 
-    def at(self, where: "Angles") -> Float[np.ndarray, "n 3"]:
-        """Return unit vectors."""
+    def at(self, where: "Angles", faster_mps: Float[np.ndarray, " n"] | None = None) -> Float[np.ndarray, "n 3"]:
+        """Return unit vectors; faster_mps: range rates less those of the cones, zero by default."""
         phi, cone = where.phi_rad[:, None], where.cone
-        return self.axis[cone] + np.cos(phi) * self.across[cone] + np.sin(phi) * self.up[cone]
+        axis, around = self.axis[cone], np.cos(phi) * self.across[cone] + np.sin(phi) * self.up[cone]
+        if faster_mps is None:
+            return axis + around
+        axis = axis + faster_mps[:, None] * self.axis_per_rate[cone]
+        longer = np.sqrt(np.maximum(1 - np.sum(axis**2, axis=1), 0.0)) / np.linalg.norm(around, axis=1)
+        return axis + around * longer[:, None]
 
 
 @dataclass(frozen=True)
@@ -265,8 +313,9 @@ class ArrayEstimator:
         found = self.map(beats)
         sources = self.sources(found, measured)
         if expected is not None:
-            range_m = found.range_m[sources.cell]
-            place_m = range_m[:, None] * (sources.direction @ measured.R_world_antenna[0].T) + measured.position_m[0]
+            place_m = (
+                sources.range_m[:, None] * (sources.direction @ measured.R_world_antenna[0].T) + measured.position_m[0]
+            )
             sources = sources.rows(expected.holds(place_m, measured.position_m[0]))
         if self.strongest and len(sources):
             sources = sources.rows(self._outstanding(found, sources))
@@ -274,7 +323,7 @@ class ArrayEstimator:
 
     def _outstanding(self, found: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
         """Mark sources not far weaker than the strongest in their direction, at equal range."""
-        level = sources.power * found.range_m[sources.cell] ** 2
+        level = sources.power * sources.range_m**2
         beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
         highest = np.zeros(int(np.ptp(beam)) + 1)
         np.maximum.at(highest, beam - beam.min(), level)
@@ -293,7 +342,14 @@ class ArrayEstimator:
         down = np.nan_to_num(-measured.R_world_antenna[0, 2])
         scan = _Scan(self.array, cones, self.half_view_rad, down)
         rate, cell = self.scanned(found)
-        cells = _Cells(rate=rate, range_m=found.range_m[cell], cell=cell, x=found.channel[rate, cell])
+        beside = found.between(rate, cell, self.rate_weights, 0)
+        cells = _Cells(
+            rate=rate,
+            cell=cell,
+            range_m=found.range_m[cell] + found.between(rate, cell, self.analyser.window, 1) * self.analyser.bin_m,
+            faster_mps=beside * self.array.direction * self.array.rate_cell_mps,
+            x=found.channel[rate, cell],
+        )
         level, first, directions = scan.strongest(cells)
         # Over the power of a source: the beams add the channels.
         least = found.noise * np.log(np.maximum(directions, 1) / self.false_alarm_probability) / self.array.gain
@@ -321,7 +377,8 @@ class ArrayEstimator:
                         rate=own.rate[kept],
                         cell=own.cell[kept],
                         fold=cones.fold[where.cone[kept]],
-                        direction=cones.at(where.rows(kept)),
+                        range_m=own.range_m[kept],
+                        direction=cones.at(where.rows(kept), own.faster_mps[kept]),
                         power=power,
                         phi_sigma_rad=np.sqrt(found.noise / (2 * power * h[kept, number])),
                     )
@@ -330,7 +387,7 @@ class ArrayEstimator:
 
     def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
         """Return the means of neighbouring sources, as points with standard deviations."""
-        range_m = found.range_m[sources.cell]
+        range_m = sources.range_m
         mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
         speckle = mean / (2 * np.maximum(found.power[sources.rate, sources.cell], 1e-300))
         range_sigma = self.spread_cells(self.analyser.window) * self.analyser.bin_m * np.sqrt(speckle)
@@ -427,13 +484,23 @@ class ArrayEstimator:
         return 1 + (np.minimum(count, full) - 1) / (full - 1) * (raised - 1)
 
 
+def _response(weights: Float[np.ndarray, " sample"], place: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
+    """Return the amplitude that a scatterer at places in cells, counted from a cell, has in it; phases as in maps."""
+    sample = np.arange(len(weights)) - (len(weights) - 1) / 2
+    return np.exp(2j * np.pi * np.outer(place, sample) / len(weights)) @ weights
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Cells(Columns):
-    """Cells of a map and their channels."""
+    """Cells of a map and their channels.
+
+    range_m: interpolated between the cells. faster_mps: interpolated range rate less that of the row.
+    """
 
     rate: Int[np.ndarray, " cell"]
     cell: Int[np.ndarray, " cell"]
     range_m: Float[np.ndarray, " cell"]
+    faster_mps: Float[np.ndarray, " cell"]
     x: Complex[np.ndarray, "cell channel"]
 
 
@@ -487,14 +554,15 @@ class _Scan:
         grid = Angles(np.tile(phi, len(cones)), np.repeat(cones, len(phi)))
         return grid.rows(np.flatnonzero(self.cones.at(grid)[:, 0] >= self._least_ahead))
 
-    def vectors(self, where: Angles, range_m: Float[np.ndarray, " n"] | float) -> Complex[np.ndarray, "n channel"]:
-        """Return steering vectors."""
-        return self.array.steering(self.cones.at(where), self.cones.range_rate_mps[where.cone], range_m)
+    def vectors(self, where: Angles, cells: _Cells) -> Complex[np.ndarray, "n channel"]:
+        """Return steering vectors of directions, one in each cell."""
+        rate_mps = self.cones.range_rate_mps[where.cone] + cells.faster_mps
+        return self.array.steering(self.cones.at(where, cells.faster_mps), rate_mps, cells.range_m)
 
     def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
         """Return the direction near one at which a source, alone or beside another, explains most of each cell."""
         step, phi = self._step, where.phi_rad
-        other = None if beside is None else self.vectors(beside, cells.range_m)
+        other = None if beside is None else self.vectors(beside, cells)
         for _ in range(ASCENTS):
             left, centre, right = (
                 self._explained(cells, Angles(phi + side * step, where.cone), other) for side in (-1, 0, 1)
@@ -508,7 +576,7 @@ class _Scan:
     def _explained(
         self, cells: _Cells, where: Angles, other: Complex[np.ndarray, "cell channel"] | None
     ) -> Float[np.ndarray, " cell"]:
-        a = self.vectors(where, cells.range_m)
+        a = self.vectors(where, cells)
         if other is not None:
             shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
             a = a - shared[:, None] * other
@@ -517,7 +585,7 @@ class _Scan:
 
     def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
         """Return the part of the channels that one source explains."""
-        a = self.vectors(where, cells.range_m)
+        a = self.vectors(where, cells)
         amplitude = np.einsum("nc,nc->n", a.conj(), cells.x) / self.array.gain
         return amplitude[:, None] * a
 
@@ -553,7 +621,7 @@ class _Scan:
         """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
         step = 0.01 * self._step
         a, ahead, behind = (
-            np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells.range_m) for w in sources], axis=1)
+            np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells) for w in sources], axis=1)
             for side in (0, 1, -1)
         )
         gram = a.conj() @ np.swapaxes(a, 1, 2)

@@ -472,21 +472,30 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
         "Scan": f"{scenario.radar.scan.mode.replace('_', ' ')}, {tilt_deg:.3g} deg from nadir",
         "Beam at half power": "" if scenario.sensor == "lidar" else _beam(prepared),
     }
-    if scenario.sensor == "radar":
+    if scenario.sensor in ("radar", "mimo"):
         rows |= {
             "Carrier": f"{chirp.carrier_hz / 1e9:.5g} GHz",
             "Sweep": f"{chirp.bandwidth_hz / 1e6:.5g} MHz, {scenario.radar.sweep}",
             "Range cell, farthest": f"{chirp.range_resolution_m:.3g} m, {chirp.max_range_m:.4g} m",
-            "Ranges": scenario.processing.ranging,
+            "Ranges": scenario.processing.ranging if scenario.sensor == "radar" else "",
             "Noise": _noise(prepared),
         }
     rows |= {
-        "Pulse rate": f"{scenario.radar.mean_rate_hz / scenario.processing.average.chirps:.4g} Hz",
+        **_rates(prepared),
         "Navigation": "pose known exactly" if prepared.flight.navigation is None else scenario.platform.navigation.kind,
         "Map": f"{prepared.mapper.name}, {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m",
         "Seed": str(scenario.seed),
     }
     return {name: value for name, value in rows.items() if value}
+
+
+def _rates(prepared: Prepared) -> dict[str, str]:
+    """Return the rate of pulses; of an array, of frames and of the chirps that they consist of."""
+    radar, averaged = prepared.local.radar, prepared.local.processing.average.chirps
+    if prepared.local.sensor == "mimo" and radar.array is not None:
+        chirps = f"{radar.array.chirps_per_frame:,} chirps, {radar.chirp_rate_hz / 1e3:.4g} kHz"
+        return {"Frame rate": f"{radar.array.frame_rate_hz:.4g} Hz", "Chirps of a frame": chirps}
+    return {"Pulse rate": f"{radar.mean_rate_hz / averaged:.4g} Hz"}
 
 
 def _things(prepared: Prepared) -> str:

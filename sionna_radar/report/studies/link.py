@@ -18,7 +18,7 @@ from sionna_radar.report.terminal import console, number, say, table_of
 from sionna_radar.studies.link import SURE, TOLERANCE_DB, Link, LinkBudget, Simulated
 from sionna_radar.studies.link_spectra import ROUNDING
 
-COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
+COLOURS = (BLUE, ORANGE, RED, "tab:purple", "tab:green", "tab:brown", "tab:olive", "tab:cyan")
 LINES = ("-", "--", ":", "-.")
 MIN_DB = -20.0
 # Shown depth below the floors.
@@ -51,6 +51,7 @@ def draw_link(budget: LinkBudget) -> Figure:
     handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
     handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
     handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
+    handles += [Line2D([], [], color="0.3", ls="", marker="D", mfc="none", label="Found by the survey's detector")]
     if any(link.of_ground("clutter").any() for link in budget.links):
         handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Air alone; any echo passes")]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
@@ -102,17 +103,21 @@ def _draw(upper: Axes, lower: Axes, link: Link, colour: str, line: str) -> None:
         style = {"marker": "o", "ls": "", "mfc": colour, "mec": "black", "ms": 5}
         upper.plot(simulated.range_m, to_db(max(simulated.found - simulated.ground.clutter, 0.0)), **style)
         lower.plot(simulated.range_m, simulated.passed, **style)
+        lower.plot(
+            simulated.range_m, simulated.survey_detection, **style | {"marker": "D", "mfc": "none", "mec": colour}
+        )
 
 
 MARKER = "link.json"
 MEANING = (
     "ground_snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db "
-    "over what is in the air there. detection_probability is that of detecting the ground in this cell in one pulse "
-    "against noise and clutter, false_alarm_probability that the cell passes the CFAR without the ground, "
+    "over what is in the air there. detection_probability is that of detecting the ground in this cell alone in one "
+    "pulse against noise and clutter, false_alarm_probability that the cell passes the CFAR without the ground, "
     "passing_probability that it passes with all that is in it. Under `simulated` passed is the share of simulated "
-    "pulses in which it does, and difference_db ground and clutter there over the closed form. reach_m is the farthest "
-    "range up to which the cell passes with reach_probability and holds more of the ground than clutter; with "
-    "reaches_the_end the sampled ranges end before it does."
+    "pulses in which it does, survey_detection the share in which the survey's own detector finds the ground, and "
+    "difference_db ground and clutter there over the closed form. cell_reach_m is the farthest range up to which "
+    "detection_probability is at least reach_probability, survey_reach_m that up to which survey_detection is; with "
+    "reaches_the_end the sampled ranges end before one of them does."
 )
 
 
@@ -169,7 +174,8 @@ def _link(link: Link) -> dict[str, Any]:
         "material": link.material,
         "incidence_deg": link.incidence_deg,
         "rain_mm_per_h": link.rain_mm_per_h,
-        "reach_m": link.reach_m,
+        "cell_reach_m": link.cell_reach_m,
+        "survey_reach_m": link.survey_reach_m,
         "reaches_the_end": link.reaches_the_end,
         "range_m": link.range_m.tolist(),
         **{
@@ -189,6 +195,7 @@ def _simulated(simulated: Simulated) -> dict[str, Any]:
         "compared": simulated.compared,
         "passed": simulated.passed,
         "echo_passed": simulated.echo_passed,
+        "survey_detection": simulated.survey_detection,
         "reason": simulated.reason or None,
     }
 
@@ -201,9 +208,10 @@ def _finite(values: Float[np.ndarray, " n"]) -> list[float | None]:
 MAX_RULERS = 6
 
 LEGEND = (
-    "S/C: signal to clutter; Pd: that the ground is detected against noise and clutter; Pfa: that the cell passes",
-    "without the ground, by rain; diff: ground and clutter as simulated over the closed form; reach: up to there",
-    f"{SURE:.0%} of pulses pass the CFAR in that cell, with more ground than clutter in it",
+    "cell: the strongest range cell tested alone, in closed form; survey: the survey's detector, simulated,",
+    "which behind rain looks for the end of the rain's echo",
+    f"reach: farthest range up to which Pd is at least {SURE:g}; Pd: probability of detecting the ground in a pulse;",
+    "S/C: signal to clutter; Pfa rain: the cell passes by rain alone; diff: simulated over closed form",
 )
 
 
@@ -231,25 +239,42 @@ def print_link(budget: LinkBudget) -> None:
 
 def link_table(budget: LinkBudget) -> Table:
     """Return the closed form and the simulation of the ground at the simulated ranges."""
-    columns = "beam\ndeg", "rain\nmm/h", "reach\nm", "range\nm", "SNR\ndB", "S/C\ndB", "Pd", "Pfa\nrain", "diff\ndB"
+    columns = (
+        "inc.\n\ndeg",
+        "rain\n\nmm/h",
+        "reach\ncell\nm",
+        "reach\nsurvey\nm",
+        "range\n\nm",
+        "SNR\n\ndB",
+        "S/C\n\ndB",
+        "Pd\ncell",
+        "Pd\nsurvey",
+        "Pfa\nrain",
+        "diff\n\ndB",
+    )
     rows = []
     for link in budget.links:
-        reach = f"{link.reach_m:.0f}{'+' if link.reaches_the_end else ''}"
-        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", reach
+        reaches = (_reach(link, link.cell_reach_m), _reach(link, link.survey_reach_m))
+        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *reaches
         for place, simulated in enumerate(link.simulated):
             numbers = simulated.ground.numbers()
             alarms = numbers["false_alarm_probability"] if simulated.ground.clutter > 0 else float("nan")
             rows.append(
                 [
-                    *(case if place == 0 else ("", "", "", "")),
+                    *(case if place == 0 else [""] * len(case)),
                     f"{simulated.range_m:.1f}",
                     number(numbers["ground_snr_db"], ".1f"),
                     number(numbers["signal_to_clutter_db"], ".1f"),
                     number(numbers["detection_probability"], ".3f"),
+                    number(simulated.survey_detection, ".2f"),
                     number(alarms, ".3f"),
                     number(simulated.difference_db, "+.2f"),
                 ]
             )
-    table = table_of("Strongest range cell of the ground in one pulse", ["material", *columns], rows, left=["material"])
-    table.pad_edge = False
+    table = table_of("Echo of the ground in one pulse", ["material", *columns], rows, left=["material"])
+    table.pad_edge, table.padding = False, (0, 0)  # 80 columns
     return table
+
+
+def _reach(link: Link, reach_m: float) -> str:
+    return number(reach_m, ".0f") + ("+" if reach_m == link.range_m[-1] else "")

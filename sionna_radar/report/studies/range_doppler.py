@@ -35,7 +35,9 @@ def range_doppler(frames: Frames) -> Figure:
     axes.set_xlim(lit.min() - MARGIN_M, lit.max() + MARGIN_M)
     figure.colorbar(shown, ax=axes, label="Power (dB)")
     row, bin_ = np.nonzero(frames.detected)
-    axes.plot(last.range_m[bin_], last.range_rate_mps[row], ".", ms=2, color=ORANGE, label="Detected")
+    axes.plot(
+        last.range_m[bin_], last.range_rate_mps[row], "o", ms=4, mfc=ORANGE, mec="black", mew=0.4, label="Detected"
+    )
     reading_m = last.chirp.doppler_range_m(np.array([target.range_rate_mps for target in frames.targets]))
     if frames.targets:
         place = np.array([[target.range_m, target.range_rate_mps] for target in frames.targets])

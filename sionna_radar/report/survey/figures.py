@@ -27,6 +27,7 @@ from matplotlib.ticker import NullLocator
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
@@ -56,9 +57,12 @@ from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
+# Cells of the surface that are drawn at most.
+MAX_CELLS = 1_000_000
 # Minimum width of a figure with three columns in its legend.
 MIN_WIDE_IN = 6.5
 
@@ -72,8 +76,9 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     width, height = map_size(bounds)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
-    limits, frame = height_limits(survey.truth), frame_of(survey.georeference, coordinates)
-    plan.imshow(shaded(survey.truth, limits), origin="lower", extent=survey.truth.grid.extent_m)
+    surface = _surface_within(survey, bounds)
+    limits, frame = height_limits(surface), frame_of(survey.georeference, coordinates)
+    plan.imshow(shaded(surface, limits), origin="lower", extent=surface.grid.extent_m)
     halo = [withStroke(linewidth=3.0, foreground="white")]
     size = dot_size((width, height), len(hits))
     plan.plot(hits[:, 0], hits[:, 1], ls="", marker="o", ms=size, mew=0, color="white", alpha=0.7)
@@ -81,13 +86,32 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     _mark_ends(plan, flight[[0, -1], :2])
     finish_map(plan, bounds, "True surface and flight", frame)
     colour_bar(plan, height_colours(limits, frame), frame.height, width)
-    _draw_profile(profile, survey, flight, frame)
+    _draw_profile(profile, survey, surface, flight, frame)
     columns = 3 if width + 2.0 >= MIN_WIDE_IN else 2
     figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:
+def _surface_within(survey: Survey, bounds_m: tuple[float, float, float, float]) -> Raster:
+    """Return the true surface of a whole map: on the cells of the DEM, which begin where the beam does, and around."""
+    west, east, south, north = bounds_m
+    grid = survey.truth.grid
+    coarser = max(1, int(np.ceil(np.sqrt((east - west) * (north - south) / grid.spacing_m**2 / MAX_CELLS))))
+    spacing_m = grid.spacing_m * coarser
+    starts = (grid.west_m, west), (grid.south_m, south)
+    before = [max(0, int((start - edge) / spacing_m)) for start, edge in starts]
+    wider = Grid(
+        west_m=grid.west_m - before[0] * spacing_m,
+        south_m=grid.south_m - before[1] * spacing_m,
+        spacing_m=spacing_m,
+        columns=before[0] + 1 + int(np.floor((east - grid.west_m) / spacing_m)),
+        rows=before[1] + 1 + int(np.floor((north - grid.south_m) / spacing_m)),
+    )
+    scene = survey.prepared.scene
+    return truth_dem(scene.caster, wider, float(scene.scene.bounds_m[1][2]) + 1.0)
+
+
+def _draw_profile(axes: Axes, survey: Survey, surface: Raster, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:
     """Draw height against the distance along the track, and the beam from the middle of the flight."""
     step = np.linalg.norm(np.diff(flight[:, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(step)])
@@ -95,11 +119,11 @@ def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], 
     last_step = moving[-1] if len(moving) else 0
     ahead = (flight[last_step + 1, :2] - flight[last_step, :2]) / max(step[last_step], 1e-9)
     # The beam points ahead of the platform: draw the ground beyond the track's end.
-    west, east, south, north = survey.truth.grid.extent_m
+    west, east, south, north = surface.grid.extent_m
     extension = np.linspace(0.0, np.hypot(east - west, north - south), 2000)
     path = np.concatenate([flight[:, :2], flight[-1, :2] + extension[:, None] * ahead])
     along = np.concatenate([distance, distance[-1] + extension])
-    ground = survey.truth.at(path)
+    ground = surface.at(path)
     covered = np.isfinite(ground)
     lowest = np.append(ground[covered], flight[:, 2]).min()
     floor = lowest - 0.08 * (flight[:, 2].max() - lowest)

@@ -68,6 +68,37 @@ def test_angles_reach_their_bound(window, snr_db):
     assert np.median(stated) * lever == pytest.approx(bound, rel=0.2)
 
 
+@pytest.mark.parametrize("code", ["tdm", "bpm"])
+@pytest.mark.parametrize(("window", "snr_db"), [("hann", 15.0), ("hann", 38.0), ("boxcar", 25.0), ("blackman", 35.0)])
+def test_angles_and_ranges_anywhere_in_a_cell_reach_their_bound(code, window, snr_db):
+    """Half a cell off the middle transmitters in turn see a phase that is no angle, and a range is not its cell's.
+
+    The bound is that of the power in the cell, which is less off its middle; half a cell of range is 0.19 m.
+    """
+    estimator = estimator_of(line_of(3, 4, blocks=24, code=code), window=window)
+    noise = 1 / (10 ** (snr_db / 10) * cell_noise(estimator))
+    errors, stated, ranges, turns = [], [], [], []
+    for seed in range(60):
+        rng = np.random.default_rng(1000 + seed)
+        row, cell, cosine = 2 + rng.uniform(-0.5, 0.5), 31 + rng.uniform(-0.5, 0.5), rng.uniform(-0.4, 0.4)
+        place, direction = seen_at(estimator, row, cell, cosine)
+        found = estimator.map(with_noise(frame_of(estimator.array, place, [1.0]), noise, seed))
+        sources = estimator.sources(found, middle())
+        best = np.argmax(sources.power)
+        errors.append(sources.direction[best, 1] - direction[1])
+        stated.append(sources.phi_sigma_rad[best] * direction[0])
+        turns.append(sources.direction[best, 2] - direction[2])
+        ranges.append(sources.range_m[best] - cell * CHIRP.range_resolution_m)
+    assert np.sqrt(np.mean(np.square(np.array(errors) / stated))) < 1.3
+    # Cramer-Rao bounds of a frequency of all channels' blocks or samples, in cells; windows and neighbours take more.
+    whole = 10 ** (snr_db / 10) * estimator.array.gain
+    # The motion bends the phase over the frame, by some thousandths of a cell.
+    bound_cells = np.hypot(np.sqrt(6 / (4 * np.pi**2 * whole)), 2e-3)
+    cell_of_direction = estimator.array.rate_cell_mps / 10.0
+    assert np.sqrt(np.mean(np.square(ranges))) < 3 * bound_cells * CHIRP.range_resolution_m
+    assert np.sqrt(np.mean(np.square(turns))) < 3 * bound_cells * cell_of_direction
+
+
 def test_two_points_a_beam_apart_are_two():
     """In one cell of range and range rate, at the Rayleigh limit of the virtual array, N d."""
     estimator = estimator_of(line_of(3, 4))

@@ -152,3 +152,21 @@ def test_text_in_a_pack_cannot_end_a_script():
     text = Pack().text({"name": "</script><script>alert(1)</script>", "none": float("nan")})
     assert "<" not in text
     assert unpacked(text)[0] == {"name": "</script><script>alert(1)</script>", "none": None}
+
+
+def test_a_module_states_carrier_sweep_and_frames() -> None:
+    """Chirps of each transmitter times transmitters, at 12 kHz; a pencil beam has pulses."""
+    array = {"transmitters_wavelengths": [[0, 0], [1, 0]], "receivers_wavelengths": [[0, 0], [0.5, 0]], "chirps": 40}
+    radar = {"chirp_rate_hz": 12_000.0, "carrier_hz": 79e9, "array": array | {"frame_rate_hz": 8.0}}
+    changes = {"sensor": "mimo", "radar": radar | {"samples_per_chirp": 512, "bandwidth_hz": 300e6, "snr_db": 30.0}}
+    scan = {"scan": {"mode": "fixed", "incidence_deg": 0.0}, "antenna": {"beamwidth_deg": [58.0, 40.0]}}
+    changes["radar"] |= scan
+    rows = flown_rows(
+        prepare(load_scenario("hills", changes | {"platform.length_m": 4.0, "platform.altitude_m": 15.0}))
+    )
+    assert rows["Carrier"] == "79 GHz"
+    assert rows["Sweep"] == "300 MHz, up"
+    assert rows["Frame rate"] == "8 Hz"
+    assert rows["Chirps of a frame"] == "80 chirps, 12 kHz"
+    assert "Pulse rate" not in rows
+    assert flown_rows(prepare(load_scenario("hills", {"platform.length_m": 4.0})))["Pulse rate"] == "360 Hz"

@@ -192,3 +192,19 @@ def test_tick_labels_of_seven_digits_keep_apart(georeferenced: Survey) -> None:
             for labels in (axes.get_xticklabels(), axes.get_yticklabels()):
                 shown = [t.get_window_extent() for t in labels if t.get_text()]
                 assert not any(a.overlaps(b) for a, b in combinations(shown, 2))
+
+
+def test_the_environment_has_ground_under_the_whole_flight(survey: Survey) -> None:
+    """The map of heights begins where the beam meets the ground, ahead of the radar."""
+    plan, profile = draw_environment(survey).axes
+    (west, east), (south, north) = plan.get_xlim(), plan.get_ylim()
+    left, right, low, high = plan.get_images()[0].get_extent()
+    spacing_m = survey.truth.grid.spacing_m
+    assert west >= left - spacing_m
+    assert right >= east - spacing_m
+    assert south >= low - spacing_m
+    assert high >= north - spacing_m
+    ground = profile.get_lines()[0]
+    flown = survey.schedule.trajectory.position(np.linspace(0.0, survey.schedule.trajectory.end_s, 2000))
+    expected = survey.prepared.scene.caster.from_above(flown[:, :2], 1e3)
+    np.testing.assert_allclose(ground.get_ydata()[: len(flown)], expected, atol=0.5, equal_nan=True)

@@ -21,7 +21,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.raytracer.backend import aligned, flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.beam.rays import beam_rays, beam_sampler
+from sionna_radar.tracing.engines.beam.rays import CutRays, GridRays, beam_rays, beam_sampler
 from sionna_radar.tracing.engines.persistent.mirrored_places import MirroredPlaces
 from sionna_radar.tracing.engines.persistent.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import DevicePaths, Paths
@@ -93,6 +93,14 @@ class BeamEngine:
         self.seed = seed
         self._mirrored = MirroredPlaces(scene, antenna, chirp, self.sionna.caster) if bounces > 1 else None
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
+        self._draw, self._opposite = 0, False
+
+    def with_rays(self, rays: CutRays | GridRays, draw: int, *, opposite: bool) -> "BeamEngine":
+        """Return the engine with other rays: the number of their random shift, and whether on the axis's other side."""
+        other = copy(self)
+        other._rays = rays
+        other._draw, other._opposite = draw, opposite
+        return other
 
     def with_antenna(self, antenna: Antenna) -> "BeamEngine":
         """Return the engine with another antenna, over the same scene."""
@@ -196,7 +204,7 @@ class BeamEngine:
     def _shoot(self, pulses: Pulses):  # type: ignore[no-untyped-def]
         """Return each ray's row in the block, its direction, and 4 pi K p."""
         sampler = self._sampler
-        shift = pulse_uniforms(self.seed, Stream.DIRECTIONS, pulses.index, 2)
+        shift = pulse_uniforms(self.seed, Stream.DIRECTIONS, pulses.index, 2 * (self._draw + 1))[:, -2:]
         ray = dr.arange(mi.UInt32, len(pulses) * sampler.rays)
         row = ray // sampler.rays
         ray -= row * sampler.rays
@@ -204,7 +212,8 @@ class BeamEngine:
         for column, lattice in enumerate(self._unit):
             moved = dr.gather(mi.Float, lattice, ray)
             moved += dr.gather(mi.Float, mi.Float(aligned(shift[:, column])), row)
-            unit.append(moved - dr.floor(moved))
+            moved -= dr.floor(moved)
+            unit.append(1 - moved if self._opposite else moved)
         in_beam = ray < sampler.beam_rays
         (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
         probability = dr.select(valid, 4 * dr.pi * sampler.rays * density, 0.0)

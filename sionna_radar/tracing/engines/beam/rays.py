@@ -52,12 +52,12 @@ def beam_sampler(rays: int, side_lobe_share: float) -> BeamSampler:
     return BeamSampler(unit=np.concatenate([halton(beam_rays), halton(wide_rays)]), beam_rays=beam_rays)
 
 
-def quantiles_of(cut: Cut) -> Float[np.ndarray, " quantile"]:
-    """Return the direction cosines of a cut at equally spaced probabilities of its two-way power.
+def quantiles_of(cut: Cut, *, one_way: bool = False) -> Float[np.ndarray, " quantile"]:
+    """Return the direction cosines of a cut at equally spaced probabilities of its two-way or one-way power.
 
     Between two of them the density is constant, and the weights of the rays use that density.
     """
-    distribution = cut.two_way_distribution
+    distribution = cut.one_way_distribution if one_way else cut.two_way_distribution
     rising = np.concatenate([[True], np.diff(distribution) > 0])
     quantiles = np.interp(np.linspace(0, 1, QUANTILES + 1), distribution[rising], cut.cosine[rising])
     quantiles[[0, -1]] = -1.0, 1.0
@@ -69,11 +69,20 @@ def beam_rays(antenna: Antenna) -> "CutRays | GridRays":
     return CutRays(antenna) if antenna.separable else GridRays(antenna.two_way)
 
 
+def wide_beam_rays(antenna: Antenna) -> "CutRays | GridRays":
+    """Return rays that sample the skirts of the beam as well, which decide derivatives by the shape of the beam.
+
+    Rays by the one-way power: for a Gaussian beam their weights, and those times any power of the angle, are bounded.
+    An antenna that is no product of two cuts keeps its rays.
+    """
+    return CutRays(antenna, one_way=True) if antenna.separable else GridRays(antenna.two_way)
+
+
 class CutRays:
     """Rays of a separable antenna, each cosine by the quantiles of its cut; the others fill the half sphere ahead."""
 
-    def __init__(self, antenna: Antenna) -> None:
-        cuts = quantiles_of(antenna.azimuth), quantiles_of(antenna.elevation)
+    def __init__(self, antenna: Antenna, *, one_way: bool = False) -> None:
+        cuts = [quantiles_of(cut, one_way=one_way) for cut in (antenna.azimuth, antenna.elevation)]
         self._quantiles = [mi.Float(q.astype(np.float32)) for q in cuts]
 
     def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
