@@ -195,7 +195,9 @@ def reproject(
     source: CRS, target: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Transform points between projections, easting or longitude first; infinite where not valid."""
-    x, y = Transformer.from_crs(source, target, always_xy=True).transform(x, y)
+    # As lists: pyproj takes an array of one for a point, of which NumPy before 2.4 warns.
+    given = (x.tolist(), y.tolist()) if x.size == 1 else (x, y)
+    x, y = Transformer.from_crs(source, target, always_xy=True).transform(*given)
     return np.asarray(x), np.asarray(y)
 
 
