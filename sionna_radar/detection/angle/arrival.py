@@ -235,7 +235,10 @@ class AngleEstimator:
             mean_along_axis = np.where(np.abs(strips.mean[:, axis]) > 1e-9, strips.mean[:, axis], 1e-9)
             across = 1 / mean_along_axis[:, None]
             up = strips.mean * (cosine[0] / mean_along_axis)[:, None]
-        sigma = np.sqrt(np.einsum("pi,pij,pj->p", across, covariance, across))
+        sigma = np.hypot(
+            np.sqrt(np.einsum("pi,pij,pj->p", across, covariance, across)),
+            strips.bent_rad / np.sqrt(2 * stretches.looks),
+        )
         beam = np.sqrt(np.sum(strips.climb**2 * np.array(self.spread) ** 2, axis=1))
         in_beam = np.sum((up / np.array(self.half_power)) ** 2, axis=1) <= 1
         accurate = (stretches.snr >= MIN_SNR) & (sigma <= LARGEST_SIGMA * beam)

@@ -13,6 +13,10 @@ those of the strongest sources (Stoica and Nehorai 1989, "MUSIC, maximum likelih
 ASSP 37), resolves closer sources the more their powers exceed the noise. Two paths of one wave are coherent, and R has
 a single source; its forward-backward mean (R + J R* J) / 2 decorrelates them.
 
+A single surface is no point: its direction is the mean by its power, which the phases between neighbours tell, as those
+of a pair of receivers do, and its range the mean by the power in all receivers. MUSIC's direction is nearer the mode of
+the speckle, and the sum of a long row hears other speckle than the receiver beside it: both leave the ground.
+
 MUSIC is implemented here in a few lines of NumPy: available libraries are written for other signals, process single
 covariances, and one states that it is not designed for real-world applications (doatools).
 """
@@ -126,6 +130,7 @@ class RowEstimator(AngleEstimator):
     def _directions(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> tuple[Stretches, Directions]:
+        stretches = stretches.ranged_by([signals[number] for number in self._row])
         sampled = self._products(stretches, signals)
         count = len(self._places)
         covariance = forward_backward(sampled[:, :count, :count])
@@ -136,6 +141,8 @@ class RowEstimator(AngleEstimator):
         results = []
         for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
             toward = lowest(noise_share(covariance[selected], vectors, sources), cosine, sources)
+            if sources == 1:
+                toward = self._mean_cosine(covariance[selected], toward)
             results.append(self._sources(stretches, sampled, covariance, selected, toward))
         stretch, share, cosines, variance = (np.concatenate(column) for column in zip(*results, strict=True))
         order = np.argsort(stretch, kind="stable")
@@ -162,6 +169,19 @@ class RowEstimator(AngleEstimator):
         direction = np.zeros((len(cosine), 3))
         direction[:, 1 + self._axis] = cosine
         return self.array.responses(direction, np.zeros(len(cosine)))[1][:, self._row]
+
+    @property
+    def _neighbour_phase(self) -> float:
+        """Phase of a receiver against the one before it, per direction cosine."""
+        return float(2 * np.pi * self._places[1])
+
+    def _mean_cosine(
+        self, covariance: Complex[np.ndarray, "own e e"], cosine: Float[np.ndarray, "own 1"]
+    ) -> Float[np.ndarray, "own 1"]:
+        """Return the mean direction cosine of a surface, from one near it."""
+        cross = np.einsum("pii->pi", covariance[:, 1:, :-1]).sum(axis=1, keepdims=True)
+        turn = self._neighbour_phase
+        return cosine + np.angle(cross * np.exp(-1j * turn * cosine)) / turn
 
     def _products(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
@@ -215,9 +235,12 @@ class RowEstimator(AngleEstimator):
         noise = stretches.noise_power[selected]
         power = source_powers(covariance[selected], vectors, noise)
         ratio, looks = power / noise[:, None], stretches.looks[selected]
-        variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
         share = power / power.sum(axis=1, keepdims=True)
-        if sources > 1:
+        if sources == 1:
+            # Of the sum of the neighbours' phases the noise of the row's two ends is left.
+            variance = 1 / (looks[:, None] * ratio * ((count - 1) * self._neighbour_phase) ** 2)
+        else:
+            variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
             # The mean range of each surface depends on its own speckle; the point's is the mean of both by their
             # powers, off by the other's share of the difference of two means of L looks.
             mean_variance_m2 = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
@@ -225,10 +248,13 @@ class RowEstimator(AngleEstimator):
             variance = variance + mean_variance_m2 * climb[:, None] ** 2
         cosines, variances = [cosine.ravel()], [variance.ravel()]
         if sampled.shape[1] > count:
-            # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
-            weight = separators(vectors)
-            source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
-            beside = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
+            if sources == 1:
+                beside = sampled[selected, :1, count]
+            else:
+                # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
+                weight = separators(vectors)
+                source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
+                beside = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
             per_cosine = self.array.phase_per_cosine[:, 1 - self._axis].sum()  # of the only one on this axis
             cosines.insert(0, (-np.angle(beside) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())

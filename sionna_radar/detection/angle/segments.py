@@ -7,6 +7,7 @@ the two-way beam's power on it, taken for a Gaussian with the variances S of the
 variance 1 / (t' S^-1 t). Tilted ground turns the strip by at most its tilt.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,14 @@ class RangeStrips(Columns):
     def strip(self) -> Float[np.ndarray, "pulse 2"]:
         """Unit vectors along the strips."""
         return np.column_stack([-self.climb[:, 1], self.climb[:, 0]])
+
+    @property
+    def bent_rad(self) -> Float[np.ndarray, " pulse"]:
+        """Standard deviation of the direction along `climb` of a strip's power, by the strip's curvature.
+
+        Over level ground a strip is part of a cone about nadir: t along it, it bends by -cot(incidence) t^2 / 2.
+        """
+        return self.along**2 / np.tan(self.incidence_rad) / np.sqrt(2)
 
     def length_m(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
         """Return the slant ranges that leave the resolution on the ground to the width of the beam.
@@ -150,6 +159,19 @@ class Stretches:
             first_bin=spans.first_bin,
             looks_per_bin=spans.looks_per_bin,
         )
+
+    def ranged_by(self, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Stretches":
+        """Return the same stretches with mean and variance of range weighted with the mean power of several receivers.
+
+        Far apart, receivers hear other speckle of what lies in a cell: a range by the first alone is not that of the
+        direction by all.
+        """
+        values = [signal[self.cell_row, self.cell_bin] for signal in signals]
+        power = np.mean([value.real**2 + value.imag**2 for value in values], axis=0)
+        range_m, total = (self.first_bin + self.cell_bin) * self.bin_m, sums(power, self.begin)
+        mean_m = sums(power * range_m, self.begin) / total
+        offset_m = range_m - np.repeat(mean_m, self.length)
+        return replace(self, range_m=mean_m, range_variance_m2=sums(power * offset_m**2, self.begin) / total)
 
     def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
