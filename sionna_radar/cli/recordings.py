@@ -23,6 +23,7 @@ from sionna_radar.cli.session import (
 )
 from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, ScenarioError
+from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
@@ -120,8 +121,20 @@ def process_command(
     reference: ReferenceOption = None,
     reference_sigma: ReferenceSigmaOption = 0.0,
     apply_shift: ApplyShiftOption = False,
+    describe: Annotated[
+        Path | None,
+        typer.Option(
+            "--describe",
+            metavar="FILE",
+            help="Instead write the TOML description of a raw capture (.bin) from its chirp configuration (.cfg or "
+            ".mmwave.json): beside the capture, or to the file of -o.",
+        ),
+    ] = None,
 ) -> None:
     """Process recorded or measured beat signals into ranges, points and a DEM."""
+    if describe is not None:
+        _describe(session, recording, describe)
+        return
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
@@ -151,6 +164,20 @@ def process_command(
         show=print_processed,
         products=[coordinates, page.name, *heights.products],
     )
+
+
+def _describe(session: Session, capture: Path, config: Path) -> None:
+    """Write the description of a raw capture, and say what it assumes."""
+    from sionna_radar.survey.recordings.capture_description import describe_capture
+
+    if session.overrides:
+        raise ScenarioError.of("--describe", "takes no --set; change the description it writes", "command line")
+    written = describe_capture(capture, config, session.output)
+    if not session.quiet:
+        for sentence in written.assumed:
+            typer.echo(f"assumed: {sentence}")
+        path = shown(written.path)
+        typer.echo(f"description in {path}; process it with: sionna-radar process {path}")
 
 
 @command(*RECORDING)

@@ -496,12 +496,8 @@ def _check_custom_parts(
 
 def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
     processing = settings.processing
-    cfar, cells = processing.cfar, chirp.samples // (2 if chirp.sampling == "real" else 1)
-    if 2 * (cfar.guard + cfar.training) >= cells:
-        message = (
-            f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit the {cells} range cells of "
-            "the recording; lower processing.cfar.guard and processing.cfar.training"
-        )
+    if misfit := processing.cfar.misfit(chirp.range_cells):
+        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
         raise ScenarioError.of("processing.cfar.guard", message, source)
     if problems := [*processing_limits(processing, chirp)]:
         raise ScenarioError(problems, source)
