@@ -106,6 +106,13 @@ def subjects() -> dict[str, Subject]:
             name, lambda path, write=write: write(path, flight_logs.flown(flight_logs.regular(10.0, 4.0)))
         )
         found[f"log, {kind}"] = Subject(["log", name], {name: content}, (name,))
+    flight = flight_logs.flown(flight_logs.regular(10.0, 4.0))
+    for name, write, options in (
+        ("sbet.out", flight_logs.write_sbet, []),
+        ("helios.trj", flight_logs.write_trj, ["--crs", "EPSG:32632"]),
+    ):
+        content = _written(name, lambda path, write=write: write(path, flight))
+        found[f"log, {name}"] = Subject(["log", name, *options], {name: content}, (name,))
     for name in ("dem.tif", "dem.asc"):
         files = {name: _written(name, _raster), "hard.toml": _over("raster", name)}
         found[name] = Subject(["run", "hard.toml", "--no-report"], files, (name,))

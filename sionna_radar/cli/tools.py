@@ -341,7 +341,9 @@ def schema() -> None:
 @command("output", "quiet")
 def log_command(
     session: Session,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, .gpx or .csv.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, SBET .out, .gpx, .csv or .trj.")
+    ],
     over: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
     ] = None,
@@ -351,6 +353,9 @@ def log_command(
     start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
     stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
     gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
+    crs: Annotated[
+        str | None, typer.Option(metavar="CRS", help="CRS of a CSV log in map coordinates, e.g. EPSG:25832.")
+    ] = None,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
     from sionna_radar.report.studies.flights import MARKER, print_log, write_log
@@ -358,7 +363,7 @@ def log_command(
 
     ground = _ground(over, terrain)
     session.produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
+        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
         suffix="_log",
         marker=MARKER,
         write=write_log,

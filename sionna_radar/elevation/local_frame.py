@@ -134,21 +134,21 @@ def frame_about(
     return MapFrame(crs=local, origin_m=(x, y))
 
 
-def stated_crs(name: str) -> CRS:
-    """Return the CRS of `terrain.crs`; ScenarioError if invalid."""
+def stated_crs(name: str, key: str = "terrain.crs") -> CRS:
+    """Return the CRS that a key states, by default `terrain.crs`; ScenarioError if invalid."""
     try:
         return CRS.from_user_input(name)
     except ProjError as error:
         message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32631'"
-        raise ScenarioError.of("terrain.crs", message) from error
+        raise ScenarioError.of(key, message) from error
 
 
-def map_part(whole: CRS) -> CRS:
-    """Return the horizontal part of a file's CRS; ScenarioError if neither projected nor geographic."""
+def map_part(whole: CRS, key: str = "terrain.crs") -> CRS:
+    """Return the horizontal part of a CRS; ScenarioError if neither projected nor geographic."""
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
-        raise ScenarioError.of("terrain.crs", message)
+        raise ScenarioError.of(key, message)
     return crs
 
 

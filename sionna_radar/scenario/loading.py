@@ -163,7 +163,7 @@ SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
     **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2"), ("terrain", {"kind": "raster"})),
     **dict.fromkeys((".las", ".laz"), ("terrain", {"kind": "points"})),
     **dict.fromkeys((".obj", ".ply", ".stl", ".glb", ".gltf", ".xml"), ("terrain", {"kind": "mesh"})),
-    **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv"), ("platform", {})),
+    **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv", ".trj", ".out", ".sbet"), ("platform", {})),
 }
 
 

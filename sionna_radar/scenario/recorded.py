@@ -179,6 +179,8 @@ class PosesTable(Table):
     """of the flight, in any format that `platform.log` takes."""
     log_columns: dict[str, str] = {}
     """as `platform.log_columns`."""
+    log_crs: str | None = None
+    """as `platform.log_crs`."""
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
     """as `platform.log_gap_s`."""
     first_pulse_s: NonNegative = 0.0

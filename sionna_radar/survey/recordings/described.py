@@ -556,14 +556,14 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
 
     time_s: of the pulses, from the first position of the log.
     """
-    log = read_log(table.log, "poses.log", table.log_columns)
+    log = read_log(table.log, "poses.log", table.log_columns, table.log_crs)
     frame: MapFrame | None = None
     base_m = 0.0
     if log.on_map:
         known = log.positions.place[np.isfinite(log.positions.place).all(axis=1)]
         frame = frame_at(float(known[0, 0]), float(known[0, 1]))
         base_m = float(np.floor(known[:, 2].min()))
-    part = LogPart(path=table.log, columns=table.log_columns, gap_s=table.log_gap_s, height="datum")
+    part = LogPart(path=table.log, columns=table.log_columns, crs=table.log_crs, gap_s=table.log_gap_s, height="datum")
     route = read_route(part, lambda: frame)
     trajectory, (start_s, end_s) = route.trajectory(-base_m), route.span_s
     if time_s[0] < start_s or time_s[-1] > end_s:
