@@ -13,9 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
-from jaxtyping import Shaped
-from rasterio.io import MemoryFile
 
 from sionna_radar.elevation.file_heights import heights_on
 from sionna_radar.elevation.local_frame import StatedFrame, place_file
@@ -163,18 +160,6 @@ def opened_file(path: Path | str) -> Iterator[Any]:
     with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
         yield dataset
-
-
-@contextmanager
-def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio.Affine) -> Iterator[Any]:
-    """Open an array as if it were a raster file, georeferenced by its transform."""
-    rows, columns = height_m.shape
-    profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
-    with MemoryFile() as memory:
-        with memory.open(**profile, transform=transform) as writable:
-            writable.write(height_m, 1)
-        with memory.open() as dataset:
-            yield dataset
 
 
 def _check_content(dataset: Any, path: Path | str) -> None:

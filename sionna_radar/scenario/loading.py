@@ -160,7 +160,7 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
 
 # Tables of a scenario by the ending of the file that they name.
 SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
-    **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2"), ("terrain", {"kind": "raster"})),
+    **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2", ".xyz"), ("terrain", {"kind": "raster"})),
     **dict.fromkeys((".las", ".laz"), ("terrain", {"kind": "points"})),
     **dict.fromkeys((".obj", ".ply", ".stl", ".glb", ".gltf", ".xml"), ("terrain", {"kind": "mesh"})),
     **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv", ".trj", ".out", ".sbet"), ("platform", {})),

@@ -14,13 +14,14 @@ from matplotlib.cbook import get_sample_data
 from pyproj import CRS
 from rasterio import Affine
 
-from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_array, opened_file
+from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_file
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
 from sionna_radar.elevation.placed_raster import HeightSystem, height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.foundation.raster_file import opened_array
 from sionna_radar.scene.ground_cover import GroundCover
 from sionna_radar.scene.landscape import Landscape, covered_landscape
 
