@@ -27,6 +27,7 @@ from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
+    from sionna_radar.studies.calibration import Calibration
     from sionna_radar.survey.observation import SampleType
     from sionna_radar.survey.result import Processed
 
@@ -295,5 +296,14 @@ def calibrate_command(
         marker=MARKER,
         write=lambda result, folder: write_calibration(result, folder, report=page),
         show=print_calibration,
+        exit_code=_tell_refusal,
         products=[page.name],
     )
+
+
+def _tell_refusal(result: "Calibration") -> int:
+    """Print why no estimate is stated, and return the exit code: 1 then."""
+    if result.refused is None:
+        return 0
+    typer.echo(f"no estimate: {result.refused}", err=True)
+    return 1

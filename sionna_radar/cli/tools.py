@@ -312,10 +312,17 @@ def init(
 ) -> None:
     """Write a scenario to start from: a commented one, or one over your terrain, along your log, with your radar."""
     path = file.expanduser()
+    flown = None
     if sources:
-        from sionna_radar.scenario.loading import scenario_from
+        from sionna_radar.scenario.loading import scenario_from, start_text
+        from sionna_radar.studies.first_flight import first_flight
 
-        text = scenario_from(sources, path.absolute().parent)
+        document = scenario_from(sources, path.absolute().parent)
+        if path.is_file():
+            raise OutputError(f"{path} exists already; name another file")
+        with progress_shown(quiet=False):
+            flown = first_flight(document, path.absolute().parent)
+        text = start_text(flown.document)
     else:
         text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
     try:
@@ -326,6 +333,13 @@ def init(
     except (OSError, ValueError) as error:
         message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
         raise OutputError(message) from error
+    if flown is not None and flown.reason is not None:
+        typer.echo(f"scenario in {shown(path)}; it cannot be flown yet: {flown.reason}")
+        return
+    if flown is not None and flown.shrunk:
+        platform = flown.document["platform"]
+        said = f"{platform['altitude_m']:g} m high along {platform['length_m']:g} m, as the ground is small"
+        typer.echo(f"the flight is {said}")
     typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar run {shown(path)}")
 
 

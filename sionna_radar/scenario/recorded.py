@@ -224,7 +224,11 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
 
     Raises ScenarioError for any other key, and for values that do not fit.
     """
-    _check_open(overrides, OPEN, "is fixed by the recording: only processing and dem can be set; fly it again for more")
+    _check_open(
+        overrides,
+        OPEN,
+        "is fixed by the recording: only processing, dem and radar.conjugate can be set; fly it again for more",
+    )
     try:
         data = parse_toml(text)
     except ValueError as error:

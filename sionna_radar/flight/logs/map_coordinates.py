@@ -42,8 +42,8 @@ class MapCoordinates:
             raise ScenarioError.of(KEY, f"{self.crs.name!r} cannot be put on the globe ({error})") from error
         known = np.isfinite(lon) & np.isfinite(lat)
         if not known.any():
-            place = ", ".join(f"{value:.6g}" for value in log.positions.place[0, :2])
-            message = f"{self.crs.name!r} does not contain the first position ({place}); give the CRS of the log"
+            first = ", ".join(f"{value:.6g}" for value in log.positions.place[0, :2])
+            message = f"{self.crs.name!r} does not contain the first position ({first}); give the CRS of the log"
             raise ScenarioError.of(KEY, message)
         place = np.column_stack([np.where(known, lon, np.nan), np.where(known, lat, np.nan), self.unit_m * height])
         positions, attitudes = replace(log.positions, place=place), log.attitudes
