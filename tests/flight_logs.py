@@ -95,6 +95,30 @@ def write_gpx(path: Path, flight: Flown) -> Path:
     return path
 
 
+# ------------------------------------------------------------------------------------------ SBET and HELIOS++
+
+
+def write_sbet(path: Path, flight: Flown, wander: float = 0.0) -> Path:
+    lon, lat, height = flight.degrees.T
+    records = np.zeros((len(flight.time_s), 17))
+    records[:, 0] = 302_400 + flight.time_s
+    records[:, 1], records[:, 2], records[:, 3] = np.deg2rad(lat), np.deg2rad(lon), height
+    records[:, 7:9] = flight.euler[:, :2]
+    records[:, 9], records[:, 10] = flight.euler[:, 2] + wander, wander
+    records.astype("<f8").tofile(path)
+    return path
+
+
+def write_trj(path: Path, flight: Flown) -> Path:
+    """Write a trajectory in UTM zone 32, headings from true north, as HELIOS++ reads it."""
+    to_map = Transformer.from_crs(CRS(4326), CRS(32632), always_xy=True)
+    place = to_map.transform(*flight.degrees.T[:2])
+    rows = np.column_stack([flight.time_s, np.rad2deg(flight.euler), *place, flight.degrees[:, 2]])
+    text = "\n".join(",".join(f"{value:.9f}" for value in row) for row in rows)
+    path.write_text(f'#TIME_COLUMN: 0\n#HEADER: "t", "roll", "pitch", "yaw", "x", "y", "z"\n{text}\n')
+    return path
+
+
 # ------------------------------------------------------------------------------------------ ULog
 
 

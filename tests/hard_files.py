@@ -74,7 +74,10 @@ def _cloud(path: Path) -> None:
 def _raster(path: Path) -> None:
     heights = np.random.default_rng(1).normal(50, 3, size=(60, 60)).astype(np.float32)
     corner = from_origin(690_000.0, 5_330_300.0, 5.0, 5.0)
-    if path.suffix == ".asc":
+    if path.suffix == ".xyz":
+        rows = (f"{690_002.5 + 5 * n} {5_330_297.5 - 5 * m} {heights[m, n]:.2f}" for m, n in np.ndindex(heights.shape))
+        path.write_text("\n".join(rows))
+    elif path.suffix == ".asc":
         write_heights(path, heights, corner, None, driver="AAIGrid")
     else:
         write_heights(path, heights, corner, compress="deflate")
@@ -106,7 +109,14 @@ def subjects() -> dict[str, Subject]:
             name, lambda path, write=write: write(path, flight_logs.flown(flight_logs.regular(10.0, 4.0)))
         )
         found[f"log, {kind}"] = Subject(["log", name], {name: content}, (name,))
-    for name in ("dem.tif", "dem.asc"):
+    flight = flight_logs.flown(flight_logs.regular(10.0, 4.0))
+    for name, write, options in (
+        ("sbet.out", flight_logs.write_sbet, []),
+        ("helios.trj", flight_logs.write_trj, ["--crs", "EPSG:32632"]),
+    ):
+        content = _written(name, lambda path, write=write: write(path, flight))
+        found[f"log, {name}"] = Subject(["log", name, *options], {name: content}, (name,))
+    for name in ("dem.tif", "dem.asc", "dem.xyz"):
         files = {name: _written(name, _raster), "hard.toml": _over("raster", name)}
         found[name] = Subject(["run", "hard.toml", "--no-report"], files, (name,))
     for name in ("cloud.las", "cloud.laz"):
@@ -126,6 +136,8 @@ def subjects() -> dict[str, Subject]:
     for config, text in {"profile.cfg": CONFIG, "studio.mmwave.json": studio}.items():
         toml = f'[recording]\nsamples = "adc.bin"\nconfig = "{config}"\n{PROCESSING}'
         files = {"adc.bin": _capture(), config: text.encode(), "hard.toml": toml.encode()}
+        described = ["process", "adc.bin", "--describe", config]
+        found[f"description by {config}"] = Subject(described, files, (config, "adc.bin"))
         found[f"capture, {config}"] = Subject(["process", "hard.toml"], files, (config, config, "adc.bin", "hard.toml"))
     for name, save in {"beats.npy": np.save, "beats.npz": np.savez, "packed.npz": np.savez_compressed}.items():
         content = _written(name, lambda path, save=save: save(path, _beats()[:, 0]))

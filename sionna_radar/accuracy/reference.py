@@ -36,13 +36,19 @@ from sionna_radar.accuracy.illumination import Walls, raster_walls
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.elevation.placed_raster import apply_affine, height_system, horizontal_part, vertical_datum
+from sionna_radar.elevation.placed_raster import (
+    apply_affine,
+    cloud_height_system,
+    height_system,
+    horizontal_part,
+    vertical_datum,
+)
 from sionna_radar.elevation.placed_raster import reproject as convert
 from sionna_radar.elevation.point_cloud import COVERS, Piece, gridded, majority, open_cloud
 from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_numbers, shown
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Grid, Raster, spans
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
@@ -495,12 +501,30 @@ def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSur
         inside = int(grid.cell_of(reference.place_m)[2].sum())
         if inside < OFFSET_CHECKPOINTS:
             raise InputFileError(
-                f"{KEY} = {shown(path)}: {inside} of {len(reference.place_m)} places lie within the DEM; "
-                f"give at least {OFFSET_CHECKPOINTS}, x and y in its coordinates"
+                f"{KEY} = {shown(path)}: {inside} of {len(reference.place_m)} places lie within the DEM, "
+                f"{spans(_map_extent(grid))}; give at least {OFFSET_CHECKPOINTS}, x and y in its coordinates"
             )
     elif not reference.on(grid).filled.any():
-        raise InputFileError(f"{KEY} = {shown(path)}: has no height within the DEM; give one of its ground")
+        covered = spans(_extent_on(grid, reference))
+        message = f"has no height within the DEM: it covers {covered}, and the DEM {spans(_map_extent(grid))}"
+        raise InputFileError(f"{KEY} = {shown(path)}: {message}; give one of its ground")
     return reference
+
+
+def _map_extent(grid: Grid) -> tuple[float, float, float, float]:
+    """Return west, south, east and north of a grid in the coordinates of its map."""
+    west, east, south, north = grid.extent_m
+    x, y, _ = _origin_m(grid)
+    return west + x, south + y, east + x, north + y
+
+
+def _extent_on(grid: Grid, reference: "ReferenceSurface") -> tuple[float, float, float, float]:
+    """Return west, south, east and north of measured heights in the coordinates of a grid's map."""
+    rows, columns = reference.height_m.shape
+    corner = np.array([*product((0.0, float(columns)), (0.0, float(rows)))])
+    own, theirs = CRS.from_wkt(reference.crs), CRS.from_wkt(_crs_of(grid))
+    x, y = convert(own, theirs, *apply_affine(reference.transform, *corner.T))
+    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
 
 def _read_raster(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface:
@@ -508,7 +532,7 @@ def _read_raster(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface:
     with open_raster(path, KEY) as file:
         require_cells(file, named, "heights")
         crs = _same_kind_of_crs(file.crs.to_wkt() if file.crs else None, grid, named)
-        unit_m = height_system(file, CRS.from_wkt(crs), None, None).unit_m
+        unit_m = height_system(file.units[0], CRS.from_wkt(crs), None, None).unit_m
         height = file.read(1, masked=True, out_dtype="float64").filled(np.nan) * unit_m
         return ReferenceSurface(
             kind="raster",
@@ -529,11 +553,22 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
         crs = CRS.from_wkt(_same_kind_of_crs(cloud.crs_wkt, grid, cloud.name))
         east_m, north_m = _origin_m(grid)[:2]
         frame = MapFrame(crs=horizontal_part(CRS.from_wkt(_crs_of(grid))), origin_m=(east_m, north_m))
-        vertical = crs.axis_info[2].unit_conversion_factor if len(crs.axis_info) == 3 else 1.0
+        vertical = cloud_height_system(crs, key=KEY).unit_m
+
+        def local_of(
+            x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+        ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+            return frame.local_of(horizontal_part(crs), x, y)
 
         def pieces(classes: bool = False) -> Iterator[Piece]:
-            return cloud.pieces("first", lambda x, y: frame.local_of(horizontal_part(crs), x, y), vertical, classes)
+            return cloud.pieces("first", local_of, vertical, classes)
 
+        (west, south), (east, north) = np.reshape(cloud.extent_m(local_of), (2, 2))
+        ours_west, ours_east, ours_south, ours_north = wide.extent_m
+        if not (west < ours_east and east > ours_west and south < ours_north and north > ours_south):
+            covered = spans((west + east_m, south + north_m, east + east_m, north + north_m))
+            message = f"covers {covered}, and the DEM {spans(_map_extent(grid))}; give one of its ground"
+            raise InputFileError(f"{cloud.name}: has no height within the DEM: it {message}")
         raster = gridded(pieces, wide, "mean", 0.5)
         cells = np.argwhere(raster.filled)
         if len(cells) < SURFACE_SHARE * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):

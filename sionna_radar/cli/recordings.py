@@ -23,9 +23,11 @@ from sionna_radar.cli.session import (
 )
 from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, ScenarioError
+from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
+    from sionna_radar.studies.calibration import Calibration
     from sionna_radar.survey.observation import SampleType
     from sionna_radar.survey.result import Processed
 
@@ -120,8 +122,20 @@ def process_command(
     reference: ReferenceOption = None,
     reference_sigma: ReferenceSigmaOption = 0.0,
     apply_shift: ApplyShiftOption = False,
+    describe: Annotated[
+        Path | None,
+        typer.Option(
+            "--describe",
+            metavar="FILE",
+            help="Instead write the TOML description of a raw capture (.bin) from its chirp configuration (.cfg or "
+            ".mmwave.json): beside the capture, or to the file of -o.",
+        ),
+    ] = None,
 ) -> None:
     """Process recorded or measured beat signals into ranges, points and a DEM."""
+    if describe is not None:
+        _describe(session, recording, describe)
+        return
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
@@ -151,6 +165,20 @@ def process_command(
         show=print_processed,
         products=[coordinates, page.name, *heights.products],
     )
+
+
+def _describe(session: Session, capture: Path, config: Path) -> None:
+    """Write the description of a raw capture, and say what it assumes."""
+    from sionna_radar.survey.recordings.capture_description import describe_capture
+
+    if session.overrides:
+        raise ScenarioError.of("--describe", "takes no --set; change the description it writes", "command line")
+    written = describe_capture(capture, config, session.output)
+    if not session.quiet:
+        for sentence in written.assumed:
+            typer.echo(f"assumed: {sentence}")
+        path = shown(written.path)
+        typer.echo(f"description in {path}; process it with: sionna-radar process {path}")
 
 
 @command(*RECORDING)
@@ -268,5 +296,14 @@ def calibrate_command(
         marker=MARKER,
         write=lambda result, folder: write_calibration(result, folder, report=page),
         show=print_calibration,
+        exit_code=_tell_refusal,
         products=[page.name],
     )
+
+
+def _tell_refusal(result: "Calibration") -> int:
+    """Print why no estimate is stated, and return the exit code: 1 then."""
+    if result.refused is None:
+        return 0
+    typer.echo(f"no estimate: {result.refused}", err=True)
+    return 1

@@ -312,10 +312,17 @@ def init(
 ) -> None:
     """Write a scenario to start from: a commented one, or one over your terrain, along your log, with your radar."""
     path = file.expanduser()
+    flown = None
     if sources:
-        from sionna_radar.scenario.loading import scenario_from
+        from sionna_radar.scenario.loading import scenario_from, start_text
+        from sionna_radar.studies.first_flight import first_flight
 
-        text = scenario_from(sources, path.absolute().parent)
+        document = scenario_from(sources, path.absolute().parent)
+        if path.is_file():
+            raise OutputError(f"{path} exists already; name another file")
+        with progress_shown(quiet=False):
+            flown = first_flight(document, path.absolute().parent)
+        text = start_text(flown.document)
     else:
         text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
     try:
@@ -326,6 +333,13 @@ def init(
     except (OSError, ValueError) as error:
         message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
         raise OutputError(message) from error
+    if flown is not None and flown.reason is not None:
+        typer.echo(f"scenario in {shown(path)}; it cannot be flown yet: {flown.reason}")
+        return
+    if flown is not None and flown.shrunk:
+        platform = flown.document["platform"]
+        said = f"{platform['altitude_m']:g} m high along {platform['length_m']:g} m, as the ground is small"
+        typer.echo(f"the flight is {said}")
     typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar run {shown(path)}")
 
 
@@ -341,7 +355,9 @@ def schema() -> None:
 @command("output", "quiet")
 def log_command(
     session: Session,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, .gpx or .csv.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, SBET .out, .gpx, .csv or .trj.")
+    ],
     over: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
     ] = None,
@@ -351,6 +367,9 @@ def log_command(
     start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
     stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
     gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
+    crs: Annotated[
+        str | None, typer.Option(metavar="CRS", help="CRS of a CSV log in map coordinates, e.g. EPSG:25832.")
+    ] = None,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
     from sionna_radar.report.studies.flights import MARKER, print_log, write_log
@@ -358,7 +377,7 @@ def log_command(
 
     ground = _ground(over, terrain)
     session.produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
+        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
         suffix="_log",
         marker=MARKER,
         write=write_log,

@@ -122,12 +122,20 @@ def build_detector(
     """
     analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
     table = processing.cfar
-    correlation = analyser.noise_correlation(table.guard + table.training + 1)
+    guard, training = table.sides(chirp.range_cells)
+    correlation = analyser.noise_correlation(guard + training + 1)
     shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
-    if table.guard < shared[-1]:
-        message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
+    if guard < shared[-1]:
+        message = f"{guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
         raise ScenarioError.of("processing.cfar.guard", message)
-    cfar = table.to(Cfar, stride=processing.zero_padding, correlation=correlation, looks=processing.average.powers)
+    cfar = table.to(
+        Cfar,
+        guard=guard,
+        training=training,
+        stride=processing.zero_padding,
+        correlation=correlation,
+        looks=processing.average.powers,
+    )
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     return processing.to(
         Detector,

@@ -13,16 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
-from jaxtyping import Shaped
-from rasterio.io import MemoryFile
 
 from sionna_radar.elevation.file_heights import heights_on
-from sionna_radar.elevation.local_frame import StatedFrame, place_file
+from sionna_radar.elevation.local_frame import StatedFrame, data_bands, place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster, spans
 from sionna_radar.foundation.raster_file import open_raster
 
 logger = logging.getLogger("sionna_radar")
@@ -30,6 +27,8 @@ logger = logging.getLogger("sionna_radar")
 MOVE = "move the flight (platform.log_shift = 'to_terrain' moves a log) or set terrain.centre_lonlat_deg"
 
 MAX_CELLS = 4_000_000
+# Bands that a warning names.
+MAX_LISTED = 6
 # Smaller cells indicate a wrong geotransform.
 MIN_SPACING_M = 1e-6
 
@@ -46,7 +45,7 @@ class Cutout:
 def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
     """Return the cells that cover the part of the window within the file, at most MAX_CELLS.
 
-    In the file's own projection the cells are aligned with the file's.
+    In the file's own projection, unless it is turned, the cells are aligned with the file's.
 
     Raises ScenarioError if the file does not overlap the window, the overlap is smaller than one cell, or cells have no
     width.
@@ -62,7 +61,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
         message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
         raise ScenarioError.of("terrain.spacing_m", message)
     anchor = (0.0, 0.0)
-    if not source.is_reprojected:
+    if source.is_aligned:
         x, y = source.local_of(np.zeros(1), np.zeros(1))
         anchor = float(x[0]), float(y[0])
     # The tolerance keeps a boundary at a cell centre from being rounded past it.
@@ -107,11 +106,9 @@ def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, floa
 
 def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     """Return the error for a window without terrain, naming the field that set its position."""
-    in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
     rows, columns = source.dataset.shape
     covered = _extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0))
-    extent = in_metres.format(*covered)
-    message = f"the flight sees {in_metres.format(*cutout.window_m)}, but {what}: the file covers {extent}"
+    message = f"the flight sees {spans(cutout.window_m)}, but {what}: the file covers {spans(covered)}"
     authority = source.local.to_authority()
     if authority and _given_on_the_map(source, cutout, covered):
         system = ":".join(authority)
@@ -156,7 +153,7 @@ def _outline(box: tuple[float, float, float, float]) -> tuple[np.ndarray, np.nda
 
 @contextmanager
 def opened_file(path: Path | str) -> Iterator[Any]:
-    """Open a raster file whose first band holds elevations.
+    """Open a raster file that holds elevations.
 
     Raises InputFileError for a file that cannot be read or holds no elevations.
     """
@@ -165,23 +162,11 @@ def opened_file(path: Path | str) -> Iterator[Any]:
         yield dataset
 
 
-@contextmanager
-def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio.Affine) -> Iterator[Any]:
-    """Open an array as if it were a raster file, georeferenced by its transform."""
-    rows, columns = height_m.shape
-    profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
-    with MemoryFile() as memory:
-        with memory.open(**profile, transform=transform) as writable:
-            writable.write(height_m, 1)
-        with memory.open() as dataset:
-            yield dataset
-
-
 def _check_content(dataset: Any, path: Path | str) -> None:
     problem = None
     if dataset.count == 0:
         problem = "has no band, perhaps subdatasets; extract one with gdal_translate"
-    elif np.dtype(dataset.dtypes[0]).kind not in "iuf":
+    elif dataset.count == 1 and np.dtype(dataset.dtypes[0]).kind not in "iuf":
         problem = f"holds {dataset.dtypes[0]} values, not heights; give an elevation raster"
     elif min(dataset.shape) < 2:
         problem = f"has {dataset.height} x {dataset.width} cells, too few for a surface; give at least 2 x 2"
@@ -199,6 +184,15 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
     Raises ScenarioError for an unsuitable frame or window.
     """
     source = place_file(dataset, cutout.frame)
+    bands = [*data_bands(dataset)]
+    if cutout.frame.band is None and len(bands) > 1:
+        names = ", ".join(f"{band} {dataset.descriptions[band - 1] or 'without a name'}" for band in bands[:MAX_LISTED])
+        logger.warning(
+            "terrain: band %d of %d is read (%s); set terrain.band to the one that holds the ground",
+            source.band,
+            len(bands),
+            names,
+        )
     grid = grid_of(source, cutout)
     height_m = heights_on(source, grid)
     corners = np.isfinite(height_m)
@@ -215,7 +209,7 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
 
 
 def _map_cells(source: PlacedRaster) -> MapCells | None:
-    if source.is_reprojected:
+    if not source.is_aligned:
         return None
     west, south, east, north = source.dataset.bounds
     transform = source.dataset.transform

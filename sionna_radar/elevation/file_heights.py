@@ -96,11 +96,12 @@ def _averaged(
 def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column"]:
     """Return heights of the file in metres, NaN where it has no data, declared or not."""
     dataset = source.dataset
-    stored = dataset.read(1, window=window, masked=True)
+    stored = dataset.read(source.band, window=window, masked=True)
+    scale, offset = dataset.scales[source.band - 1], dataset.offsets[source.band - 1]
     undeclared = stored.data == UNDECLARED_NODATA
     with np.errstate(invalid="ignore"):  # a signalling NaN in a damaged file
         height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
-    height_m = np.asarray((height_m * dataset.scales[0] + dataset.offsets[0]) * source.heights.unit_m)
+    height_m = np.asarray((height_m * scale + offset) * source.heights.unit_m)
     with np.errstate(invalid="ignore"):
         undeclared |= np.abs(height_m) > MAX_HEIGHT_M
     undeclared &= ~np.ma.getmaskarray(stored)

@@ -7,6 +7,7 @@ The position on the map is known before any data are read.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from pyproj import CRS, Geod
 from pyproj.aoi import AreaOfInterest
 from pyproj.database import query_utm_crs_info
 from pyproj.exceptions import ProjError
+from rasterio.enums import ColorInterp
 
 from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_part, middle_of, reproject
 from sionna_radar.foundation.errors import ScenarioError
@@ -92,12 +94,32 @@ class StatedFrame:
     crs, vertical_crs: its horizontal (or compound) and its vertical coordinate reference system.
     height_unit: unit of its heights.
     centre_lonlat_deg: local origin (WGS 84); None takes the centre of the file.
+    band: number of the one with heights, from 1; None takes the first.
     """
 
     crs: str | None = None
     vertical_crs: str | None = None
     height_unit: str | None = None
     centre_lonlat_deg: tuple[float, float] | None = None
+    band: int | None = None
+
+
+def data_bands(dataset: Any) -> Iterator[int]:
+    """Yield the numbers of an open raster's bands, from 1, without those of opacity."""
+    for number, meaning in enumerate(dataset.colorinterp, start=1):
+        if meaning != ColorInterp.alpha:
+            yield number
+
+
+def _band_of(dataset: Any, stated: int | None) -> int:
+    """Return the band with heights; ScenarioError if there is none of that number, or it holds no numbers."""
+    band = next(data_bands(dataset), 1) if stated is None else stated
+    if band > dataset.count:
+        raise ScenarioError.of("terrain.band", f"{band} is not in the file, which has {dataset.count}; lower it")
+    if np.dtype(dataset.dtypes[band - 1]).kind not in "iuf":
+        message = f"{band} holds {dataset.dtypes[band - 1]} values, not heights; give another"
+        raise ScenarioError.of("terrain.band", message)
+    return band
 
 
 def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
@@ -108,47 +130,44 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
     """
     file_crs = _crs_of(dataset, stated.crs)
     crs = map_part(file_crs)
-    turned = dataset.transform.b != 0 or dataset.transform.d != 0
-    frame = frame_about(crs, middle_of(dataset), stated.centre_lonlat_deg, "raster's centre", kept=not turned)
-    heights = height_system(dataset, file_crs, stated.vertical_crs, stated.height_unit)
-    return PlacedRaster(dataset=dataset, crs=crs, local=frame.crs, origin=frame.origin_m, heights=heights)
+    frame = frame_about(crs, middle_of(dataset), stated.centre_lonlat_deg, "raster's centre")
+    band = _band_of(dataset, stated.band)
+    heights = height_system(dataset.units[band - 1], file_crs, stated.vertical_crs, stated.height_unit)
+    return PlacedRaster(dataset=dataset, crs=crs, local=frame.crs, origin=frame.origin_m, heights=heights, band=band)
 
 
-def frame_about(
-    crs: CRS, middle: tuple[float, float], wanted: tuple[float, float] | None, what: str, *, kept: bool = True
-) -> MapFrame:
+def frame_about(crs: CRS, middle: tuple[float, float], wanted: tuple[float, float] | None, what: str) -> MapFrame:
     """Return the local frame of a file: its own projection, if that is true to scale, or else the UTM zone.
 
     crs, middle: of the file; the middle in its own coordinates.
     wanted: `terrain.centre_lonlat_deg`, the local origin; None for the middle.
     what: the middle in words, for messages.
-    kept: whether the file may keep its projection (north up).
 
     Raises ScenarioError if the CRS does not contain the middle, or there is no such origin.
     """
     lon, lat = _centre_lonlat(crs, middle, wanted, what)
-    local = crs if kept and is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
+    local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
     if wanted is None and local is crs:
         return MapFrame(crs=local, origin_m=middle)
     x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
     return MapFrame(crs=local, origin_m=(x, y))
 
 
-def stated_crs(name: str) -> CRS:
-    """Return the CRS of `terrain.crs`; ScenarioError if invalid."""
+def stated_crs(name: str, key: str = "terrain.crs") -> CRS:
+    """Return the CRS that a key states, by default `terrain.crs`; ScenarioError if invalid."""
     try:
         return CRS.from_user_input(name)
     except ProjError as error:
         message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32631'"
-        raise ScenarioError.of("terrain.crs", message) from error
+        raise ScenarioError.of(key, message) from error
 
 
-def map_part(whole: CRS) -> CRS:
-    """Return the horizontal part of a file's CRS; ScenarioError if neither projected nor geographic."""
+def map_part(whole: CRS, key: str = "terrain.crs") -> CRS:
+    """Return the horizontal part of a CRS; ScenarioError if neither projected nor geographic."""
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
-        raise ScenarioError.of("terrain.crs", message)
+        raise ScenarioError.of(key, message)
     return crs
 
 

@@ -52,10 +52,10 @@ class HeightSystem:
         return CompoundCRS(name=f"{horizontal.name} + {self.vertical.name}", components=[horizontal, self.vertical])
 
 
-def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:
+def height_system(unit: str | None, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:
     """Return the height system of an open file: as stated, otherwise from its vertical CRS, its band's unit, or metres.
 
-    dataset: the open file (rasterio).
+    unit: of its band; None if it has none.
     crs: its CRS, including any vertical part.
     stated_crs, stated_unit: `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
 
@@ -65,19 +65,19 @@ def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: s
     vertical = _stated(stated_crs) if stated_crs else file_vertical
     is_ellipsoidal = vertical is None and len(crs.axis_info) == 3 and not crs.is_geocentric
     axis = vertical.axis_info[0] if vertical else crs.axis_info[2] if is_ellipsoidal else None
-    band_unit_m = (FEET_M | METRES).get((dataset.units[0] or "").lower())
+    band_unit_m = (FEET_M | METRES).get((unit or "").lower())
     if stated_unit:
         unit_m = (FEET_M | METRES)[stated_unit.lower()]
     elif axis:
         unit_m = axis.unit_conversion_factor
         if stated_crs and band_unit_m not in (None, unit_m):
             message = (
-                f"{stated_crs!r} has heights in {axis.unit_name}, but the file's band is in {dataset.units[0]}; "
+                f"{stated_crs!r} has heights in {axis.unit_name}, but the file's band is in {unit}; "
                 "say which is right with terrain.height_unit"
             )
             raise ScenarioError.of("terrain.vertical_crs", message)
     else:
-        unit_m = band_unit_m or _unstated(dataset, crs)
+        unit_m = band_unit_m or _unstated(unit, crs)
     sign = -1 if axis and axis.direction == "down" else 1
     upright = _in_metres_up(vertical) if vertical else None
     return HeightSystem(unit_m=sign * unit_m, vertical=upright, ellipsoid_of=_datum_of(crs) if is_ellipsoidal else None)
@@ -100,8 +100,30 @@ def _stated(name: str) -> CRS:
     return crs
 
 
-def _unstated(dataset: Any, crs: CRS) -> float:
-    if crs.is_projected and crs.axis_info[0].unit_conversion_factor != 1 and not dataset.units[0]:
+def cloud_height_system(
+    crs: CRS, stated_crs: str | None = None, stated_unit: str | None = None, *, key: str = "terrain"
+) -> HeightSystem:
+    """Return the height system of a point cloud: as stated, from its vertical CRS, or in the unit of its map.
+
+    A LAS file has one scale for x, y and z, and the exports of surveys in feet have heights in feet, whether or not a
+    vertical CRS says so. Arguments as for `height_system`; key: what the cloud is for, in messages.
+    """
+    is_vertical = any(part.is_vertical for part in crs.sub_crs_list) or len(crs.axis_info) == 3
+    unit_m = crs.axis_info[0].unit_conversion_factor if crs.is_projected or crs.is_compound else 1.0
+    if stated_crs or stated_unit or is_vertical or unit_m == 1.0:
+        return height_system(None, crs, stated_crs, stated_unit)
+    remedy = "set terrain.height_unit if they are not" if key == "terrain" else "give the cloud a vertical CRS if not"
+    logger.warning(
+        "%s: no unit is stated for the cloud's heights; they are taken in %s, as its map is; %s",
+        key,
+        crs.axis_info[0].unit_name,
+        remedy,
+    )
+    return HeightSystem(unit_m=unit_m)
+
+
+def _unstated(unit: str | None, crs: CRS) -> float:
+    if crs.is_projected and crs.axis_info[0].unit_conversion_factor != 1 and not unit:
         logger.warning(
             "terrain: the map is in %s but no unit is given for heights; they are taken as metres. "
             "Set terrain.height_unit",
@@ -128,7 +150,7 @@ def _in_metres_up(vertical: CRS) -> CRS:
 class PlacedRaster:
     """An open file and the position of its cells in the local frame: CRS `local` minus the origin (x, y).
 
-    heights: unit and datum of the file's heights.
+    heights: unit and datum of the file's heights. band: number of the one that holds them, from 1.
     """
 
     dataset: Any
@@ -136,6 +158,13 @@ class PlacedRaster:
     local: CRS
     origin: tuple[float, float]
     heights: HeightSystem
+    band: int = 1
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the file's rows and columns run along the axes of the local frame."""
+        transform = self.dataset.transform
+        return not self.is_reprojected and transform.b == 0 and transform.d == 0
 
     @property
     def is_reprojected(self) -> bool:

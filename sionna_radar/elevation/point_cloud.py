@@ -61,6 +61,12 @@ class CloudFile:
     high: Float[np.ndarray, " 3"]
     crs_wkt: str | None
 
+    def extent_m(self, place: Place) -> tuple[float, float, float, float]:
+        """Return west, south, east and north of the corners of its bounds."""
+        corner_x, corner_y = (axis.ravel() for axis in np.meshgrid(*np.column_stack([self.low, self.high])[:2]))
+        x, y = place(corner_x, corner_y)
+        return float(np.min(x)), float(np.min(y)), float(np.max(x)), float(np.max(y))
+
     def pieces(self, choice: Choice, place: Place, unit_m: float, classes: bool = False) -> Iterator[Piece]:
         """Yield local positions and heights in metres of the chosen points, a piece of the file at a time.
 

@@ -262,6 +262,7 @@ def _log_part(platform: Platform, path: Path) -> LogPart:
     return LogPart(
         path=path,
         columns=platform.log_columns,
+        crs=platform.log_crs,
         start_s=platform.log_start_s,
         stop_s=np.inf if platform.log_stop_s is None else platform.log_stop_s,
         gap_s=platform.log_gap_s,

@@ -22,7 +22,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline, PPoly
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.logs.cleaning import CleanLog, Finding, clean
+from sionna_radar.flight.logs.cleaning import CleanLog, Finding, clean, one_time
 from sionna_radar.flight.logs.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
@@ -127,7 +127,7 @@ FARTHEST_M = 1e6
 class LogPart:
     """A part of a flight log, and how it is placed.
 
-    path, columns: its file, and the names of a CSV file's columns by ours.
+    path, columns, crs: its file, the names of a CSV file's columns by ours, and the CRS of its map coordinates.
     start_s, stop_s: of the part, from its first position.
     gap_s: longest time without a position or an attitude that is interpolated.
     shift: "to_terrain" moves its middle to the local origin; or metres east, north, up.
@@ -136,6 +136,7 @@ class LogPart:
 
     path: Path
     columns: Mapping[str, str] = field(default_factory=dict)
+    crs: str | None = None
     start_s: float = 0.0
     stop_s: float = np.inf
     gap_s: float = 2.0
@@ -333,12 +334,10 @@ def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedR
     Raises InputFileError if the log cannot be read, or its part is unusable: with the time, and a remedy.
     Raises ScenarioError if it is on the map and the terrain is not, or the part begins after its end.
     """
-    log = read_log(part.path, KEY, part.columns)
+    log = read_log(part.path, KEY, part.columns, part.crs)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
-        raise InputFileError(
-            f"{KEY} = {shown(part.path)}: its clock does not advance: no position is later than the first; sort it"
-        )
+        raise InputFileError(f"{KEY} = {shown(part.path)}: {one_time(log)}")
     if part.start_s >= last_s:
         message = f"{part.start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
         raise ScenarioError.of("platform.log_start_s", message)

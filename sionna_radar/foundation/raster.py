@@ -31,6 +31,11 @@ MAX_READ_CELLS = 100_000_000
 REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <spacing> <spacing>"
 
 
+def spans(extent: tuple[float, float, float, float]) -> str:
+    """Return west, south, east and north as words, in metres."""
+    return "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m".format(*extent)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Grid:
     """Square cells in the horizontal plane, by their centres; rows run from south to north.

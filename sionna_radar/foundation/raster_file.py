@@ -17,14 +17,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import rasterio
-from jaxtyping import Float32
+from jaxtyping import Float32, Shaped
 from pyproj.exceptions import ProjError
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
-from rasterio.io import DatasetReader
+from rasterio.io import DatasetReader, MemoryFile
 from rasterio.transform import Affine
 
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import network_allowed, regular_file, shown
+from sionna_radar.foundation.xyz_grid import SUFFIX, read_xyz
 
 # GeoTIFF, Esri ASCII grid, SRTM height, USGS and military elevation models, and plain binary grids with a header.
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")
@@ -35,7 +36,7 @@ SIDE_CARS = (".msk", ".ovr")
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # A block is decoded as a whole, however little of it is needed.
 MAX_BLOCK_BYTES = 1_000_000_000
-REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
+REMEDY = "give a GeoTIFF, an Esri ASCII grid, an SRTM .hgt or an .xyz grid, or convert it with gdal_translate"
 
 
 # Heights beyond this are treated as corrupt, m.
@@ -75,6 +76,13 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
         format, or larger than can be read; or reading it fails.
     """
     name = f"{key} ="
+    if isinstance(path, Path) and path.suffix.lower() == SUFFIX:
+        grid = read_xyz(path, name)
+        step_x, step_y = grid.steps
+        corner = Affine(step_x, 0.0, grid.west - step_x / 2, 0.0, -step_y, grid.north + step_y / 2)
+        with opened_array(grid.height, corner) as dataset:
+            yield dataset
+        return
     if isinstance(path, str):
         place, size, drivers, options = _reached(path, name), MAX_BYTES, ["GTiff"], NETWORK_OPTIONS
     else:
@@ -93,6 +101,18 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
     except (RasterioError, CRSError, ProjError, OSError) as error:
         reason = str(error.__cause__ or error).splitlines()[0]
         raise InputFileError(f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}") from error
+
+
+@contextmanager
+def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: Affine) -> Iterator[Any]:
+    """Open an array as if it were a raster file, georeferenced by its transform."""
+    rows, columns = height_m.shape
+    profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
+    with MemoryFile() as memory:
+        with memory.open(**profile, transform=transform) as writable:
+            writable.write(height_m, 1)
+        with memory.open() as dataset:
+            yield dataset
 
 
 def _reached(address: str, name: str) -> str:

@@ -267,7 +267,9 @@ def solve(
             said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
             rates = [line.doppler_information(e, drift.every) for line, e in zip(lines, at, strict=True)]
             # Range rates have the weight of their variance: that of echoes is greater than the information says.
-            usual = float(np.nanmean(step.spread)) * echoes.repeated
+            # Where no echo meets the surface it is unknown, and they have none.
+            heard = bool(np.isfinite(step.spread).any())
+            usual = float(np.nanmean(step.spread)) * echoes.repeated if heard else 0.0
             each = [
                 drift.eliminated(i + usual * more, s + usual * of, d)
                 for (i, s), (more, of), d in zip(said, rates, apart, strict=True)

@@ -70,6 +70,11 @@ class Chirp:
         return self.propagation_mps / (2 * self.bandwidth_hz)
 
     @property
+    def range_cells(self) -> int:
+        """Number of range cells that the samples tell apart."""
+        return self.samples // (2 if self.sampling == "real" else 1)
+
+    @property
     def beat_per_metre_hz(self) -> float:
         """Beat frequency per metre of range: 2 B / (c T)."""
         return 2 * self.bandwidth_hz * self.rate_hz / self.propagation_mps

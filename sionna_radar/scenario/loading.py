@@ -160,24 +160,26 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
 
 # Tables of a scenario by the ending of the file that they name.
 SOURCES: dict[str, tuple[str, dict[str, Any]]] = {
-    **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2"), ("terrain", {"kind": "raster"})),
+    **dict.fromkeys((".tif", ".tiff", ".asc", ".hgt", ".dt0", ".dt1", ".dt2", ".xyz"), ("terrain", {"kind": "raster"})),
     **dict.fromkeys((".las", ".laz"), ("terrain", {"kind": "points"})),
     **dict.fromkeys((".obj", ".ply", ".stl", ".glb", ".gltf", ".xml"), ("terrain", {"kind": "mesh"})),
-    **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv"), ("platform", {})),
+    **dict.fromkeys((".ulg", ".bin", ".tlog", ".gpx", ".csv", ".trj", ".out", ".sbet"), ("platform", {})),
 }
 
 
-def scenario_from(sources: Sequence[str], folder: Path) -> str:
-    """Return a scenario, TOML, that uses files and a radar preset of the user's, with paths relative to a folder.
+def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
+    """Return a scenario, its tables, that uses files and a radar preset of the user's, with paths relative to a folder.
 
     Raises ScenarioError if a source is neither a preset nor a file of a known kind, or two are of one kind.
     Raises InputFileError if a file does not exist.
     """
-    tables: dict[str, dict[str, Any]] = {}
+    tables: dict[str, Any] = {}
+    others: dict[str, Any] = {}
     for source in sources:
         path = Path(source).expanduser()
         if source in PRESETS:
             table, given = "radar", {"preset": source}
+            others = copy.deepcopy(dict(PRESETS[source].scenario))
         elif path.suffix.lower() in SOURCES:
             regular_file(path, "--from", "give a file that exists, or the name of a preset", MAX_SOURCE_BYTES)
             table, kind = SOURCES[path.suffix.lower()]
@@ -195,8 +197,14 @@ def scenario_from(sources: Sequence[str], folder: Path) -> str:
     if "platform" not in tables:
         tables["platform"] = {"altitude_m": 50.0, "speed_mps": 10.0, "height": "terrain_following"}
     tables.setdefault("radar", {"snr_db": 30.0})
-    document = {"description": f"Made from {', '.join(Path(source).name for source in sources)}", **tables}
+    # Keys without a table come first, as TOML wants them.
+    document = {"description": f"Made from {', '.join(Path(source).name for source in sources)}", **others, **tables}
     parse_scenario(document)
+    return document
+
+
+def start_text(document: Mapping[str, Any]) -> str:
+    """Return the tables of a scenario to start from as TOML, with a header."""
     return FROM_HEADER + tomli_w.dumps(document)
 
 

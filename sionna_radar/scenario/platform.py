@@ -87,7 +87,7 @@ WORDS_OR_NUMBERS = {
     "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
     "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
 }
-OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns")
+OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns", "log_crs")
 Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
 
 
@@ -145,7 +145,8 @@ class Platform(Table):
     """
 
     log: InputPath | None = None
-    """PX4 ULog, ArduPilot DataFlash or telemetry log, GPX, or CSV; see `sionna_radar.flight.logs.csv_log`."""
+    """PX4 ULog, ArduPilot DataFlash or telemetry log, SBET, GPX, CSV or HELIOS++ trajectory; see
+    `sionna_radar.flight.logs.csv_log`."""
     altitude_m: Annotated[Positive, Field(le=1e5)] | None = None
     """height above the ground under the start."""
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
@@ -201,6 +202,9 @@ class Platform(Table):
     """longest time without a position or an attitude that is interpolated."""
     log_columns: dict[str, str] = {}
     """columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }."""
+    log_crs: str | None = None
+    """coordinate reference system, such as "EPSG:25832", of a CSV log in map coordinates: easting_m, northing_m,
+    elevation_m or x, y, z. Its headings count from grid north there; its heights keep their datum."""
     navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors", by_name=True)] = (
         NavigationTable()
     )

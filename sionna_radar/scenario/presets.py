@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -14,12 +14,19 @@ class Preset:
     """A published radar.
 
     summary: description. radar: keys of `[radar]`. sources: of its figures. assumed: figures without a source.
+    scenario: other tables that a scenario with it begins with (`sionna-radar init`).
     """
 
     summary: str
     radar: Mapping[str, Any]
     sources: tuple[str, ...]
     assumed: tuple[str, ...]
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+
+
+# Sensor of the boards with arrays, and processing of altimeters.
+_MODULE: Mapping[str, Any] = {"sensor": "mimo"}
+_ALTIMETER: Mapping[str, Any] = {"processing": {"ranging": "tracker"}}
 
 
 def _places(left: Sequence[int], up: Sequence[int] | None = None) -> tuple[tuple[float, float], ...]:
@@ -116,6 +123,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                     "multiplexing": "tdm",
                 },
             },
+            scenario=_MODULE,
             sources=(
                 "12 dBm, noise figure 14 dB at 76 to 77 GHz and 15 dB at 77 to 81 GHz, complex sampling: AWR1843 "
                 "data sheet, SWRS222",
@@ -146,6 +154,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                     "multiplexing": "ddm",
                 },
             },
+            scenario=_MODULE,
             sources=(
                 "places of the antennas in half wavelengths: the 4-chip cascade board of TIDEP-01012, as the "
                 "configuration files of its examples give them in many public repositories; its guide, TIDUEN5A, has "
@@ -192,6 +201,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "antenna": {"kind": "taylor", "beamwidth_deg": 40.0, "side_lobe_db": -20.0},
                 "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
             },
+            scenario=_ALTIMETER,
             sources=(
                 "4.3 GHz, 150 MHz, 143 Hz, 0.4 W, beam of 40 deg: first altimeter of Table 2 of Recommendation ITU-R "
                 "M.2059, as MathWorks quotes it in 'FMCW Radar Altimeter Simulation'",
@@ -214,6 +224,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "antenna": {"kind": "taylor", "beamwidth_deg": (43.0, 30.0), "side_lobe_db": -20.0},
                 "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
             },
+            scenario=_ALTIMETER,
             sources=("24 GHz, 250 MHz, 43 by 30 deg, 1.4 to 500 m, 40 readings a second: user manual of the LR-D1",),
             assumed=(
                 "43 by 30 deg, the manual's range of detection, as the half-power beam",
@@ -234,6 +245,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "antenna": {"kind": "taylor", "beamwidth_deg": (56.0, 28.0), "side_lobe_db": -20.0},
                 "scan": {"mode": "fixed", "incidence_deg": 0.0, "stabilised": False},
             },
+            scenario=_ALTIMETER,
             sources=("those of `ti_awr1843`",),
             assumed=(
                 "1 GHz in 1024 samples, for 153 m of range, and 1000 sweeps a second",

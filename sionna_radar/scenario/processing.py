@@ -14,27 +14,56 @@ from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Posit
 Turn = Annotated[Real, Field(ge=-180.0, le=180.0)]
 
 
+# Range cells on each side of a cell under test, where as many fit and none are given.
+GUARD_CELLS, TRAINING_CELLS = 48, 32
+
+
 class CfarTable(Table):
     """Constant false-alarm rate detection; guard and training count range cells on each side."""
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
     """cell averaging, greatest of, smallest of, or ordered statistic."""
-    guard: Annotated[int, Field(strict=True, ge=0, le=4096)] = 48
-    """range cells next to the cell under test that are left out, on each side."""
-    training: Annotated[int, Field(strict=True, ge=1, le=512)] = 32
-    """range cells whose power is the noise, on each side."""
+    guard: Annotated[int, Field(strict=True, ge=0, le=4096)] | None = None
+    """range cells next to the cell under test that are left out, on each side; without it 48, or three fifths of what
+    fits on a side of short spectra."""
+    training: Annotated[int, Field(strict=True, ge=1, le=512)] | None = None
+    """range cells whose power is the noise, on each side; without it 32, or the rest of what fits."""
     rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
     """of an ordered statistic, as a share of the training cells."""
     false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
     """in one cell."""
 
     def _conflicts(self) -> Conflicts:
-        if self.kind == "OS" and self.rank * self.training < 0.5:
+        training = self.training or TRAINING_CELLS
+        if self.kind == "OS" and self.rank * training < 0.5:
             yield (
                 "rank",
-                f"{self.rank:g} of {self.training} training cells is less than half a cell; "
-                f"give at least {0.5 / self.training:g}",
+                f"{self.rank:g} of {training} training cells is less than half a cell; "
+                f"give at least {0.5 / training:g}",
             )
+
+    def sides(self, cells: int) -> tuple[int, int]:
+        """Return the guard and training cells on each side in spectra of a number of range cells.
+
+        Every cell has a side that fits if twice their sum is less than the cells. Where the usual ones do not fit, they
+        share in the same proportion what does.
+        """
+        room = (cells - 1) // 2
+        if self.guard is None and self.training is None:
+            both = min(GUARD_CELLS + TRAINING_CELLS, max(room, 1))
+            guard = both * GUARD_CELLS // (GUARD_CELLS + TRAINING_CELLS)
+            return guard, both - guard
+        if self.guard is None:
+            assert self.training is not None
+            return max(0, min(GUARD_CELLS, room - self.training)), self.training
+        return self.guard, self.training or max(1, min(TRAINING_CELLS, room - self.guard))
+
+    def misfit(self, cells: int) -> str | None:
+        """Return why guard and training do not fit spectra of a number of range cells; None if they do."""
+        both = sum(self.sides(cells))
+        if 2 * both < cells:
+            return None
+        return f"guard + training = {both} cells on each side do not fit {cells} range cells"
 
 
 class AverageTable(Table):

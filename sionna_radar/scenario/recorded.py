@@ -179,6 +179,8 @@ class PosesTable(Table):
     """of the flight, in any format that `platform.log` takes."""
     log_columns: dict[str, str] = {}
     """as `platform.log_columns`."""
+    log_crs: str | None = None
+    """as `platform.log_crs`."""
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
     """as `platform.log_gap_s`."""
     first_pulse_s: NonNegative = 0.0
@@ -222,7 +224,11 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
 
     Raises ScenarioError for any other key, and for values that do not fit.
     """
-    _check_open(overrides, OPEN, "is fixed by the recording: only processing and dem can be set; fly it again for more")
+    _check_open(
+        overrides,
+        OPEN,
+        "is fixed by the recording: only processing, dem and radar.conjugate can be set; fly it again for more",
+    )
     try:
         data = parse_toml(text)
     except ValueError as error:

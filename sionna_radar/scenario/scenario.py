@@ -295,14 +295,10 @@ class Scenario(Table):
                 "their powers count in watts, and radar.snr_db tells none; give radar.transmit_power_dbm and "
                 "radar.noise_figure_db instead",
             )
-        cfar, (start, stop) = self.processing.cfar, self.radar.used_samples
+        start, stop = self.radar.used_samples
         cells = (stop - start) // (2 if self.radar.sampling == "real" else 1)
-        if 2 * (cfar.guard + cfar.training) >= cells:
-            yield (
-                "processing.cfar.guard",
-                f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
-                f"{cells} range cells; lower them or raise radar.samples_per_chirp",
-            )
+        if misfit := self.processing.cfar.misfit(cells):
+            yield "processing.cfar.guard", f"{misfit}; lower them or raise radar.samples_per_chirp"
         yield from self._conflicts_of_weather()
         yield from self._conflicts_of_echoes()
 

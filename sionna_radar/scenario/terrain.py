@@ -157,6 +157,8 @@ class RasterTerrain(CoveredTerrain):
     height_unit: Literal["m", "ft", "ftUS"] | None = None
     """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
     what the file says, and metres where it says nothing of its heights."""
+    band: Annotated[int, Field(strict=True, ge=1, le=65535)] | None = None
+    """number of the file's band with the heights, from 1; without it the first, with a warning where there are more."""
     spacing_m: Positive | None = None
     """of the posts; without it the file's."""
     holes: Literal["keep", "fill", "refuse"] = "keep"

@@ -7,13 +7,12 @@ from jaxtyping import Float
 from pyproj import CRS
 
 from sionna_radar.elevation.local_frame import frame_of, map_part
-from sionna_radar.elevation.placed_raster import height_system
+from sionna_radar.elevation.placed_raster import cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.foundation.raster import Georeference, Grid, spans
 from sionna_radar.scene.ground_cover import raster_at
-from sionna_radar.scene.terrains.elevation import Unstated
 from sionna_radar.scene.vegetation import Stand
 
 MAX_CELLS = 50_000_000
@@ -69,7 +68,7 @@ def _of_cloud(
             raise ScenarioError.of(f"{key}.path", "either the cloud or the terrain has no CRS; give both, or none")
         unit_m, lowest_m = 1.0, 0.0
         if crs is not None and georeference is not None:
-            unit_m, lowest_m = height_system(Unstated(), crs, None, None).unit_m, georeference.origin_m[2]
+            unit_m, lowest_m = cloud_height_system(crs, key=key).unit_m, georeference.origin_m[2]
 
         def local_of(
             x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
@@ -82,11 +81,14 @@ def _of_cloud(
                 return x - frame.origin_m[0], y - frame.origin_m[1]
             return frame.local_of(flat, x, y)
 
+        cloud_m = cloud.extent_m(local_of)
         top = gridded(lambda: cloud.pieces(stand.classes, local_of, unit_m), grid, "max", 0.0)
     if not top.filled.any():
+        (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
+        box_m = float(west), float(south), float(east), float(north)
         raise InputFileError(
-            f"{key}.path = {shown(stand.path)}: has no points of the classes "
-            f"{', '.join(map(str, stand.classes))} there; give those of its plants, or another file"
+            f"{key}.path = {shown(stand.path)}: has no points of the classes {', '.join(map(str, stand.classes))} in "
+            f"the stand, {spans(box_m)}, and covers {spans(cloud_m)}; give those of its plants, or another file"
         )
     row, column, in_grid = grid.cell_of(point_m)
     # Ground height at the cell centres.

@@ -59,6 +59,10 @@ FEWEST = 200
 FOLLOWED_M = 1e5
 
 
+# End of the warning of echoes that are too far from the model.
+NO_ESTIMATE = "No estimate is stated"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Manoeuvre:
     """What is known with one more line: its name, and the knowledge with it."""
@@ -103,6 +107,11 @@ class Calibration:
     warnings: tuple[str, ...]
     overrides: Mapping[str, Any]
     doppler: tuple[str, ...] = ()
+
+    @property
+    def refused(self) -> str | None:
+        """Why no estimate is stated; None if there is one."""
+        return next((w for w in self.warnings if NO_ESTIMATE in w), None) if self.solution.of_other_ground else None
 
     @property
     def errors(self) -> dict[str, tuple[float, float]]:
@@ -494,7 +503,7 @@ def _doubts(solution: Solution, parts: Together) -> list[str]:
         f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
         + (
-            "No estimate is stated"
+            NO_ESTIMATE
             if solution.of_other_ground
             else "Standard deviations include the scatter of stretches, and no error that all of them share"
         ),

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.cleaning import CleanLog, clean, stretches
+from sionna_radar.flight.logs.cleaning import CleanLog, clean, moving_spans, one_time, stretches
 from sionna_radar.flight.logs.log import FlightLog, in_metres
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.flight.recorded import course_attitudes, position_spline
@@ -34,7 +34,7 @@ class LogInspection:
     georeference: of the metres; None where they are the log's own.
     moved_m: offset east and north of the flight to the terrain.
     ground_under_m: height of the terrain below each position, NaN beyond it.
-    stretches: start and end times of the longest flyable parts.
+    stretches: start and end times of the longest flyable parts; moving: of the parts of these in which it moves.
     """
 
     path: Path
@@ -48,6 +48,7 @@ class LogInspection:
     moved_m: tuple[float, float] | None = None
     ground_under_m: Float[np.ndarray, " n"] | None = None
     stretches: tuple[tuple[float, float], ...] = ()
+    moving: tuple[tuple[float, float], ...] = ()
 
     @property
     def refusals(self) -> tuple[str, ...]:
@@ -62,6 +63,7 @@ def inspect_log(
     start_s: float = 0.0,
     stop_s: float | None = None,
     gap_s: float = GAP_S,
+    crs: str | None = None,
 ) -> LogInspection:
     """Read a log, and place it over a terrain.
 
@@ -74,6 +76,8 @@ def inspect_log(
         origin.
     start_s, stop_s, gap_s:
         As `platform.log_start_s`, `log_stop_s` and `log_gap_s`.
+    crs:
+        As `platform.log_crs`.
 
     Raises
     ------
@@ -81,13 +85,16 @@ def inspect_log(
         The log or the terrain cannot be read.
     """
     check_bounds([("start", start_s, 0.0, 1e9), ("stop", stop_s, 0.0, 1e9), ("gap", gap_s, 1e-6, 1e9)])
-    log = read_log(path, "log")
+    log = read_log(path, "log", crs=crs)
+    if not float(np.nanmax(log.positions.time_s)) > float(np.nanmin(log.positions.time_s)):
+        raise InputFileError(f"log {shown(path)}: {one_time(log)}")
     frame = map_frame(terrain) if terrain is not None else None
     on_map = log.on_map and frame is not None
     metric, last_s = in_metres(log, frame if on_map else None), np.inf if stop_s is None else stop_s
     cleaned = clean(metric, start_s, last_s, gap_s)
     if len(cleaned.positions.time_s) < 2:
-        message = f"log {shown(path)}: has {len(cleaned.positions.time_s)} positions in this part; choose a longer one"
+        count = len(cleaned.positions.time_s)
+        message = f"log {shown(path)}: has {count} distinct time stamps in this part; choose a longer one"
         raise InputFileError(message)
     place = cleaned.positions.place
     offset_m = None
@@ -102,6 +109,7 @@ def inspect_log(
     euler = Rotation.from_quat(attitudes.quaternion).as_euler("ZYX", degrees=True)[:, ::-1]
     ground, georeference, ground_under_m = _ground(terrain, place)
     origin_height_m = 0.0 if georeference is None or not on_map else georeference.origin_m[2]
+    flyable = stretches(metric, start_s, last_s, gap_s) if cleaned.findings else (cleaned.span_s,)
     positions = _moved(cleaned, place - np.array([0.0, 0.0, origin_height_m]))
     return LogInspection(
         path=path,
@@ -114,8 +122,15 @@ def inspect_log(
         georeference=georeference if on_map else None,
         moved_m=offset_m,
         ground_under_m=ground_under_m,
-        stretches=stretches(metric, start_s, last_s, gap_s) if cleaned.findings else (cleaned.span_s,),
+        stretches=flyable,
+        moving=tuple(span for ends in flyable for span in _moving(cleaned, ends)),
     )
+
+
+def _moving(log: CleanLog, ends: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """Return the parts of a stretch in which the vehicle moves."""
+    time_s = log.positions.time_s
+    return moving_spans(log.positions.rows((time_s >= ends[0]) & (time_s <= ends[1])))
 
 
 def _moved(log: CleanLog, place: Float[np.ndarray, "n 3"]) -> CleanLog:

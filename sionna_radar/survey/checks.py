@@ -320,9 +320,10 @@ def processing_limits(processing: ProcessingTable, chirp: Chirp) -> Iterator[Pro
         yield Problem("processing.zero_padding", message)
     cfar = processing.cfar
     tested = bins // (2 if chirp.sampling == "real" else 1)
-    if cfar.kind == "OS" and 2 * cfar.training * tested > MAX_RANKED:
+    _, training = cfar.sides(chirp.range_cells)
+    if cfar.kind == "OS" and 2 * training * tested > MAX_RANKED:
         message = (
-            f"{cfar.training} cells on each side of {tested:,} bins are too many to sort; "
+            f"{training} cells on each side of {tested:,} bins are too many to sort; "
             f"lower it to {max(1, MAX_RANKED // (2 * tested))}, or set processing.cfar.kind = 'CA'"
         )
         yield Problem("processing.cfar.training", message)

@@ -71,6 +71,7 @@ SPECTRUM_PULSES = 512
 # Share of the echoes' energy in the farther half of an I/Q band, and their strongest cell over the noise, above which
 # the samples may be conjugated.
 BAND_HELD, STRONG = 0.9, 10.0
+CONJUGATE = "radar.conjugate"
 # Without a scan that says how far beams lie apart, a map closes gaps up to this quantile of the points' distances.
 SPACING_QUANTILE = 0.99
 
@@ -97,8 +98,8 @@ def process(
         A netCDF file of `run(..., recordings={"signals": ...})` or in the layout of `survey.recordings.signal_file`; or
         a TOML file that describes samples, range profiles or readings, see `survey.recordings.described`.
     overrides:
-        Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
-        `radar.receiver` and `radar.conjugate`.
+        Values of `processing` and `dem`, and `radar.conjugate`, by dotted keys; for a recording without a scenario also
+        of `radar.antenna` and `radar.receiver`.
     parts:
         Custom antenna, range estimator and DEM method; custom parts of the simulated flight must be given again.
     execution:
@@ -158,6 +159,7 @@ class RecordingSource:
     """An open recording with the settings of its processing, as a source of beat signals.
 
     overrides, parts: as they were given; settings: with all values.
+    conjugate: whether the samples' Q has the other sign.
     """
 
     path: Path
@@ -165,6 +167,7 @@ class RecordingSource:
     parts: CustomParts
     file: RecordingFile
     settings: Scenario | RecordedSettings
+    conjugate: bool
     known_errors: InstrumentErrors | None = None
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
@@ -234,11 +237,6 @@ class RecordingSource:
         assert not isinstance(self.file, DescribedRanges), "readings have no signals"
         beats = self.file.beats(pulses)
         return [beat.conj() for beat in beats] if self.conjugate else beats
-
-    @property
-    def conjugate(self) -> bool:
-        """Whether the samples' Q has the other sign."""
-        return isinstance(self.settings, RecordedSettings) and self.settings.radar.conjugate
 
     def mappable_grid(self) -> Grid:
         """Return a grid that holds whatever the recording may map: that of its DEM if known, or coarse cells in reach.
@@ -395,13 +393,19 @@ def _source(
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(changes, source), file.sweeps
-        if settings.radar.conjugate and sweeps[0].sampling == "real":
-            message = "true has no effect on real samples; leave it out, or record beat_q as well"
-            raise ScenarioError.of("radar.conjugate", message, source)
+        conjugate = settings.radar.conjugate
     else:
-        settings = recorded_scenario(file.scenario, overrides, source)
+        # No key of a scenario, whose own samples have the usual sign.
+        conjugate = overrides.get(CONJUGATE, False)
+        if not isinstance(conjugate, bool):
+            raise ScenarioError.of(CONJUGATE, f"{shown(conjugate)} is refused: give true or false", source)
+        own = {key: value for key, value in overrides.items() if key != CONJUGATE}
+        settings = recorded_scenario(file.scenario, own, source)
         sweeps = build_sweeps(settings.radar)
         check_same_radar(sweeps, file.sweeps, source)
+    if conjugate and sweeps[0].sampling == "real":
+        message = "true has no effect on real samples; leave it out, or record beat_q as well"
+        raise ScenarioError.of(CONJUGATE, message, source)
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
     refuse_average(processing, "a recording")
@@ -433,6 +437,7 @@ def _source(
         parts=parts,
         file=file,
         settings=settings,
+        conjugate=conjugate,
         sweeps=sweeps,
         antenna=antenna,
         detector=detector,
@@ -496,12 +501,8 @@ def _check_custom_parts(
 
 def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
     processing = settings.processing
-    cfar, cells = processing.cfar, chirp.samples // (2 if chirp.sampling == "real" else 1)
-    if 2 * (cfar.guard + cfar.training) >= cells:
-        message = (
-            f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit the {cells} range cells of "
-            "the recording; lower processing.cfar.guard and processing.cfar.training"
-        )
+    if misfit := processing.cfar.misfit(chirp.range_cells):
+        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
         raise ScenarioError.of("processing.cfar.guard", message, source)
     if problems := [*processing_limits(processing, chirp)]:
         raise ScenarioError(problems, source)
@@ -595,7 +596,7 @@ def _warnings(
     if not source.file.pulses.located:
         warnings += ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"
-    if source.file.scenario is None and spectrum is not None and complex_signals and _turned(spectrum, source.detector):
+    if spectrum is not None and complex_signals and _turned(spectrum, source.detector):
         warnings += (
             f"{BAND_HELD:.0%} of the energy of echoes lies in the farther half of the ranges, as where Q has the other "
             f"sign; if none is expected there, set radar.conjugate = {str(not source.conjugate).lower()}",

@@ -84,11 +84,14 @@ def test_a_map_of_columns_reads_any_names(tmp_path):
     columns = {"Zeit": FLIGHT.time_s, "Ost": FLIGHT.place[:, 0], "Nord": FLIGHT.place[:, 1], "Höhe": FLIGHT.place[:, 2]}
     path.write_text(text({name: numbers(values, ",") for name, values in columns.items()}, ";"), encoding="utf-8")
     named = {"time_s": "Zeit", "east_m": "Ost", "north_m": "Nord", "up_m": "Höhe"}
-    with pytest.raises(InputFileError, match=r"no header of a flight; .* or say by platform.log_columns"):
+    with pytest.raises(InputFileError, match=r"unrecognised CSV header; .* or say by platform.log_columns"):
         read_log(path)
     np.testing.assert_allclose(read_log(path, "log", named).positions.place, FLIGHT.place, atol=1e-6)
     for wrong, says in (
-        (named | {"up_m": "Hoehe"}, r"log_columns.up_m = 'Hoehe' is not in line 1"),
+        (
+            named | {"up_m": "Hoehe"},
+            r"line 1 'Zeit;Ost;Nord;Höhe': has no column 'Hoehe', which .*columns.up_m names",
+        ),
         (named | {"upward_m": "Höhe"}, "upward_m is no column of a flight; give one of"),
     ):
         with pytest.raises(InputFileError, match=says):

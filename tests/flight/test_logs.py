@@ -104,7 +104,7 @@ def test_streams_of_different_rates_share_a_csv(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time_s,east_m,north_m\n0,1,2\n", r"line 1 'time_s,east_m,north_m' is no header of a flight; give time_s"),
+        ("time_s,east_m,north_m\n0,1,2\n", r"line 1 'time_s,east_m,north_m': unrecognised CSV header; give time_s"),
         ("time_s,east_m,north_m,up_m\n0,0,0,1\n1,2,oops,1\n", r"line 3: north_m = 'oops' is no number"),
         ("time_s,east_m,north_m,up_m\n0,0,0\n", r"line 2 has 3 cells and the header 4"),
         ("time_s,east_m,north_m,up_m,qw\n0,0,0,1,1\n", r"add qx, qy, qz"),

@@ -147,7 +147,7 @@ BAD = {
     ),
     "rest": (
         lambda c: {k: v if k.endswith(("_deg", "time_s")) else 0.0 * v for k, v in c.items()},
-        r"the vehicle never moves: it stays within 0 m from here to 20\.00 s",
+        r"vehicle stationary, within 0 m, from 0\.00 to 20\.00 s; it moves nowhere in this log",
     ),
 }
 
@@ -214,7 +214,7 @@ def test_a_plain_shift_moves_the_flight(tmp_path):
         ),
         ({"log_shift": (600.0, 0.0, 0.0)}, ScenarioError, r"has no ground under it 0\.0 s into the log"),
         ({"log_start_s": 30.0}, ScenarioError, r"30 is behind the end of the log, at 20\.0 s"),
-        ({"log_start_s": 19.9}, InputFileError, r"has 3 positions between 19\.9 and inf s"),
+        ({"log_start_s": 19.9}, InputFileError, r"has 3 distinct time stamps between 19\.9 and inf s"),
         ({"log_shift": (5e6, 0.0, 0.0)}, ScenarioError, r"5,000 km from the terrain's middle"),
         (
             {"log_shift": (1.0, 2.0)},

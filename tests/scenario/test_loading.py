@@ -7,7 +7,14 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.loading import find_scenario, scenario_from, scenes_directory, shipped_scenarios, to_toml
+from sionna_radar.scenario.loading import (
+    find_scenario,
+    scenario_from,
+    scenes_directory,
+    shipped_scenarios,
+    start_text,
+    to_toml,
+)
 from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
 
@@ -244,12 +251,12 @@ def test_a_scenario_is_made_from_the_users_own_files(tmp_path):
     for file in (raster, log):
         file.write_bytes(b"")
     (tmp_path / "surveys").mkdir()
-    text = scenario_from([str(raster), "ti_awr1843", str(log)], tmp_path / "surveys")
+    text = start_text(scenario_from([str(raster), "ti_awr1843", str(log)], tmp_path / "surveys"))
     given = tomllib.loads(text)
     assert given["terrain"] == {"kind": "raster", "path": "../own.tif"}
     assert given["platform"] == {"log": "../flight.gpx"}
     assert given["radar"] == {"preset": "ti_awr1843"}
-    assert tomllib.loads(scenario_from([str(log)], tmp_path))["platform"]["log_shift"] == "to_terrain"
+    assert scenario_from([str(log)], tmp_path)["platform"]["log_shift"] == "to_terrain"
 
 
 @pytest.mark.parametrize(

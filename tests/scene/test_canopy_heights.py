@@ -57,7 +57,7 @@ def test_trees_stand_where_their_points_are(tmp_path, epsg):
 
 def test_what_gives_no_trees_is_refused(tmp_path):
     file = write(tmp_path / "wood.las", 32632)
-    with pytest.raises(InputFileError, match=r"no points of the classes 3, 4 there"):
+    with pytest.raises(InputFileError, match=r"no points of the classes 3, 4 in the stand, x = .* and covers x = "):
         prepare(forest(file, classes=[3, 4]))
     with pytest.raises(ScenarioError, match="no CRS; give both, or none"):
         prepare(forest(write(tmp_path / "bare.las", 32632), path=write(tmp_path / "local.las", None)))

@@ -99,10 +99,13 @@ def test_what_is_written_processes_the_recording_without_the_errors(calibrated, 
     files = write_calibration(result, tmp_path / "out")
     assert {"calibration.json", "errors.csv", "calibration.toml", "report.html"} <= {file.name for file in files}
     table = tomllib.loads((tmp_path / "out" / "calibration.toml").read_text())["processing"]["calibration"]
-    assert table["mounting_deg"][0] == pytest.approx(result.errors["roll"][0])
+    roll, sigma = result.errors["roll"]
+    # Written to a thousandth of the standard deviation, not with all digits of a double.
+    assert abs(table["mounting_deg"][0] - roll) <= 0.5e-3 * sigma
+    assert len(str(table["mounting_deg"][0])) < 12
     keys = {f"processing.calibration.{key}": value for key, value in table.items()}
     again = process(folder / "lines.nc", keys)
-    np.testing.assert_allclose(again.dem.height_m, result.recordings[0].dem[1].height_m, atol=1e-9, equal_nan=True)
+    np.testing.assert_allclose(again.dem.height_m, result.recordings[0].dem[1].height_m, atol=1e-3, equal_nan=True)
     document = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert document["model_holds"]
     assert [row["name"] for row in document["errors"]] == list(USUAL)

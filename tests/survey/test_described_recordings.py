@@ -363,7 +363,7 @@ def test_a_capture_of_fewer_frames_than_its_configuration_states_says_so(tmp_pat
     assert not [w for w in process(described(tmp_path, recording)).warnings if "frames" in w]
     whole = (tmp_path / "adc_data.bin").read_bytes()
     (tmp_path / "adc_data.bin").write_bytes(whole[: len(whole) * (FRAMES - 1) // FRAMES])
-    words = f"adc_data.bin holds {FRAMES - 1} frames, and its configuration states {FRAMES}"
+    words = f"adc_data.bin: {FRAMES - 1} whole frames are read, of the {FRAMES} that its configuration states"
     assert any(words in warning for warning in process(described(tmp_path, recording)).warnings)
 
 
@@ -435,10 +435,10 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "beat.npy"\nrange_zero_m = 500.0', SWEEP, "is beyond the 12.5 m that the samples reach"),
         ('samples = "beat.npy"', SWEEP.replace("100.0", "2e4"), "lasts 0.0512 ms with 256 samples, and pulses follow"),
         (f'samples = "loud.npy"\n{PROFILE_AXES}\nvalues = "power_db"', SWEEP, "holds levels of no power in dB"),
-        ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "states no receiver, sample, rate"),
-        ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "cannot be read as a chirp configuration"),
-        ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "has no 7.0"),
-        ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "states a number that is not finite"),
+        ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "loops of a frame: 0 is not within 1 to 65536"),
+        ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "adcCfg has 1 values"),
+        ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "profile 7.0, which is not defined"),
+        ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "size of the slope (MHz/us): nan is not within"),
         ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: is of arrays"),
         (f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{PROFILE_AXES}', "", "recording.axes: is of arrays"),
     ],

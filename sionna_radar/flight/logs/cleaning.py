@@ -11,9 +11,10 @@ from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import Attitudes, MetricLog, Positions, Spreads
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, MetricLog, Positions, Spreads
 
 # Logs are written in blocks, sometimes slightly out of order.
 MAX_OUT_OF_ORDER_S = 1.0
@@ -22,8 +23,10 @@ JUMP_MPS, JUMP_M = 20.0, 3.0
 # Without velocities: ratio of a step's speed to the typical speed of the flight.
 JUMP_RATIO = 10.0
 TURN_RAD_S, TURN_RAD = np.deg2rad(1500.0), np.deg2rad(20.0)
-# Drift of a GPS fix at rest.
-STANDSTILL_M = 5.0
+# Drift of a GPS fix at rest; a vehicle that stays within it for this long is at rest.
+STANDSTILL_M, STANDSTILL_S = 5.0, 10.0
+# Times at which rest is looked for, at most.
+MAX_LOOKS = 100_000
 MIN_ROWS = 4
 MAX_STRETCHES = 10
 Stream = TypeVar("Stream", Positions, Attitudes, Spreads)
@@ -89,10 +92,11 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
         finite_times = np.isfinite(log.spreads.time_s)
         spreads = _in_order(log.spreads.rows(finite_times), -np.inf, np.inf, "", [], [])
     if len(positions.time_s) < MIN_ROWS:
-        message = f"has {len(positions.time_s)} positions between {start_s:.3g} and {stop_s:.6g} s; widen log_start_s "
-        findings.append(Finding(time_s=max(start_s, 0.0), message=f"{message}and log_stop_s"))
+        message = f"has {len(positions.time_s)} distinct time stamps between {start_s:.3g} and {stop_s:.6g} s"
+        findings.append(Finding(time_s=max(start_s, 0.0), message=f"{message}; widen log_start_s and log_stop_s"))
     else:
-        findings += _gaps(positions.time_s, "position", longest_gap_s) + _jumps(positions) + _standstill(positions)
+        findings += _gaps(positions.time_s, "position", longest_gap_s) + _jumps(positions)
+        findings += _standstill(positions, log)
     if attitudes is not None and len(positions.time_s) >= MIN_ROWS:
         findings += _attitude_findings(attitudes, positions.time_s, longest_gap_s)
     ordered = tuple(sorted(findings, key=lambda finding: finding.time_s))
@@ -187,15 +191,52 @@ def _jumps(positions: Positions) -> list[Finding]:
     return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
 
 
-def _standstill(positions: Positions) -> list[Finding]:
+def _standstill(positions: Positions, log: MetricLog) -> list[Finding]:
+    """Return the finding of a part in which the vehicle is at rest, with the times at which it moves in the log."""
     reach = np.ptp(positions.place[:, :2], axis=0)
     if float(np.hypot(*reach)) > STANDSTILL_M:
         return []
+    known = np.isfinite(log.positions.place).all(axis=1) & np.isfinite(log.positions.time_s)
+    whole = _in_order(log.positions.rows(known), -np.inf, np.inf, "", [], [])
+    moving = [f"{start:.2f} to {stop:.2f} s" for start, stop in moving_spans(whole)]
     message = (
-        f"the vehicle never moves: it stays within {np.hypot(*reach):.2g} m from here to "
-        f"{positions.time_s[-1]:.2f} s; give a log of a flight, or another part of it"
+        f"vehicle stationary, within {np.hypot(*reach):.2g} m, from {positions.time_s[0]:.2f} to "
+        f"{positions.time_s[-1]:.2f} s; "
     )
-    return [Finding(time_s=float(positions.time_s[0]), message=message)]
+    remedy = f"choose a moving stretch by log_start_s and log_stop_s: {', '.join(moving[:MAX_STRETCHES])}"
+    return [
+        Finding(
+            time_s=float(positions.time_s[0]),
+            message=message + (remedy if moving else "it moves nowhere in this log; give the log of a flight"),
+        )
+    ]
+
+
+def moving_spans(positions: Positions) -> tuple[tuple[float, float], ...]:
+    """Return start and end times of the parts in which a vehicle moves, between those in which it is at rest.
+
+    positions: finite, at increasing times.
+    """
+    time_s = positions.time_s
+    if len(time_s) < MIN_ROWS or time_s[-1] <= time_s[0]:
+        return ()
+    step_s = max(STANDSTILL_S / 10, float(time_s[-1] - time_s[0]) / MAX_LOOKS)
+    at_s = np.append(np.arange(time_s[0], time_s[-1], step_s), time_s[-1])
+    place = np.column_stack([np.interp(at_s, time_s, column) for column in positions.place[:, :2].T])
+    half = int(np.ceil(STANDSTILL_S / step_s / 2))
+    looks = 2 * half + 1
+    reach = maximum_filter1d(place, looks, axis=0) - minimum_filter1d(place, looks, axis=0)
+    within = np.hypot(*reach.T) <= STANDSTILL_M
+    within[:half] = within[-half:] = False  # whole windows alone
+    resting = maximum_filter1d(within, looks, mode="constant", cval=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], resting, [True]]).astype(int)))
+    return tuple((float(at_s[first]), float(at_s[end - 1])) for first, end in edges.reshape(-1, 2) if end - first > 1)
+
+
+def one_time(log: FlightLog) -> str:
+    """Return the remark on a log whose positions all have one time."""
+    count, moment_s = len(log.positions.time_s), float(log.positions.time_s[0])
+    return f"only one distinct time stamp ({moment_s:g} s, of {count:,} positions); export the track with its times"
 
 
 def _turns_rad(attitudes: Attitudes) -> Float[np.ndarray, " step"]:

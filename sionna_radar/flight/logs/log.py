@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.columns import Columns
 
-Datum = Literal["mean sea level", "unknown", "take-off"]
+Datum = Literal["mean sea level", "ellipsoid", "unknown", "take-off"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +167,11 @@ def running_rms(
 STEP_M = 100.0
 
 
+def convergence_rad(J_grid_ground: Float[np.ndarray, "2 2"]) -> float:
+    """Return grid north seen from true north, clockwise: headings from it are smaller by as much."""
+    return -float(np.arctan2(J_grid_ground[0, 1], J_grid_ground[1, 1]))
+
+
 @dataclass(frozen=True, kw_only=True)
 class MetricLog:
     """A log in local metres, headings from grid north.
@@ -201,9 +206,7 @@ def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
         positions = replace(positions, velocity_mps=np.column_stack([across, positions.velocity_mps[:, 2]]))
     attitudes = log.attitudes
     if attitudes is not None:
-        # Grid north seen from true north, clockwise: headings from it are smaller by as much.
-        convergence = -float(np.arctan2(J_grid_ground[0, 1], J_grid_ground[1, 1]))
-        turn = Rotation.from_euler("z", -convergence)
+        turn = Rotation.from_euler("z", -convergence_rad(J_grid_ground))
         attitudes = replace(attitudes, quaternion=(turn * Rotation.from_quat(attitudes.quaternion)).as_quat())
     return MetricLog(positions=positions, attitudes=attitudes, spreads=log.spreads)
 

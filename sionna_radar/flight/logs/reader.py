@@ -15,6 +15,9 @@ import numpy as np
 from sionna_radar.flight.logs.csv_log import AS_THEY_ARE, read_csv
 from sionna_radar.flight.logs.dataflash import MAGIC, read_dataflash
 from sionna_radar.flight.logs.log import FlightLog, Positions, source_of
+from sionna_radar.flight.logs.map_coordinates import map_coordinates
+from sionna_radar.flight.logs.sbet import SUFFIXES as SBET_SUFFIXES
+from sionna_radar.flight.logs.sbet import read_sbet
 from sionna_radar.flight.logs.telemetry import V1, V2, read_telemetry
 from sionna_radar.flight.logs.ulog import read_ulog
 from sionna_radar.foundation.errors import InputFileError
@@ -86,7 +89,8 @@ def _is_utf8(content: bytes) -> bool:
 
 
 MAX_BYTES = 1_000_000_000
-FORMATS = "PX4 .ulg, ArduPilot .bin, MAVLink .tlog, .gpx or .csv"
+FORMATS = "PX4 .ulg, ArduPilot .bin, MAVLink .tlog, SBET (.out, .sbet), .gpx, .csv or .trj"
+TEXT_SUFFIXES = (".csv", ".txt", ".trj")
 Reader = Callable[[Path, str], FlightLog]
 # The package that a format needs.
 READERS: dict[str, tuple[Reader, str | None]] = {
@@ -95,10 +99,13 @@ READERS: dict[str, tuple[Reader, str | None]] = {
     "telemetry": (read_telemetry, "pymavlink"),
     "gpx": (read_gpx, "gpxpy"),
     "csv": (read_csv, None),
+    "sbet": (read_sbet, None),
 }
 
 
-def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY_ARE) -> FlightLog:
+def read_log(
+    path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY_ARE, crs: str | None = None
+) -> FlightLog:
     """Return the flight in a log, its times counted from the first position.
 
     Parameters
@@ -109,9 +116,13 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
         Prefix of error messages: the key or option that names the file.
     columns:
         Columns of a CSV file by our names, where they differ.
+    crs:
+        Coordinate reference system of a CSV file's map coordinates, such as "EPSG:25832".
 
     Raises
     ------
+    ScenarioError
+        There is no such CRS, or it does not contain the flight.
     InputFileError
         It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
     """
@@ -120,10 +131,11 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
     reader, package = READERS[kind]
     if package is not None and find_spec(package) is None:
         raise InputFileError(f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'")
-    if columns and kind != "csv":
-        message = f"{name} {shown(path)} is no CSV file, and platform.log_columns names columns of one; remove it"
-        raise InputFileError(message)
-    log = read_csv(path, name, columns) if kind == "csv" else reader(path, name)
+    for key, given in (("platform.log_columns", columns), ("platform.log_crs", crs)):
+        if given and kind != "csv":
+            raise InputFileError(f"{name} {shown(path)} is no CSV file, and {key} is of columns of one; remove it")
+    known_crs = None if crs is None else map_coordinates(crs)
+    log = read_csv(path, name, columns, known_crs) if kind == "csv" else reader(path, name)
     log = replace(log, positions=log.positions.rows(np.isfinite(log.positions.time_s)))
     if len(log.positions.time_s) < 2:
         raise InputFileError(f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more")
@@ -144,6 +156,8 @@ def _kind(path: Path, name: str) -> str:
     except OSError as error:
         message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
         raise InputFileError(message) from error
+    if path.suffix.lower() in SBET_SUFFIXES:
+        return "sbet"
     if head.startswith(b"ULog"):
         return "ulog"
     if head.startswith(MAGIC):
@@ -153,6 +167,6 @@ def _kind(path: Path, name: str) -> str:
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text.startswith(b"<") or b"<\0" in text[:6]:
         return "gpx"
-    if path.suffix.lower() in (".csv", ".txt") or b"time_s" in text:
+    if path.suffix.lower() in TEXT_SUFFIXES or b"time_s" in text:
         return "csv"
     raise InputFileError(f"{name} {shown(path)} is none of the known logs; give {FORMATS}")

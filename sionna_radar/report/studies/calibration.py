@@ -190,12 +190,13 @@ def calibration_toml(result: Calibration) -> str:
     """Return the told errors as tables: of `process --set-file`, and commented out those of a simulated flight."""
     table: dict[str, Any] = {}
     # The ground's own backscatter has no key.
-    for name, (value, _) in (each for each in result.errors.items() if each[0] in KEYS):
+    for name, (value, sigma) in (each for each in result.errors.items() if each[0] in KEYS):
         key, place, factor = KEYS[name]
+        stated = _to_a_share(value * factor, sigma * factor)
         if place is None:
-            table[key] = value * factor
+            table[key] = stated
         else:
-            table.setdefault(key, [0.0, 0.0, 0.0])[place] = value * factor
+            table.setdefault(key, [0.0, 0.0, 0.0])[place] = stated
     told = tomli_w.dumps({"processing": {"calibration": table}})
     simulated = {SIMULATED[key]: value for key, value in table.items() if key in SIMULATED}
     flown = tomli_w.dumps({"platform": {"navigation": simulated}})
@@ -205,6 +206,11 @@ def calibration_toml(result: Calibration) -> str:
     lines += [told.rstrip(), "", "# A simulated flight with these errors has:"]
     lines += [f"# {line}" if line else "#" for line in flown.rstrip().splitlines()]
     return "\n".join(lines) + "\n"
+
+
+def _to_a_share(value: float, sigma: float) -> float:
+    """Return a value rounded to a thousandth of its standard deviation, or finer."""
+    return round(value, max(0, 3 - int(np.floor(np.log10(sigma))))) if sigma > 0 else value
 
 
 # ---------------------------------------------------------------------------------------------------------- figures
@@ -220,10 +226,16 @@ def draw_residuals(result: Calibration) -> Figure:
     figure.colorbar(drawn, ax=axes[:2], label="Range minus predicted range (m)", extend="both")
     bins = np.linspace(-limit, limit, 81)
     for values, name, colour in ((before, "before", ORANGE), (after, "after", BLUE)):
-        axes[2].hist(np.clip(values, -limit, limit), bins, histtype="step", color=colour, label=name, lw=1.4)
+        label = f"{name}, {_beyond(values, limit):.1%} beyond" if _beyond(values, limit) else name
+        axes[2].hist(values, bins, histtype="step", color=colour, label=label, lw=1.4)
     axes[2].set(xlabel="Range minus predicted range (m)", ylabel="Echoes")
     axes[2].legend(frameon=False)
     return figure
+
+
+def _beyond(values: Float[np.ndarray, " n"], limit: float) -> float:
+    """Return the share of residuals that a histogram leaves out."""
+    return float(np.mean(np.abs(values) > limit))
 
 
 def _gathered(
@@ -321,6 +333,11 @@ def _statements(result: Calibration) -> list[str]:
     return [*result.doppler, *drifts, *trade_off_words(result), *_manoeuvre_words(result)]
 
 
+def _left_out(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], limit: float) -> str:
+    shares = f"{_beyond(before, limit):.1%} before and {_beyond(after, limit):.1%} after"
+    return f"Of the residuals {shares} are beyond the {limit:.3g} m that the histogram shows."
+
+
 def _manoeuvre_words(result: Calibration) -> list[str]:
     solution = result.solution
     if solution.told.all() or not result.manoeuvres:
@@ -388,7 +405,7 @@ def calibration_page(result: Calibration) -> str:
             ]
             for k, row in enumerate(content["errors"])
         ],
-        statements=_statements(result),
+        statements=[*_statements(result), _left_out(before, after, limit)],
         manoeuvre_head=["One more line", *(f"{name} ({UNKNOWNS[name].unit})" for name in names)],
         manoeuvre_rows=[
             [
@@ -412,10 +429,7 @@ def _histogram(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], 
     edges = np.linspace(-limit, limit, 81)
     return {
         "residual_m": ((edges[1:] + edges[:-1]) / 2).tolist(),
-        **{
-            name: np.histogram(np.clip(values, -limit, limit), edges)[0].tolist()
-            for name, values in (("before", before), ("after", after))
-        },
+        **{name: np.histogram(values, edges)[0].tolist() for name, values in (("before", before), ("after", after))},
     }
 
 

@@ -67,6 +67,7 @@ def log_summary(inspection: LogInspection) -> dict[str, Any]:
         "notes": [*log.notes, *inspection.clean.notes],
         "refused": list(inspection.refusals),
         "stretches_s": [list(ends) for ends in inspection.stretches],
+        "moving_s": [list(ends) for ends in inspection.moving],
     }
 
 
@@ -79,12 +80,16 @@ def print_log(inspection: LogInspection) -> None:
     say(*(f"cannot be flown: {refusal}" for refusal in refused[:MAX_SHOWN]))
     if len(refused) > MAX_SHOWN:
         say(f"... and {len(refused) - MAX_SHOWN:,} more")
-    if not refused:
+    moving, flyable = numbers["moving_s"], numbers["stretches_s"]
+    rest_s = sum(stop - start for start, stop in flyable) - sum(stop - start for start, stop in moving)
+    if not refused and moving != flyable:
+        say(f"the whole log can be flown; the vehicle is stationary for {rest_s:.1f} s of it, and moves in")
+    elif not refused:
         say("the whole log can be flown")
         return
-    for start_s, stop_s in numbers["stretches_s"]:
+    for start_s, stop_s in moving:
         say(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
-    if not numbers["stretches_s"]:
+    if not moving:
         say("no stretch of it can be flown")
 
 
@@ -182,7 +187,10 @@ def _draw_heights(axes: Axes, inspection: LogInspection, frame: Frame) -> None:
         axes.plot(time_s[step], ground, color="0.35", lw=1.0, label="Terrain")
         axes.legend(loc="upper right", fontsize="small", frameon=False)
     axes.plot(time_s[step], place[step, 2] + up, color="black", lw=1.2)
-    level = {"unknown": "Height (m)", "take-off": "Height above take-off (m)"}
+    level = {
+        **{"unknown": "Height (m)", "take-off": "Height above take-off (m)"},
+        "ellipsoid": "Height above the ellipsoid (m)",
+    }
     axes.set(ylabel=level.get(inspection.log.datum, "Height above sea level (m)"))
 
 

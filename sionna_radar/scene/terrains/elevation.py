@@ -14,13 +14,14 @@ from matplotlib.cbook import get_sample_data
 from pyproj import CRS
 from rasterio import Affine
 
-from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_array, opened_file
+from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_file
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
-from sionna_radar.elevation.placed_raster import HeightSystem, height_system
+from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
+from sionna_radar.foundation.raster_file import opened_array
 from sionna_radar.scene.ground_cover import GroundCover
 from sionna_radar.scene.landscape import Landscape, covered_landscape
 
@@ -121,7 +122,6 @@ def _opened(path: Path | str | None) -> Iterator[Any]:
 # Default spacing: mean number of points per cell, and least spacing in metres.
 POINTS_IN_CELL, FINEST_M = 4, 0.05
 MAX_CELLS = 4_000_000
-NO_UNIT = ("",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,13 +147,6 @@ class PlacedCloud:
         return self.frame.local_of(self.crs, x, y)
 
 
-@dataclass(frozen=True)
-class Unstated:
-    """Stand-in for a raster without a unit, for `height_system`."""
-
-    units: tuple[str, ...] = NO_UNIT
-
-
 def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
     """Return the placement of a cloud: CRS, local frame, middle and height system.
 
@@ -169,7 +162,7 @@ def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
     crs = map_part(file_crs)
     frame = frame_about(crs, middle, stated.centre_lonlat_deg, "cloud's middle")
-    heights = height_system(Unstated(), file_crs, stated.vertical_crs, stated.height_unit)
+    heights = cloud_height_system(file_crs, stated.vertical_crs, stated.height_unit)
     return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
 
 
@@ -215,7 +208,8 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
 
         raster = gridded(pieces, grid, source.statistic, source.percentile / 100)
     if not raster.filled.any():
-        message = f"no point chosen by points = {source.points!r} lies in the part that is flown; move the flight"
+        message = f"no point chosen by points = {source.points!r} lies in the part that is flown, {spans(window_m)}, "
+        message += f"and the cloud covers {spans(cloud.extent_m(placed.local_of))}; move the flight"
         if source.points == "ground":
             message += ", or set points = 'first' if the file is not classified"
         raise ScenarioError.of("terrain.points", message)
@@ -241,18 +235,13 @@ def _grid(
     cloud: CloudFile, placed: PlacedCloud, spacing_m: float | None, window_m: tuple[float, float, float, float]
 ) -> Grid:
     """Return the cells of the part of the cloud visible to the survey."""
-    corner_x, corner_y = (grid.ravel() for grid in np.meshgrid(*np.column_stack([cloud.low, cloud.high])[:2]))
-    x, y = placed.local_of(corner_x, corner_y)
-    west, south = max(float(x.min()), window_m[0]), max(float(y.min()), window_m[1])
-    east, north = min(float(x.max()), window_m[2]), min(float(y.max()), window_m[3])
+    cloud_m = cloud.extent_m(placed.local_of)
+    west, south = (max(ours, theirs) for ours, theirs in zip(cloud_m[:2], window_m[:2], strict=True))
+    east, north = (min(ours, theirs) for ours, theirs in zip(cloud_m[2:], window_m[2:], strict=True))
     if not (west < east and south < north):
-        message = (
-            f"the flight sees x = {window_m[0]:.0f} to {window_m[2]:.0f} m, y = {window_m[1]:.0f} to "
-            f"{window_m[3]:.0f} m, but the cloud covers x = {x.min():.0f} to {x.max():.0f} m, y = {y.min():.0f} to "
-            f"{y.max():.0f} m; {MOVE}"
-        )
+        message = f"the flight sees {spans(window_m)}, but the cloud covers {spans(cloud_m)}; {MOVE}"
         raise ScenarioError.of("terrain", message)
-    area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
+    area_m2 = (cloud_m[2] - cloud_m[0]) * (cloud_m[3] - cloud_m[1])
     spacing = spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
     min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     if spacing < min_spacing:

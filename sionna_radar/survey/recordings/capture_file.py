@@ -8,7 +8,7 @@ chirp of a block. Real samples are written as they come.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,12 @@ LARGEST_COUNT = 32767
 # 0.9 over the root of the chirps. Chirps for it, at least and at most; cells at either end that hold leakage.
 MIN_MIRRORED = 0.1
 MIN_CHIRPS, MAX_CHIRPS, NEAR_CELLS = 128, 512, 4
+# Chirps that a configuration may define (mmWave SDK: numbers 0 to 511), and generous bounds of its other values: a mask
+# of a device has four receivers and three transmitters, a cascade of four devices 16 and 12.
+CHIRP_NUMBERS = 512
+MAX_RECEIVERS, MAX_TRANSMITTERS, MAX_SAMPLES, MAX_LOOPS, MAX_FRAMES = 16, 16, 2**18, 2**16, 2**32
+# GHz, and of times, rates and slopes in the units of the files. Rounding of the frame period, as a share.
+MIN_GHZ, MAX_GHZ, MIN_POSITIVE, MAX_VALUE, ROUNDED = 1.0, 1000.0, 1e-6, 1e9, 1e-3
 
 
 def is_capture(path: Path) -> bool:
@@ -102,15 +108,39 @@ class CaptureConfig:
     frame_ms: float
     frames: int
 
+    @property
+    def chirps_per_frame(self) -> int:
+        """Chirps of a frame, of all transmitters."""
+        return len(self.transmitters) * self.loops
+
+    @property
+    def chirp_us(self) -> float:
+        """Time from chirp to chirp."""
+        return self.idle_us + self.ramp_end_us
+
+
+def frame_bytes(config: CaptureConfig) -> int:
+    """Return the size of a frame in a capture."""
+    return 2 * config.receivers * config.samples * (2 if config.complex_samples else 1) * config.chirps_per_frame
+
 
 def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame chirp value"]:
-    """Return the raw values of all chirps, mapped into memory; InputFileError where a frame is not whole."""
-    values = config.receivers * config.samples * (2 if config.complex_samples else 1)
-    chirps, size = len(config.transmitters) * config.loops, path.stat().st_size
-    if size == 0 or size % (2 * values * chirps):
-        wanted = f"a frame of its configuration {2 * values * chirps:,}"
-        raise InputFileError(f"{shown(path)}: holds {size:,} bytes, and {wanted}; get the whole file")
-    return np.memmap(path, dtype="<i2", mode="r").reshape(-1, chirps, values)
+    """Return the raw values of all chirps of the whole frames, mapped into memory.
+
+    A capture that is stopped by hand ends within a frame: `bytes_after_frames` says how much of it is left out.
+    Raises InputFileError where there is no whole frame.
+    """
+    size, one = path.stat().st_size, frame_bytes(config)
+    if size < one:
+        reason = f"holds {size:,} bytes, less than the {one:,} of one frame of its configuration"
+        raise InputFileError(f"{shown(path)}: {reason}; get the whole file, or name its own configuration")
+    chirps = config.chirps_per_frame
+    return np.memmap(path, dtype="<i2", mode="r", shape=(size // one, chirps, one // (2 * chirps)))
+
+
+def bytes_after_frames(path: Path, config: CaptureConfig) -> int:
+    """Return the bytes of a capture that follow its last whole frame."""
+    return path.stat().st_size % frame_bytes(config)
 
 
 def receiver_samples(
@@ -167,37 +197,89 @@ def read_frames(samples: Path, config: Path) -> Num[np.ndarray, "frame chirp rx 
 
 
 def capture_config(path: Path) -> CaptureConfig:
-    """Return the configuration of a capture; InputFileError for one that lacks a value, with its name."""
+    """Return the configuration of a capture; InputFileError for one that lacks a value or contradicts itself."""
     text = read_text(path, "recording.config =", CONFIG_REMEDY)
     try:
         config = _from_json(json.loads(text)) if text.lstrip().startswith("{") else _from_lines(text)
     except KeyError as error:
-        raise InputFileError(f"{shown(path)}: has no {error.args[0]}") from None
-    except (ValueError, TypeError, IndexError) as error:
+        raise InputFileError(f"{shown(path)}: has no {error.args[0]}; {CONFIG_REMEDY}") from None
+    except RecursionError:
+        raise InputFileError(f"{shown(path)}: is nested too deeply for a chirp configuration") from None
+    except (ValueError, TypeError, IndexError, OverflowError) as error:
         raise InputFileError(f"{shown(path)}: cannot be read as a chirp configuration ({error})") from None
-    if not np.isfinite([value for value in vars(config).values() if isinstance(value, float)]).all():
-        raise InputFileError(f"{shown(path)}: states a number that is not finite")
-    positive = (config.receivers, config.samples, config.rate_ksps, config.loops, len(config.transmitters))
-    if min(positive) <= 0 or config.slope_mhz_us == 0 or (config.complex_samples and config.samples % 2):
-        reason = "states no receiver, sample, rate, loop, chirp or slope, or an odd number of complex samples"
-        raise InputFileError(f"{shown(path)}: {reason}")
+    for problem in _problems(config):
+        raise InputFileError(f"{shown(path)}: {problem}; correct it, or name the configuration of this capture")
     return config
+
+
+def _problems(config: CaptureConfig) -> Iterator[str]:
+    """Yield what no capture can have been recorded with."""
+    bounds = {
+        "receivers": (config.receivers, 1, MAX_RECEIVERS),
+        "samples of a chirp": (config.samples, 1, MAX_SAMPLES),
+        "loops of a frame": (config.loops, 1, MAX_LOOPS),
+        "frames": (config.frames, 0, MAX_FRAMES),
+        "start frequency (GHz)": (config.start_ghz, MIN_GHZ, MAX_GHZ),
+        "size of the slope (MHz/us)": (abs(config.slope_mhz_us), MIN_POSITIVE, MAX_VALUE),
+        "sampling rate (ksps)": (config.rate_ksps, MIN_POSITIVE, MAX_VALUE),
+        "idle time (us)": (config.idle_us, 0, MAX_VALUE),
+        "start of sampling (us)": (config.adc_start_us, 0, MAX_VALUE),
+        "end of the ramp (us)": (config.ramp_end_us, MIN_POSITIVE, MAX_VALUE),
+        "frame period (ms)": (config.frame_ms, MIN_POSITIVE, MAX_VALUE),
+    }
+    for name, (value, least, most) in bounds.items():
+        if not least <= value <= most:  # also of nan
+            yield f"{name}: {shown(value)} is not within {least:g} to {most:g}"
+    if not all(0 < mask < 1 << MAX_TRANSMITTERS for mask in config.transmitters):
+        yield f"transmitters of the chirps: {shown(list(config.transmitters))} are not masks of transmitters"
+    if config.complex_samples and config.samples % 2:
+        yield f"samples of a chirp: {config.samples} is odd, and complex samples are stored in pairs"
+    busy_ms = 1e-3 * config.chirp_us * config.chirps_per_frame
+    if config.frame_ms < busy_ms * (1 - ROUNDED):
+        yield f"frame period: {config.frame_ms:g} ms is shorter than the {busy_ms:g} ms of its chirps"
+
+
+def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) -> list[int]:
+    """Return the definition of each chirp of a frame; a later definition of a chirp replaces an earlier one.
+
+    spans: first and last number of the chirps that each definition is for.
+    first, last: numbers of the frame's first and last chirp.
+
+    Raises ValueError for numbers that run backwards, are beyond those of the mmWave SDK, or have no definition.
+    """
+    definition = np.full(CHIRP_NUMBERS, -1)
+    for what, (start, end) in [*(("a definition", span) for span in spans), ("the frame", (first, last))]:
+        if not 0 <= start <= end < CHIRP_NUMBERS:
+            numbers = f"chirps {shown(start)} to {shown(end)}"
+            raise ValueError(f"{what} is of {numbers}; they ascend, and are 0 to {CHIRP_NUMBERS - 1}")
+    for number, (start, end) in enumerate(spans):
+        definition[start : end + 1] = number
+    chosen = definition[first : last + 1]
+    if (chosen < 0).any():
+        raise ValueError(f"chirp {first + int(np.argmin(chosen))} of the frame is not defined")
+    return [int(number) for number in chosen]
+
+
+# Commands of a .cfg that are read, with the least number of their values.
+COMMANDS = {"channelCfg": 1, "adcCfg": 2, "profileCfg": 11, "chirpCfg": 8, "frameCfg": 5}
 
 
 def _from_lines(text: str) -> CaptureConfig:
     commands: dict[str, list[list[float]]] = {}
     for line in text.splitlines():
         words = line.split("%")[0].split()
-        if words and words[0] in ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg"):
-            commands.setdefault(words[0], []).append([float(word) for word in words[1:]])
+        if words and words[0] in COMMANDS:
+            values = [float(word) for word in words[1:]]
+            if len(values) < COMMANDS[words[0]]:
+                raise ValueError(f"{words[0]} has {len(values)} values, and at least {COMMANDS[words[0]]} are needed")
+            commands.setdefault(words[0], []).append(values)
     channel, adc, frame = (commands[name][0] for name in ("channelCfg", "adcCfg", "frameCfg"))
-    chirps: dict[int, list[float]] = {}
-    for chirp in commands["chirpCfg"]:
-        chirps |= dict.fromkeys(range(int(chirp[0]), int(chirp[1]) + 1), chirp)
-    first, last = int(frame[0]), int(frame[1])
-    profile = {p[0]: p for p in commands["profileCfg"]}[chirps[first][2]]
+    chirps = commands["chirpCfg"]
+    sent = _chirps_of_frame([(int(chirp[0]), int(chirp[1])) for chirp in chirps], int(frame[0]), int(frame[1]))
+    profiles = {values[0]: values for values in commands["profileCfg"]}
+    profile = _profile(profiles, chirps[sent[0]][2])
     return CaptureConfig(
-        receivers=int(channel[0]).bit_count(),
+        receivers=_count(int(channel[0])),
         complex_samples=adc[1] > 0,
         start_ghz=profile[1],
         idle_us=profile[2],
@@ -206,7 +288,7 @@ def _from_lines(text: str) -> CaptureConfig:
         slope_mhz_us=profile[7],
         samples=int(profile[9]),
         rate_ksps=profile[10],
-        transmitters=tuple(int(chirps[number][7]) for number in range(first, last + 1)),
+        transmitters=tuple(int(chirps[number][7]) for number in sent),
         loops=int(frame[2]),
         frame_ms=frame[4],
         frames=int(frame[3]),
@@ -216,15 +298,13 @@ def _from_lines(text: str) -> CaptureConfig:
 def _from_json(document: Any) -> CaptureConfig:
     radio = document["mmWaveDevices"][0]["rfConfig"]
     frame = radio["rlFrameCfg_t"]
-    chirps: dict[int, Any] = {}
-    for entry in radio["rlChirps"]:
-        chirp = entry["rlChirpCfg_t"]
-        chirps |= dict.fromkeys(range(chirp["chirpStartIdx"], chirp["chirpEndIdx"] + 1), chirp)
-    first, last = frame["chirpStartIdx"], frame["chirpEndIdx"]
+    chirps = [entry["rlChirpCfg_t"] for entry in radio["rlChirps"]]
+    spans = [(int(chirp["chirpStartIdx"]), int(chirp["chirpEndIdx"])) for chirp in chirps]
+    sent = _chirps_of_frame(spans, int(frame["chirpStartIdx"]), int(frame["chirpEndIdx"]))
     profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
-    profile = profiles[chirps[first]["profileId"]]
+    profile = _profile(profiles, chirps[sent[0]]["profileId"])
     return CaptureConfig(
-        receivers=_bits(radio["rlChanCfg_t"]["rxChannelEn"]).bit_count(),
+        receivers=_count(_bits(radio["rlChanCfg_t"]["rxChannelEn"])),
         complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
         start_ghz=float(profile["startFreqConst_GHz"]),
         idle_us=float(profile["idleTimeConst_usec"]),
@@ -233,15 +313,29 @@ def _from_json(document: Any) -> CaptureConfig:
         slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"]),
         samples=int(profile["numAdcSamples"]),
         rate_ksps=float(profile["digOutSampleRate"]),
-        transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in range(first, last + 1)),
+        transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in sent),
         loops=int(frame["numLoops"]),
         frame_ms=float(frame["framePeriodicity_msec"]),
         frames=int(frame.get("numFrames", 0)),
     )
 
 
+def _profile(profiles: Mapping[Any, Any], number: Any) -> Any:
+    if number not in profiles:
+        raise ValueError(f"a chirp has profile {number}, which is not defined")
+    return profiles[number]
+
+
+def _count(mask: int) -> int:
+    """Return the number of receivers in a mask; 0 for a negative one, which `int.bit_count` takes for its absolute."""
+    return max(mask, 0).bit_count()
+
+
 def _bits(mask: Any) -> int:
-    return int(mask, 0) if isinstance(mask, str) else int(mask)
+    bits = int(mask, 0) if isinstance(mask, str) else int(mask)
+    if not 0 <= bits < 1 << 32:
+        raise ValueError("a mask of channels has more than 32 bits, or is negative")
+    return bits
 
 
 def config_text(array: MimoArray, chirp: Chirp, frame_rate_hz: float, frames: int, per_count: float) -> str:

@@ -52,8 +52,10 @@ from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.recorded import DescribedRecording, PosesTable, RecordedRadar, RecordingTable, SweepTable
 from sionna_radar.survey.recordings.capture_file import (
     CONFIG_REMEDY,
+    bytes_after_frames,
     capture_config,
     capture_frames,
+    frame_bytes,
     receiver_samples,
     told_lanes,
 )
@@ -509,13 +511,17 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
     chirps = len(config.transmitters)
     raw = capture_frames(own.samples, config)
     warnings: tuple[str, ...] = ()
-    if config.frames not in (0, len(raw)):
-        held = f"{shown(own.samples)} holds {len(raw)} frames, and its configuration states {config.frames}"
-        warnings = (f"{held}: the capture was stopped or cut off, or has another configuration; get the whole file",)
+    rest = bytes_after_frames(own.samples, config)
+    if rest or config.frames not in (0, len(raw)):
+        held = f"{shown(own.samples)}: {len(raw)} whole frames are read"
+        held += f", of the {config.frames} that its configuration states" if config.frames else ""
+        if rest:
+            held += f", and the {rest:,} bytes after them ({rest / frame_bytes(config):.0%} of a frame) are left out"
+        warnings = (f"{held}; the capture was stopped or cut off, or has another configuration",)
     if (lanes := told_lanes(raw, config, own.lanes)) != own.lanes:
         told = f"{shown(own.samples)}: echoes have mirror images in I and Q, and none in the order of {lanes} lanes"
         warnings += (f"{told}; if the module has so many, set recording.lanes = {lanes}",)
-    chirp_s, duration_s = 1e-6 * (config.idle_us + config.ramp_end_us), config.samples / (1e3 * config.rate_ksps)
+    chirp_s, duration_s = 1e-6 * config.chirp_us, config.samples / (1e3 * config.rate_ksps)
     frame_s, slope = 1e-3 * config.frame_ms * np.arange(len(raw)), 1e12 * config.slope_mhz_us
     radar = RecordedRadar(
         carrier_hz=1e9 * config.start_ghz + slope * (1e-6 * config.adc_start_us + duration_s / 2),
@@ -550,14 +556,14 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
 
     time_s: of the pulses, from the first position of the log.
     """
-    log = read_log(table.log, "poses.log", table.log_columns)
+    log = read_log(table.log, "poses.log", table.log_columns, table.log_crs)
     frame: MapFrame | None = None
     base_m = 0.0
     if log.on_map:
         known = log.positions.place[np.isfinite(log.positions.place).all(axis=1)]
         frame = frame_at(float(known[0, 0]), float(known[0, 1]))
         base_m = float(np.floor(known[:, 2].min()))
-    part = LogPart(path=table.log, columns=table.log_columns, gap_s=table.log_gap_s, height="datum")
+    part = LogPart(path=table.log, columns=table.log_columns, crs=table.log_crs, gap_s=table.log_gap_s, height="datum")
     route = read_route(part, lambda: frame)
     trajectory, (start_s, end_s) = route.trajectory(-base_m), route.span_s
     if time_s[0] < start_s or time_s[-1] > end_s:

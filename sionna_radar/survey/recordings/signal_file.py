@@ -32,17 +32,24 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
-from sionna_radar.foundation.input_file import regular_file
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
 from sionna_radar.mapping.mapper import MAX_DEM_CELLS, Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedRadar
-from sionna_radar.survey.recordings.capture_file import capture_config, capture_frames, is_capture, receiver_samples
+from sionna_radar.survey.recordings.capture_file import (
+    bytes_after_frames,
+    capture_config,
+    capture_frames,
+    is_capture,
+    receiver_samples,
+)
 from sionna_radar.survey.recordings.netcdf import NetcdfInput, open_netcdf
 
 MAX_PULSES, MIN_SAMPLES, MAX_SAMPLES = 10_000_000, 32, 2**18
-REMEDY = "give a recording of beat signals, as `run --record signals` makes it"
+REMEDY = "give a recording of beat signals, as `run --record signals` makes it, or the TOML description of another"
 POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation": (3, 3)}
 # The square of a greater sample, summed over a sweep, might have no floating-point number.
 GREATEST = 1e15
@@ -88,7 +95,12 @@ def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
 
     Raises InputFileError, then or while it is read, for a file that is none or is damaged.
     """
-    path = path.with_suffix(".nc") if is_capture(path) else path
+    if is_capture(path):
+        regular_file(path, name, REMEDY, MAX_CAPTURE_BYTES)
+        if not path.with_suffix(".nc").exists():
+            message = f"{name} {shown(path)} is a raw capture, and needs a description of its radar; write one with"
+            raise InputFileError(f"{message} `sionna-radar process {shown(path)} --describe profile.cfg`")
+        path = path.with_suffix(".nc")
     with open_netcdf(path, name, REMEDY) as file:
         yield SignalFile(file, path.parent)
 
@@ -103,6 +115,8 @@ class SignalFile:
             regular_file(place, "radar:capture =", REMEDY, MAX_CAPTURE_BYTES)
             config, (count,) = capture_config(place.with_suffix(".cfg")), self._vector(kept, "count", 1)
             raw = capture_frames(place, config)
+            if bytes_after_frames(place, config):
+                file.fail(f"its capture {shown(place)} ends within a frame; get the whole file")
             self._capture, self._iq = (raw, config, count), config.complex_samples
             self._shape: tuple[int, ...] = (len(raw), raw.shape[1], config.receivers, config.samples)
             self._check_kind()

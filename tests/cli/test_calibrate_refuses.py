@@ -1,0 +1,19 @@
+"""`calibrate` over ground that is not that of the echoes ends with 1, and says why even when quiet."""
+
+import numpy as np
+
+from sionna_radar import load_scenario, run
+from sionna_radar.foundation.raster import Raster
+
+
+def test_a_calibration_without_an_estimate_ends_with_1(cli, tmp_path):
+    changes = {"platform.length_m": 40.0, "terrain.spacing_m": 2.0}
+    survey = run(load_scenario("hills", changes), recordings={"signals": tmp_path / "line.nc"})
+    # So rough that the axes of the beams meet none of it where the first estimate ends.
+    rough = np.random.default_rng(1).normal(0.0, 8.0, size=survey.truth.height_m.shape)
+    Raster(grid=survey.truth.grid, height_m=survey.truth.height_m + rough).to_geotiff(tmp_path / "other.tif")
+    arguments = ["calibrate", tmp_path / "line.nc", "--no-report", "--reference", tmp_path / "other.tif"]
+    refused = cli(*arguments, "-q", "-o", tmp_path / "out", code=1)
+    assert refused.stdout == ""
+    assert "no estimate: the echoes are not those of this ground" in refused.stderr
+    assert "No estimate is stated" in refused.stderr
