@@ -7,7 +7,8 @@ Neighbouring errors are alike; the standard deviation is that of lags without on
 (`accuracy.robust_errors`). Over level ground, flown level, h' is zero and nothing tells a lag.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -65,6 +66,42 @@ class Readings:
     latency_s: float | None
     latency_sigma_s: float | None
     by_readings_m: float | None = None
+
+    @property
+    def subject(self) -> str:
+        """What is read, in words."""
+        return "height above ground" if self.along == "vertical" else "distance along the axis"
+
+    def document(self) -> dict[str, Any]:
+        """Return the statistics as nested tables."""
+        per_pulse = ("time_s", "reading_m", "true_m", "clearance_m", "cover")
+        return {name: value for name, value in asdict(self).items() if name not in per_pulse}
+
+    def rows(self) -> dict[str, str]:
+        """Return the statistics by their names, in words."""
+        total = self.errors
+        rows = {f"reading less {self.subject}": _words(total)}
+        if len(self.by_cover) > 1:
+            rows |= {f"  over {name!r}": _words(errors) for name, errors in self.by_cover.items()}
+        share = total.drop_outs / max(total.pulses, 1)
+        longest = f", the longest {self.longest_drop_out_s:.3g} s" if total.drop_outs else ""
+        rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({share:.1%}){longest}"
+        rows["latency"] = "not told by heights that vary so little"
+        if self.latency_s is not None:
+            rows["latency"] = f"{self.latency_s:+.3f} ± {self.latency_sigma_s:.3f} s (positive: late)"
+        rows["lowest clearance flown"] = f"{total.lowest_clearance_m:.2f} m over what stands below"
+        if len(self.by_cover) > 1:
+            over = (f"{errors.lowest_clearance_m:.2f} m over {name!r}" for name, errors in self.by_cover.items())
+            rows["lowest clearance flown"] += f": {', '.join(over)}"
+        if self.by_readings_m is not None:
+            rows["lowest clearance, steered by these readings"] = f"{self.by_readings_m:.2f} m"
+        return rows
+
+
+def _words(errors: ReadingErrors) -> str:
+    if not np.isfinite(errors.bias_m):
+        return "no reading"
+    return f"bias {errors.bias_m:+.2f} m, spread {errors.std_m:.2f} m, 95 % within {errors.le95_m:.2f} m"
 
 
 def readings_of(
@@ -138,19 +175,18 @@ def latency(
     known_s, known_m = time_s[whole], true_m[whole]
     slope_mps = np.gradient(known_m, known_s)
     longest_s, lag_s = float(np.ptp(known_s)) / 10, 0.0
-    stretch = blocks_of(time_s[used, None])
     for _ in range(MAX_STEPS):
-        before_s = np.clip(time_s[used] - lag_s, known_s[0], known_s[-1])
-        left_m = reading_m[used] - np.interp(before_s, known_s, known_m)
-        model = np.column_stack([np.ones(len(left_m)), -np.interp(before_s, known_s, slope_mps)])
-        if np.ptp(model[:, 1]) == 0:
+        before_s = time_s - lag_s
+        here = used & (before_s >= known_s[0]) & (before_s <= known_s[-1])
+        left_m = reading_m[here] - np.interp(before_s[here], known_s, known_m)
+        model = np.column_stack([np.ones(len(left_m)), -np.interp(before_s[here], known_s, slope_mps)])
+        fit = robust_fit(model, model, left_m, blocks_of(time_s[here, None]))
+        if not np.isfinite(fit.sigma).all():
             return None
-        fit = robust_fit(model, model, left_m, stretch)
-        step_s = float(fit.estimate[1])
-        lag_s += step_s
+        lag_s += float(fit.estimate[1])
         if not abs(lag_s) < longest_s:
             return None
-        if abs(step_s) < 1e-6:
+        if abs(fit.estimate[1]) < 1e-6:
             break
     sigma_s = float(fit.sigma[1])
     return (lag_s, sigma_s) if 2 * sigma_s < longest_s else None
