@@ -7,7 +7,7 @@ a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind 
 The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
@@ -59,6 +59,7 @@ from sionna_radar.report.drawing import (
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
 from sionna_radar.report.terminal import number
+from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
@@ -438,9 +439,30 @@ def _empty_patch(survey: Survey) -> Patch:
 def _warn(figure: Figure, survey: Survey) -> None:
     """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
-    warnings = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
+    told = _without_folders(survey.warnings, survey.scenario)
+    warnings = [line for warning in told for line in wrap(f"Warning: {warning}", letters)]
     if warnings:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
+
+
+def _without_folders(warnings: Sequence[str], scenario: Scenario) -> list[str]:
+    """Return warnings with the files of a scenario by their names alone: figures go elsewhere than their folders."""
+    paths = sorted(map(str, _paths_in(scenario.model_dump())), key=len, reverse=True)
+    shorter = list(warnings)
+    for path in paths:
+        shorter = [warning.replace(path, Path(path).name) for warning in shorter]
+    return shorter
+
+
+def _paths_in(value: object) -> Iterator[Path]:
+    """Yield the absolute paths among nested values."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for item in value:
+            yield from _paths_in(item)
+    elif isinstance(value, str | Path) and Path(value).is_absolute():
+        yield Path(value)
 
 
 def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:
