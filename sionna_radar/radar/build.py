@@ -66,7 +66,9 @@ def warn_of_frequency(table: AntennaParameters, carrier_hz: float) -> None:
     """Warn of pattern files made at another frequency than the carrier."""
     for field in ("pattern", "receive_pattern", "element_pattern"):
         path = getattr(table, field, None)
-        stated = file_frequency_hz(path) if isinstance(path, Path) else None
+        if not isinstance(path, Path):
+            continue
+        stated = file_frequency_hz(path)
         if stated is None or stated[0] * (1 - SAME_FREQUENCY) <= carrier_hz <= stated[1] * (1 + SAME_FREQUENCY):
             continue
         band = " to ".join(f"{frequency / 1e9:.4g}" for frequency in dict.fromkeys(stated))
