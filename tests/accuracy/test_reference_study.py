@@ -1,6 +1,7 @@
 """Shifts of surveys against the true surface: `pytest -m study -n 0 -s -k reference_study`.
 
-Half an hour on two cores; `SIONNA_RADAR_SEEDS=20` takes fewer surveys. Lidar ground is that of `tests/real_files.py`.
+Surveys 41 to 100 gave, by `linear`, `smooth` and `refined`: ridges 96.7, 93.7, 96.0 %, hills 98.9, 94.3, 93.3 %; 100
+surveys over the lidar ground, with which nothing was chosen, 96.8, 94.8, 93.2 %. Half an hour on two cores; `SIONNA_RADAR_SEEDS=20` takes fewer surveys. Lidar ground is that of `tests/real_files.py`.
 The eight blocks of `accuracy.robust_errors` were chosen on the surveys 1 to 40 over ridges and hills.
 """
 
@@ -53,5 +54,5 @@ def test_shifts_of_surveys_lie_in_their_stated_intervals(ground, tmp_path):
     for method, own in z.items():
         print(f"{ground} {method}: {np.mean(np.abs(own) < 1.96):.1%} of {len(own)}, largest {np.abs(own).max():.1f}")
     shares = {method: np.mean(np.abs(own) < 1.96) for method, own in z.items()}
-    margin = 0.04 if len(SEEDS) >= 100 else 0.08
+    margin = 0.04 * np.sqrt(100 / len(SEEDS))
     assert all(abs(share - 0.95) < margin for share in shares.values()), shares
