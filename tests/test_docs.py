@@ -95,6 +95,17 @@ def test_links_lead_to_files(page):
             assert (page.parent / link).exists(), f"{name(page)} links to {link}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_rows_of_a_table_have_as_many_cells_as_its_head(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    # A bar within code, or after a backslash, parts no cells.
+    text = re.sub(r"`[^`\n]*`|\\\|", "code", text)
+    tables = re.findall(r"^\|.*\|[ ]*\n\|[ :|-]+\|[ ]*\n(?:\|.*\n?)*", text, re.MULTILINE)
+    for table in tables:
+        rows = table.splitlines()
+        assert {row.rstrip().count("|") for row in rows} == {rows[0].rstrip().count("|")}, rows[0]
+
+
 def merged(block: str) -> dict:
     """Return the scenario of a block: `hills`, with the tables of the block in place of or within its own."""
     tables = tomllib.loads((ROOT / "scenes" / "hills.toml").read_text(encoding="utf-8"))

@@ -10,9 +10,8 @@ elevation data sets for quantifying glacier thickness change", The Cryosphere 5,
 
 The slopes contain noise, from which least squares derive a shift even of flat ground. So the slopes of the DEM are the
 instruments of those of the reference, whose errors are independent of them: theta = (Z'X)^-1 Z'r. Where the two have no
-relief in common, the standard deviation of d grows without bound. Neighbouring errors are alike: standard deviations
-come from the sums of Z'r over square tiles, wider than the correlation length of the errors (Liang and Zeger 1986,
-"Longitudinal data analysis using generalized linear models", Biometrika 73, 13-22).
+relief in common, the standard deviation of d grows without bound. Neighbouring errors are alike, as far as the relief
+is: standard deviations are those of estimates without one of eight parts of the map (`accuracy.robust_errors`).
 """
 
 import logging
@@ -29,10 +28,11 @@ from pyproj.exceptions import CRSError
 from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject
 
-from sionna_radar.accuracy.breakdown import Breakdown, break_down, variogram
+from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import DemError, nmad, statistics
 from sionna_radar.accuracy.illumination import Walls, raster_walls
+from sionna_radar.accuracy.robust_errors import BLOCKS, blocks_of, robust_fit
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.local_frame import MapFrame
@@ -62,8 +62,8 @@ SEARCHED_M, TRIALS = 20.0, 5
 MAX_ITERATIONS = 20
 # Residuals beyond this many NMAD do not take part in the estimate of the shift.
 OUTLIERS = 4.0
-# Width of a tile in correlation lengths of the errors; cells along its side, at least; fewest tiles.
-TILE_LENGTHS, MIN_TILE_CELLS, MIN_TILES = 6, 5, 12
+# Fewest common cells of which a shift is estimated.
+MIN_CELLS = 60
 # Fewest checkpoints from which a tilt is estimated, and an offset.
 TILT_CHECKPOINTS, OFFSET_CHECKPOINTS = 10, 3
 # Share of cells with points from which a cloud is a surface.
@@ -73,6 +73,8 @@ SURFACE_SHARE = 0.5
 @dataclass(frozen=True, kw_only=True)
 class Shift:
     """Shift of a DEM against a reference, with standard deviations; None where it was not estimated.
+
+    The standard deviations come from few parts of the map; 1.96 of them to either side are an interval of 95 %.
 
     east_m, north_m: horizontal; None for checkpoints, and where the relief does not tell.
     up_m: vertical, in the middle of the DEM.
@@ -252,7 +254,7 @@ def compare_with_reference(
     if isinstance(reference, Checkpoints):
         return _check_at(path.name, reference, dem, sigma, apply_shift)
     reached = dem.filled if lit is None else lit
-    shift = _shift_of(dem, reference, dem.filled & reached, seed, path)
+    shift = _shift_of(dem, reference, dem.filled & reached, path)
     moved_m = (shift.east_m or 0.0, shift.north_m or 0.0) if apply_shift else (0.0, 0.0)
     surface = reference.on(dem.grid, moved_m)
     _warn_of(shift, path.name, apply_shift)
@@ -326,19 +328,17 @@ def _check_at(
 
 
 # ----------------------------------------------------------------------------------------------------------- shift
-def _shift_of(
-    dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], seed: int, path: Path
-) -> Shift:
+def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], path: Path) -> Shift:
     """Return the shift of a DEM against a surface, without a horizontal one where the relief does not tell it."""
     known = int((cells & reference.on(dem.grid).filled).sum())
-    if known < MIN_TILES * MIN_TILE_CELLS:
+    if known < MIN_CELLS:
         message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give one of its ground"
         raise InputFileError(message)
-    shift = _fitted(dem, reference, cells, seed, _coarse_shift(dem, reference, cells))
+    shift = _fitted(dem, reference, cells, _coarse_shift(dem, reference, cells))
     at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
     # Within a wider interval another trial shift fits as well.
     if at_the_limit or 2 * max(shift.east_sigma_m or 0.0, shift.north_sigma_m or 0.0) > SEARCHED_M / TRIALS:
-        return _fitted(dem, reference, cells, seed, None)
+        return _fitted(dem, reference, cells, None)
     return shift
 
 
@@ -346,7 +346,6 @@ def _fitted(
     dem: Raster,
     reference: ReferenceSurface,
     cells: Bool[np.ndarray, "row column"],
-    seed: int,
     start_m: Float[np.ndarray, "2"] | None,
 ) -> Shift:
     """Return the fitted shift, beginning with a horizontal one; without a horizontal one for None."""
@@ -364,22 +363,21 @@ def _fitted(
         usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
         if moved and not usable.any():
             # No cell has slopes on both surfaces, as where the DEM has single cells only: nothing tells the direction.
-            return _fitted(dem, reference, cells, seed, None)
+            return _fitted(dem, reference, cells, None)
         usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
-        solved = np.linalg.pinv(instruments[usable].T @ model[usable]) @ instruments[usable].T @ residual[usable]
+        solved = robust_fit(model[usable], instruments[usable], residual[usable], blocks_of(place[usable]))
         if not moved:
             break
-        step_m = np.clip(solved[:2], -dem.grid.spacing_m, dem.grid.spacing_m)
+        step_m = np.clip(solved.estimate[:2], -dem.grid.spacing_m, dem.grid.spacing_m)
         shift_m = np.clip(shift_m + step_m, -SEARCHED_M, SEARCHED_M)
         if np.abs(step_m).max() < 1e-3 * dem.grid.spacing_m:
             break
-    left = residual - model @ solved
-    sigma = _sandwich(model[usable], instruments[usable], left[usable], _tiles(dem, left, usable, seed))
+    left, sigma = residual - model @ solved.estimate, solved.sigma
     horizontal: dict[str, float] = {}
     if moved:
         names = ("east_m", "north_m", "east_sigma_m", "north_sigma_m")
         horizontal = dict(zip(names, map(float, [*shift_m, *sigma[:2]]), strict=True))
-    up_m, tilt_east, tilt_north = map(float, solved[-3:])
+    up_m, tilt_east, tilt_north = map(float, solved.estimate[-3:])
     up_sigma_m, tilt_east_sigma, tilt_north_sigma = map(float, sigma[-3:])
     return Shift(
         up_m=up_m,
@@ -429,9 +427,10 @@ def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"
     model = np.ones((len(error_m), 1))
     if len(error_m) >= TILT_CHECKPOINTS:
         model = np.column_stack([model, place_m - middle_m])
-    solved = np.linalg.lstsq(model, error_m, rcond=None)[0]
-    left = error_m - model @ solved
-    sigma = _sandwich(model, model, left, np.arange(len(left)))
+    # Of few checkpoints each is far from the others, and a block of its own.
+    block = blocks_of(place_m) if len(error_m) >= OFFSET_CHECKPOINTS * BLOCKS else np.arange(len(error_m))
+    fit = robust_fit(model, model, error_m, block)
+    solved, sigma, left = fit.estimate, fit.sigma, error_m - model @ fit.estimate
     tilt: dict[str, float] = {}
     if len(solved) == 3:
         names = ("tilt_east", "tilt_north", "tilt_east_sigma", "tilt_north_sigma")
@@ -439,44 +438,6 @@ def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"
     return Shift(
         up_m=float(solved[0]), up_sigma_m=float(sigma[0]), rms_m=_rms(error_m), shifted_rms_m=_rms(left), **tilt
     )
-
-
-def _sandwich(
-    model: Float[np.ndarray, "n parameter"],
-    instruments: Float[np.ndarray, "n parameter"],
-    left: Float[np.ndarray, " n"],
-    tile: Int[np.ndarray, " n"],
-) -> Float[np.ndarray, " parameter"]:
-    """Return the standard deviations of the parameters from residuals that are independent between tiles only.
-
-    Infinite where the model is singular, as over a plane.
-    """
-    size = np.outer(np.linalg.norm(instruments, axis=0), np.linalg.norm(model, axis=0))
-    product = instruments.T @ model
-    if size.min() == 0 or np.linalg.matrix_rank(product / size, tol=1e-9) < len(product):
-        return np.full(len(product), np.inf)
-    tiles = int(tile.max()) + 1
-    scores = np.column_stack([np.bincount(tile, left * column, minlength=tiles) for column in instruments.T])
-    bread = np.linalg.inv(product)
-    # From few tiles an estimate over its standard deviation has Student's distribution, of the variance nu / (nu - 2).
-    inflation = tiles / max(tiles - model.shape[1] - 2, 1)
-    return np.sqrt(np.diag(bread @ (inflation * scores.T @ scores) @ bread.T))
-
-
-def _tiles(
-    dem: Raster, left: Float[np.ndarray, " cell"], usable: Bool[np.ndarray, " cell"], seed: int
-) -> Int[np.ndarray, " used"]:
-    """Return the tile of each used cell."""
-    grid = dem.grid
-    shape = grid.shape
-    errors = Raster(grid=grid, height_m=np.where(usable, left, np.nan).reshape(shape))
-    known = variogram(errors, usable.reshape(shape), seed)
-    length_m = known.correlation_length_m if known and known.correlation_length_m else 0.0
-    side = max(MIN_TILE_CELLS, round(TILE_LENGTHS * length_m / grid.spacing_m))
-    side = min(side, max(1, int(np.sqrt(usable.sum() / MIN_TILES))))
-    row, column = np.divmod(np.flatnonzero(usable), grid.columns)
-    _, tile = np.unique(np.column_stack([row // side, column // side]), axis=0, return_inverse=True)
-    return np.asarray(tile).ravel()
 
 
 def _middle_m(grid: Grid) -> Float[np.ndarray, "2"]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sionna_radar.elevation.file_heights import heights_on
+from sionna_radar.elevation.file_heights import UNDECLARED_NODATA, heights_on
 from sionna_radar.elevation.local_frame import StatedFrame, data_bands, place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
@@ -197,6 +197,10 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
     height_m = heights_on(source, grid)
     corners = np.isfinite(height_m)
     if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
+        if not corners.any() and _is_empty(dataset, source.band):
+            rows, columns = dataset.shape
+            message = f"holds no height: all of its {columns:,} x {rows:,} cells are without data"
+            raise InputFileError(f"terrain.path = {shown(dataset.name)} {message}; give another file")
         raise outside(source, cutout, f"no 2 x 2 cells of {grid.spacing_m:g} m there have heights")
     raster = _without_empty_border(Raster(grid=grid, height_m=height_m))
     base_m = math.floor(np.nanmin(raster.height_m))
@@ -206,6 +210,16 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
         cells=_map_cells(source),
     )
     return Raster(grid=raster.grid, height_m=raster.height_m - base_m), georeference
+
+
+def _is_empty(dataset: Any, band: int) -> bool:
+    """Whether no cell of a band has data, declared or not."""
+    windows = (window for _, window in dataset.block_windows(band))
+    stored = (dataset.read(band, window=window, masked=True) for window in windows)
+    with np.errstate(invalid="ignore"):
+        return not any(
+            bool(np.any((values != UNDECLARED_NODATA).filled(False) & np.isfinite(values.data))) for values in stored
+        )
 
 
 def _map_cells(source: PlacedRaster) -> MapCells | None:

@@ -23,7 +23,8 @@ from rasterio.fill import fillnodata
 from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 
-from sionna_radar.elevation.placed_raster import PlacedRaster
+from sionna_radar.elevation.placed_raster import PlacedRaster, apply_affine
+from sionna_radar.elevation.wrong_cells import lone_cells, warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 
@@ -113,7 +114,18 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
             stored.data[undeclared][0],
         )
         height_m[undeclared] = np.nan
+    _warn_of_lone_cells(source, window, height_m)
     return height_m
+
+
+def _warn_of_lone_cells(source: PlacedRaster, window: Window, height_m: Float[np.ndarray, "row column"]) -> None:
+    cells = lone_cells(height_m, min(source.steps_m))
+    if len(cells):
+        row, column = cells.T
+        pixel = column + window.col_off + 0.5, row + window.row_off + 0.5
+        place = np.column_stack(apply_affine(source.dataset.transform, *pixel))
+        around_m = float(np.nanmedian(height_m))
+        warn_of_lone_cells(height_m[row, column], place, around_m, ":".join(source.crs.to_authority() or ("local",)))
 
 
 def bilinear(

@@ -1,7 +1,9 @@
 """The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -15,12 +17,15 @@ from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, re
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
 from sionna_radar.radar.mimo_array import UNAMBIGUOUS, MimoArray, code_of, difference_pattern, receiver_mixing
+from sionna_radar.radar.pattern_files.frequency import file_frequency_hz
 from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers
+
+logger = logging.getLogger("sionna_radar")
 
 
 @registers(ANTENNAS, "[radar.antenna]")
@@ -51,6 +56,30 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 def build_antenna(table: AntennaParameters) -> Antenna:
     """Return the antenna of a scenario."""
     return ANTENNAS.build(table.kind, Antenna, table)
+
+
+# Share of a pattern's frequency by which the carrier may differ; the beamwidth differs by as much.
+SAME_FREQUENCY = 0.05
+
+
+def warn_of_frequency(table: AntennaParameters, carrier_hz: float) -> None:
+    """Warn of pattern files made at another frequency than the carrier."""
+    for field in ("pattern", "receive_pattern", "element_pattern"):
+        path = getattr(table, field, None)
+        if not isinstance(path, Path):
+            continue
+        stated = file_frequency_hz(path)
+        if stated is None or stated[0] * (1 - SAME_FREQUENCY) <= carrier_hz <= stated[1] * (1 + SAME_FREQUENCY):
+            continue
+        band = " to ".join(f"{frequency / 1e9:.4g}" for frequency in dict.fromkeys(stated))
+        logger.warning(
+            "radar.antenna.%s = %s: states %s GHz, and radar.carrier_hz is %.4g GHz, where an antenna has another "
+            "beam; give its pattern at the carrier",
+            field,
+            path.name,
+            band,
+            carrier_hz / 1e9,
+        )
 
 
 # Widest turn over a sweep, in beamwidths: amplitudes over it are polynomials.

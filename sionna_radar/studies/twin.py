@@ -450,7 +450,8 @@ def _of_maps(
     cells = np.column_stack([grid.x_m[row_column[1]], grid.y_m[row_column[0]]])
     _, nearest = KDTree(beams_m[hit, :2]).query(cells)
     errors = [dem.height_m[filled] - reference_m for dem in dems]
-    return dem_rows(errors[0], errors[1], pair.block[hit][nearest])
+    down = float(np.median(-recorded.measured.boresight[hit, 2]))
+    return dem_rows(errors[0], errors[1], pair.block[hit][nearest], down)
 
 
 def _reference_heights(source: RecordingSource, prepared: Prepared, dem: Raster) -> Float[np.ndarray, "row column"]:

@@ -413,9 +413,15 @@ def range_rows(pair: Pair) -> list[Statistic]:
 
 
 def dem_rows(
-    measured_m: Float[np.ndarray, " cell"], simulated_m: Float[np.ndarray, " cell"], block: Int[np.ndarray, " cell"]
+    measured_m: Float[np.ndarray, " cell"],
+    simulated_m: Float[np.ndarray, " cell"],
+    block: Int[np.ndarray, " cell"],
+    down: float,
 ) -> list[Statistic]:
-    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse."""
+    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse.
+
+    down: metres by which an echo is placed lower for each metre of its range.
+    """
     if np.count_nonzero(np.isfinite(measured_m)) < MIN_PULSES:
         return []
 
@@ -430,7 +436,12 @@ def dem_rows(
             needs=needs,
         )
 
+    def bias(measured: float, simulated: float) -> str:
+        # Ground that lies too high was read too near.
+        higher_m = measured - simulated
+        return f"heights of the datum {higher_m:+.3f} m, or range_zero_m {-higher_m / down:+.3f} m"
+
     return [
-        row("DEM bias", _mean, _ones, _metres("heights of the datum, or range_zero_m,")),
+        row("DEM bias", _mean, _ones, bias),
         row("DEM spread", _deviation, lambda error_m: _ones(error_m, error_m**2), _in_quadrature("errors")),
     ]

@@ -171,7 +171,8 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
         )
         problems.append(Problem("platform.altitude_m", message))
     problems += _among_plants(origin_m, built)
-    missed = np.isinf(hits.range_m) & ~_over_hole(hits, low, high)
+    in_hole = np.isinf(hits.range_m) & _over_hole(hits, low, high)
+    missed = np.isinf(hits.range_m) & ~in_hole
     if missed.any():
         message = (
             f"{100 * missed.mean():.3g} % of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m "
@@ -185,6 +186,12 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
             "move the track, or terrain.centre_lonlat_deg, to where it has"
         )
         problems.append(Problem("terrain", message))
+    elif in_hole.any():
+        logger.warning(
+            "terrain: %.3g %% of the beams fall into its holes, where it has no data, as where buildings are cut out "
+            "of a terrain model; nothing comes back from there: set terrain.holes = 'fill', or give a surface model",
+            100 * in_hole.mean(),
+        )
     lost = np.isfinite(hits.range_m) & (hits.range_m > chirp.max_range_m)
     if lost.mean() > LOST_SHARE:
         message = (

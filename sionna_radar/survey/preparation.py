@@ -32,7 +32,15 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import beams_of
-from sionna_radar.radar.build import build_antenna, build_array, build_chirp, build_receivers, build_sweeps, squinting
+from sionna_radar.radar.build import (
+    build_antenna,
+    build_array,
+    build_chirp,
+    build_receivers,
+    build_sweeps,
+    squinting,
+    warn_of_frequency,
+)
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.radar.mimo_array import MimoArray
@@ -47,6 +55,7 @@ from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.build import build_chain, build_high_pass, build_interference, noise_power, transmit_power_w
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, warn_of_wide_beam
 from sionna_radar.survey.checks import (
     SAMPLED_PULSES,
     BoresightHits,
@@ -332,6 +341,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, shared: World) -> Prepared
     advance()
     mapper = _map(local, radar, detector, world, flight, custom)
     receiver = _receiver(local, radar, world, flight)
+    if local.sensor == "radar" and angle is None and mapper.beam is not None and maps_by_turning(flight.schedule):
+        bias = beam_bias(flight.schedule, world, mapper.beam)
+        warn_of_wide_beam(bias, mapper.grid.spacing_m, radar.antenna.beamwidths_rad)
     advance()
     place, expected = world.scene.georeference, local.processing.expected_ground
     return Prepared(
@@ -377,6 +389,8 @@ def _radar(local: Scenario, custom: CustomParts, shared: World) -> _Radar:
     table = local.radar.antenna
     key = content_key({"antenna": table}) if ANTENNAS.entry(table.kind).origin == PACKAGE else None
     antenna = custom.antenna or shared.once("antenna", key, lambda: build_antenna(table))
+    if custom.antenna is None:
+        warn_of_frequency(table, local.radar.carrier_hz)
     antenna, sweeps = squinting(table, antenna, build_sweeps(local.radar))
     radar = _Radar(
         sweeps=sweeps,

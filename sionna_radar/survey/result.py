@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.breakdown import Breakdown, CanopyReading, break_down, read_canopy
+from sionna_radar.accuracy.readings import Readings
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
@@ -25,6 +26,7 @@ from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.readings import survey_readings
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.survey.swath import MappedGround, mapped_ground
@@ -177,6 +179,11 @@ class Survey(_ComparedWithReference, Comparison):
     def mapped(self) -> MappedGround:
         """Area and swath that the map fills, and its share of the planned swath; computed on first use."""
         return mapped_ground(self.prepared, self.lit & self.error.filled)
+
+    @cached_property
+    def readings(self) -> Readings | None:
+        """Readings of a beam that does not scan, where they make no map; computed on first use; None otherwise."""
+        return None if self.lit_error.count else survey_readings(self.prepared, self.points)
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M, Comparison
+from sionna_radar.accuracy.uncertainty import calibration
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
@@ -26,6 +27,7 @@ from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
 from sionna_radar.scene.terrains.build import cover_of
 from sionna_radar.signal.build import rounding_over_noise
+from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled_bias_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
 
@@ -68,6 +70,9 @@ COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
 SILENT_DB = 60
 # Along a ray beyond the foot of a wall, from which the roof is straight above.
 BEHIND_M = 0.1
+
+# Share of the lit cells in intervals of 95 % below which a warning is given, and fewest cells for it.
+LEAST_IN_95, LEAST_CELLS = 0.8, 100
 
 # Share of clipped pulses above which a warning is given.
 SATURATED_SHARE_WARNED = 0.001
@@ -463,12 +468,37 @@ def survey_warnings(
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    warnings += _beam_warnings(prepared, estimate)
+    warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
     if remedy is not None:
         warnings += cover_warnings(cover_shifts(prepared), comparison.error, estimate.sigma, remedy)
     for warning in warnings:
         logger.warning("%s", warning)
     return (*prepared.warnings, *warnings)
+
+
+def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
+    """Yield the warning about a beam whose bias a map neither takes out nor states."""
+    mapper = prepared.mapper
+    placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
+    if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
+        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.scene, mapper.beam), estimate.sigma)
+
+
+def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:
+    """Yield the warning about intervals that hold far fewer true heights than they state."""
+    if sigma is None:
+        return
+    known = comparison.lit & comparison.error.filled & sigma.filled
+    if known.sum() >= LEAST_CELLS:
+        share = calibration(comparison.error.height_m[known], sigma.height_m[known]).coverage["95"]
+        if share < LEAST_IN_95:
+            yield (
+                f"the intervals of 95 % that `dem_sigma.tif` states hold {share:.0%} of the lit cells: the map errs by "
+                "more than it knows; `dem_uncertainty` in summary.json tells where. Narrow the beam, or compare with "
+                "another dem.method"
+            )
 
 
 def _louder(prepared: Prepared) -> str:

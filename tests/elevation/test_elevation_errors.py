@@ -54,7 +54,7 @@ def test_rasters_that_are_no_terrain(tmp_path):
     row = write_heights(tmp_path / "b.tif", np.zeros((1, 9)), here)
     assert "1 x 9 cells" in str(refusal(row))
     empty = write_heights(tmp_path / "c.tif", np.full((9, 9), np.nan), here)
-    assert "no 2 x 2 cells" in str(refusal(empty))
+    assert "holds no height: all of its 9 x 9 cells" in str(refusal(empty))
     apart = write_heights(tmp_path / "d.tif", np.where(np.eye(9) > 0, 1.0, np.nan), here)
     assert "no 2 x 2 cells" in str(refusal(apart))
 

@@ -12,8 +12,10 @@ views.push(async data => {
 views.push(async data => {
   const scores = data.scores, place = document.getElementById("scores");
   if (!scores || !place) return;
+  // A label for each bar: plotly leaves some out where there is little room.
+  place.style.height = `${90 + 24 * scores.name.length}px`;
   const colours = scores.differs.map(differs => differs ? RED : BLUE);
   await Plotly.newPlot(place, [{type: "bar", orientation: "h", y: scores.name, x: scores.value, marker: {color: colours}}],
     layoutOf({xaxis: axis("Difference over its standard deviation between two that are alike"),
-      yaxis: axis("", {autorange: "reversed", automargin: true})}), config);
+      yaxis: axis("", {autorange: "reversed", automargin: true, tickmode: "linear", dtick: 1})}), config);
 });

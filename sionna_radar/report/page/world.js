@@ -82,8 +82,9 @@ views.push(async data => {
     const size = Math.max(spans[0], spans[1], 1.5 * spans[2] * up);
     return {x: spans[0] / size * 1.5, y: spans[1] / size * 1.5, z: Math.max(spans[2] / size * 1.5 * up, 0.02)};
   };
-  // Farther off and aimed higher the taller the box is.
-  const tall = Math.min(ratio(1).z, 1.2), back = 1.1 + 0.25 * tall;
+  // Farther off and aimed higher the taller the box is; farther off where it is as wide as long.
+  const tall = Math.min(ratio(1).z, 1.2);
+  const back = 1.1 + 0.25 * tall + 0.3 * Math.min(spans[0], spans[1]) / Math.max(spans[0], spans[1]);
   const far = spans[1] > spans[0] ? {x: 1.2, y: -0.85, z: 0.72} : {x: -0.6, y: -1.25, z: 0.74};
   await Plotly.newPlot(place, traces, layoutOf({margin: {l: 0, r: 0, t: 0, b: 0}, showlegend: false, uirevision: "kept",
     scene: {xaxis: sceneAxis(frame.east, 0), yaxis: sceneAxis(frame.north, 1), zaxis: sceneAxis(frame.height, 2),

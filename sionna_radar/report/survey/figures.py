@@ -7,7 +7,7 @@ a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind 
 The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
@@ -31,10 +31,13 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
+    GREEN,
     HEIGHTS,
     ORANGE,
     POWERS,
+    PURPLE,
     RED,
+    SKY,
     Coordinates,
     Frame,
     ReportFigure,
@@ -56,6 +59,7 @@ from sionna_radar.report.drawing import (
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
 from sionna_radar.report.terminal import number
+from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
@@ -207,6 +211,8 @@ def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordin
     }
     if survey.chirp is None:
         del figures["chirp"]
+    if survey.readings is not None:
+        figures["readings"] = draw_readings
     return save_figures(survey, figures, directory)
 
 
@@ -259,6 +265,49 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
     axes.margins(x=0)
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", framealpha=0.9)
+
+
+# ------------------------------------------------------------------------------------------ readings
+
+
+def draw_readings(survey: Survey) -> Figure:
+    """Draw the readings of a beam that does not scan over time, and their errors, by cover.
+
+    Raises ValueError for a survey without readings.
+    """
+    readings = survey.readings
+    if readings is None:
+        raise ValueError("the survey makes a map, and has no readings to draw")
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
+    heights, errors = figure.subplots(2, 1, sharex=True)
+    time_s, error_m = readings.time_s, readings.reading_m - readings.true_m
+    subject = readings.subject[:1].upper() + readings.subject[1:]
+    heights.plot(time_s, readings.true_m, color="black", lw=1.2, label=subject)
+    heights.plot(time_s, readings.clearance_m, color="0.55", lw=1.0, ls="--", label="Clearance over what stands below")
+    heights.plot(time_s, readings.reading_m, color=BLUE, lw=1.0, label="Reading")
+    heights.set(ylabel="Metres")
+    colours = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+    names = np.array(readings.cover)
+    for number_of, (name, own) in enumerate(readings.by_cover.items()):
+        here = names == name
+        label = f"{name}: {own.bias_m:+.2f} ± {own.std_m:.2f} m" if np.isfinite(own.bias_m) else f"{name}: no reading"
+        errors.plot(time_s[here], error_m[here], ls="", marker=".", ms=4, color=colours[number_of % 6], label=label)
+    dropped = time_s[np.isnan(readings.reading_m)]
+    if len(dropped):
+        label = f"Drop-outs: {len(dropped):,} of {len(time_s):,} pulses"
+        bottom = errors.get_ylim()[0]
+        errors.plot(dropped, np.full(len(dropped), bottom), ls="", marker="|", ms=9, color=RED, label=label)
+    errors.axhline(0.0, color="black", lw=0.8)
+    errors.set(xlabel="Time (s)", ylabel=f"Reading less {readings.subject} (m)")
+    head(heights, f"Readings; lowest clearance flown {readings.errors.lowest_clearance_m:.1f} m")
+    lag = "latency not told" if readings.latency_s is None else f"latency {readings.latency_s:+.3f} s"
+    head(errors, f"Errors: 95 % within {number(readings.errors.le95_m, '.2f', ' m')}, {lag}")
+    for axes in (heights, errors):
+        axes.margins(x=0.01)
+        axes.grid(alpha=0.3)
+        axes.legend(loc="best", fontsize="small", framealpha=0.9)
+    _warn(figure, survey)
+    return figure
 
 
 # --------------------------------------------------------------------------------------------- maps
@@ -390,9 +439,30 @@ def _empty_patch(survey: Survey) -> Patch:
 def _warn(figure: Figure, survey: Survey) -> None:
     """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
-    warnings = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
+    told = _without_folders(survey.warnings, survey.scenario)
+    warnings = [line for warning in told for line in wrap(f"Warning: {warning}", letters)]
     if warnings:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
+
+
+def _without_folders(warnings: Sequence[str], scenario: Scenario) -> list[str]:
+    """Return warnings with the files of a scenario by their names alone: figures go elsewhere than their folders."""
+    paths = sorted(map(str, _paths_in(scenario.model_dump())), key=len, reverse=True)
+    shorter = list(warnings)
+    for path in paths:
+        shorter = [warning.replace(path, Path(path).name) for warning in shorter]
+    return shorter
+
+
+def _paths_in(value: object) -> Iterator[Path]:
+    """Yield the absolute paths among nested values."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for item in value:
+            yield from _paths_in(item)
+    elif isinstance(value, str | Path) and Path(value).is_absolute():
+        yield Path(value)
 
 
 def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:

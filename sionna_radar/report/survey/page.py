@@ -95,7 +95,6 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         name = "Backscatter coefficient of the ground"
         maps.append(level_map(pack, frame, sigma0.grid, sigma0.height_m, name, "sigma0 (dB)"))
     world, omissions = _world(survey, pack, frame, beams, sigma0)
-    lit = survey.lit_error
     return page_of(
         "survey.html",
         survey,
@@ -109,10 +108,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         numbers={"summary": summary(survey)},
         title=survey.scenario.description or "A survey",
         tiles=[
-            (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
-            (number(lit.mean_m, "+.3f", " m"), "mean error", "bias"),
-            (number(lit.le90_m, ".3f", " m"), "LE90", "90th percentile of |error|"),
-            (f"{lit.coverage:.1%}", "coverage", "of lit cells"),
+            *_accuracy_tiles(survey),
             (f"{len(survey.points):,}", "echoes", f"of {survey.pulses:,} pulses"),
             (f"{survey.paths:,}", "paths traced", "in all"),
         ],
@@ -126,8 +122,33 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         replaced=survey.replaced,
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
-        **errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared)),
+        readings=survey.readings.rows() if survey.readings else {},
+        readings_of=survey.readings.subject if survey.readings else "",
+        **(
+            errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared))
+            if survey.readings is None
+            else {"error_rows": []}
+        ),
     )
+
+
+def _accuracy_tiles(survey: Survey) -> list[tuple[str, str, str]]:
+    """Return the errors of the map, or of readings that make none: value, name and meaning."""
+    lit = survey.lit_error
+    if survey.readings is None:
+        return [
+            (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
+            (number(lit.mean_m, "+.3f", " m"), "mean error", "bias"),
+            (number(lit.le90_m, ".3f", " m"), "LE90", "90th percentile of |error|"),
+            (f"{lit.coverage:.1%}", "coverage", "of lit cells"),
+        ]
+    errors, latency_s = survey.readings.errors, survey.readings.latency_s
+    return [
+        (number(errors.bias_m, "+.2f", " m"), "mean error", f"reading less {survey.readings.subject}"),
+        (number(errors.le95_m, ".2f", " m"), "LE95", "95th percentile of |error|"),
+        (number(np.nan if latency_s is None else latency_s, "+.3f", " s"), "latency", "positive: late"),
+        (number(errors.lowest_clearance_m, ".1f", " m"), "lowest clearance", "over what stands below"),
+    ]
 
 
 def _world(

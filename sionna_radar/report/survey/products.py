@@ -12,8 +12,10 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
+from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.report.drawing import Coordinates
 from sionna_radar.report.files.contents import (
     COSTS,
@@ -145,7 +147,7 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
     dem, uncertainty = result.dem, result.uncertainty
     rasters: Rasters = {
         "dem": (dem, "DEM height"),
-        "dem_sigma": (result.dem_sigma, "standard deviation of the DEM height"),
+        "dem_sigma": (result.dem_sigma, f"standard deviation of the DEM height: {sigma_terms(uncertainty)}"),
         "truth": (compared.truth if compared else None, "true height"),
         "error": (compared.error if compared else None, "DEM minus truth"),
         "reference_error": (result.reference.error if result.reference else None, "DEM minus reference"),
@@ -161,6 +163,19 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
         "dem_other_side": (chance, "probability that the cell is of the other side of a step"),
         "dem_sigma_step": (sigma, "standard deviation of the DEM height from the other side of steps"),
     }
+
+
+def sigma_terms(uncertainty: Uncertainty | None) -> str:
+    """Return what the stated standard deviation of a DEM holds, and what it leaves out."""
+    holds = ["speckle and noise of the echoes", "footprint", "ground between the echoes"]
+    leaves_out = ["navigation", "range zero and scale", "mounting", "vertical datum"]
+    if isinstance(uncertainty, SteppedUncertainty):
+        holds.append("other side of a step")
+    elif isinstance(uncertainty, LinearUncertainty):
+        leaves_out.append("bias of the beam on slopes")
+    if uncertainty is None:
+        return "as its method states it"
+    return f"{', '.join(holds)}; without what is common to all cells: {', '.join(leaves_out)}"
 
 
 def write_rasters(directory: Path, result: Survey | Processed, rasters: Rasters) -> None:

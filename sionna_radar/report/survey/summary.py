@@ -41,6 +41,11 @@ MEANING = {
     **ERROR_MEANING,
     "no_echo": "lit cells that the DEM leaves empty and pulses without any echo looked at, as over calm water, and "
     "their share of the lit cells",
+    "readings": "of a beam that does not scan and makes no map: readings minus the height above ground (along: "
+    "vertical), or minus the distance along the beam's axis (axis): bias, standard deviation and 95th percentile of "
+    "|error|, by cover; drop_outs: pulses without a reading; latency_s: the lag of least squares behind the true "
+    "heights; lowest_clearance_m: over what stands straight below; by_readings_m: that of the same flight steered by "
+    "these readings (platform.height = 'sensed'); null for other surveys",
     "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
@@ -73,6 +78,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "pulses": survey.pulses,
         "paths": survey.paths,
         "echoes": len(survey.points),
+        "readings": survey.readings.document() if survey.readings else None,
         "receiver": asdict(survey.saturation) if survey.saturation else None,
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
@@ -217,7 +223,12 @@ def print_survey(survey: Survey) -> None:
 
 def survey_table(survey: Survey) -> Table:
     """Return the table of a survey: flight, DEM errors and run time."""
-    return table_of_values(survey.scenario.description or None, _flown(survey) | _errors(survey) | _notes(survey))
+    return table_of_values(survey.scenario.description or None, _flown(survey) | _accuracy(survey) | _notes(survey))
+
+
+def _accuracy(survey: Survey) -> dict[str, str]:
+    """Return the errors of the map, or of readings that make none."""
+    return _errors(survey) if survey.readings is None else survey.readings.rows()
 
 
 def _flown(survey: Survey) -> dict[str, str]:

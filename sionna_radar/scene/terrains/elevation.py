@@ -19,6 +19,7 @@ from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
 from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
+from sionna_radar.elevation.wrong_cells import lone_cells, warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
 from sionna_radar.foundation.raster_file import opened_array
@@ -213,6 +214,7 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
         if source.points == "ground":
             message += ", or set points = 'first' if the file is not classified"
         raise ScenarioError.of("terrain.points", message)
+    _warn_of_lone_cells(raster, placed)
     raster = treat_holes(raster, source.holes)
     corners = raster.filled
     if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
@@ -225,6 +227,16 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
         crs_wkt=placed.heights.compound(placed.frame.crs).to_wkt(), origin_m=(*placed.frame.origin_m, base_m)
     )
     return covered_landscape(_lowered(raster, base_m), cover, georeference)
+
+
+def _warn_of_lone_cells(raster: Raster, placed: PlacedCloud) -> None:
+    cells = lone_cells(raster.height_m, raster.grid.spacing_m)
+    if len(cells):
+        row, column = cells.T
+        origin_m = (0.0, 0.0) if placed.frame is None else placed.frame.origin_m
+        place_m = np.column_stack([raster.grid.x_m[column], raster.grid.y_m[row]]) + origin_m
+        crs = "local metres" if placed.frame is None else ":".join(placed.frame.crs.to_authority() or ("local",))
+        warn_of_lone_cells(raster.height_m[row, column], place_m, float(np.nanmedian(raster.height_m)), crs)
 
 
 def _lowered(raster: Raster, base_m: float) -> Raster:

@@ -18,6 +18,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.report.drawing import DPI, Coordinates
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
+from sionna_radar.scenario.terrain import RasterTerrain
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.result import Survey
 from surveys import make_survey
@@ -57,6 +58,19 @@ def test_text_keeps_apart_on_small_and_large_ground(large: Survey, draw: Callabl
         figure = draw(shown)
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
+
+
+def test_warnings_over_figures_name_files_without_their_folders(survey: Survey, tmp_path: Path) -> None:
+    path = tmp_path / "a site" / "ground.tif"
+    terrain = RasterTerrain(kind="raster", path=path)
+    scenario = survey.scenario.model_copy(update={"terrain": terrain})
+    warned = replace(
+        survey,
+        prepared=replace(survey.prepared, scenario=scenario),
+        warnings=(f"terrain.path = {path}: 3 cells are odd",),
+    )
+    title = figures.draw_error(warned).get_suptitle()
+    assert title == "Warning: terrain.path = ground.tif: 3 cells are odd"
 
 
 @pytest.fixture(scope="module")

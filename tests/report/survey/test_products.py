@@ -13,8 +13,10 @@ import rasterio
 from pyproj import CRS
 
 from beams import make_antenna
+from sionna_radar import run
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.report.files.contents import Report
 from sionna_radar.report.files.points_table import write_laz, write_points_csv
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
@@ -34,6 +36,7 @@ KEYS = [
     "pulses",
     "paths",
     "echoes",
+    "readings",
     "receiver",
     "dem_error",
     "lit_error",
@@ -107,6 +110,21 @@ def test_all_files_are_written(survey: Survey, tmp_path: Path) -> None:
     # The folder has the permissions that any new folder gets.
     (tmp_path / "plain").mkdir()
     assert out.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("method", ["linear", "smooth"])
+def test_the_file_of_stated_errors_says_what_they_hold(method: str, tmp_path: Path) -> None:
+    flown = run(load_scenario("hills", {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "dem.method": method}))
+    write_survey(flown, tmp_path / "out", report=Report.NONE)
+    with rasterio.open(tmp_path / "out" / "dem_sigma.tif") as file:
+        (described,) = file.descriptions
+        assert file.tags()["QUANTITY"] == described
+    assert described.startswith("standard deviation of the DEM height: speckle and noise of the echoes")
+    holds, leaves_out = described.split("without what is common to all cells: ")
+    assert "navigation" in leaves_out
+    assert "navigation" not in holds
+    assert ("bias of the beam on slopes" in leaves_out) == (method == "linear")
 
 
 def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:

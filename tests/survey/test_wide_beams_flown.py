@@ -1,0 +1,72 @@
+"""Warnings of beams that are too wide: the bias of the echo in closed form, and intervals that do not hold."""
+
+import numpy as np
+import pytest
+
+from sionna_radar import Raster, load_scenario, prepare, run
+from sionna_radar.accuracy.truth import compare_dem
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.radar.antenna import two_way_spread
+from sionna_radar.survey.beam_bias import BeamBias, beam_bias, unmodelled_bias_warnings
+from sionna_radar.survey.warnings import interval_warnings
+
+LEVEL = {"terrain": {"kind": "flat", "size_m": [900.0, 900.0]}, "platform.length_m": 10.0}
+NARROW = {"radar.scan.half_swath_deg": 2.0, "radar.samples_per_chirp": 4096}
+
+
+@pytest.mark.parametrize(("beam_deg", "incidence_deg"), [(3.0, 20.0), (3.0, 60.0), (6.0, 55.0)])
+def test_the_bias_over_level_ground_is_that_of_the_closed_form(beam_deg, incidence_deg):
+    """r = h / cos: to second order in the beam's spread s, E[r] - r0 = r0 s^2 (1/2 - tan^2) with weights of r^-2.
+
+    Across the track h / (cos a cos e): r0 s^2 / 2, without a first-order term.
+    """
+    over = {"radar.antenna.beamwidth_deg": beam_deg, "radar.scan.incidence_deg": incidence_deg}
+    prepared = prepare(load_scenario("hills", LEVEL | NARROW | over))
+    bias = beam_bias(prepared.flight, prepared.scene, prepared.mapper.beam)
+    across, along = two_way_spread(prepared.antenna)
+    tan = np.tan(np.deg2rad(incidence_deg))
+    # A side ray of direction (1, s, 0) is longer by half of s^2 and meets the ground as far down: r = r0 (1 + s^2 / 2).
+    excess = along**2 * (0.5 - tan**2) + across**2 / 2
+    expected_m = -50.0 * excess
+    assert bias.typical_m == pytest.approx(abs(expected_m), rel=0.25)
+    assert np.sign(bias.height_m.mean()) == np.sign(expected_m)
+
+
+WIDE = {"radar.antenna.beamwidth_deg": 50.0, "platform.length_m": 10.0, "terrain.spacing_m": 2.0}
+
+
+def test_a_beam_whose_bias_exceeds_a_cell_is_warned_of_before_the_flight():
+    (only,) = prepare(load_scenario("hills", WIDE)).warnings
+    assert "the beam of 50 by 50 deg is too wide for this flight" in only
+    assert "more than a cell of the DEM (1 m)" in only
+    assert prepare(load_scenario("hills", WIDE | {"dem.spacing_m": 10.0})).warnings == ()
+
+
+def test_a_flown_map_states_too_little_of_a_wide_beam():
+    over = {"radar.antenna.beamwidth_deg": [50.0, 3.0], "terrain.seed": 3, "platform.length_m": 20.0}
+    warnings = run(load_scenario("hills", WIDE | over)).warnings
+    assert any("the beam biases heights by" in warning for warning in warnings)
+    assert any("the intervals of 95 % that `dem_sigma.tif` states hold" in warning for warning in warnings)
+
+
+GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=40, rows=30)
+
+
+def test_a_bias_below_what_is_stated_is_not_warned_of():
+    bias = BeamBias(place_m=np.array([[3.2, 4.1], [20.0, 20.0], [99.0, 99.0]]), height_m=np.array([0.3, -0.3, 40.0]))
+    sigma = Raster(grid=GRID, height_m=np.full(GRID.shape, 0.4))
+    assert list(unmodelled_bias_warnings(bias, sigma)) == []
+    less = Raster(grid=GRID, height_m=np.full(GRID.shape, 0.2))
+    (only,) = unmodelled_bias_warnings(bias, less)
+    assert "0.3 m RMS" in only
+    assert list(unmodelled_bias_warnings(bias, None)) == []
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(1.0, False), (0.75, False), (0.5, True)])
+def test_intervals_that_hold_less_than_four_fifths_are_warned_of(factor, warned):
+    """Of Gaussian errors 1.96 sigma hold 95 %, those of three quarters of sigma 86 %, those of a half 67 %."""
+    error_m = np.random.default_rng(2).normal(0, 0.3, GRID.shape)
+    truth = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
+    compared = compare_dem(Raster(grid=GRID, height_m=error_m), truth, np.ones(GRID.shape, bool), None)
+    found = list(interval_warnings(compared, Raster(grid=GRID, height_m=np.full(GRID.shape, 0.3 * factor))))
+    assert bool(found) == warned
