@@ -59,8 +59,6 @@ SCANNED = 0.03
 STEPS_IN_BEAM = 4
 # Steps of a parabola to a source's place, each half as wide.
 ASCENTS = 3
-# Samples of a window's response over a cell.
-BETWEEN_STEPS = 65
 # Passes over both sources.
 REFINEMENTS = 3
 # Least share of a source's vector outside of another's: a quarter of a beam.
@@ -114,7 +112,8 @@ class FrameMap:
         before, after = (np.roll(self.channel, side, axis)[rate, cell] for side in (1, -1))
         beside = np.einsum("nc,nc->n", own.conj(), after * turn - before * np.conj(turn)).real
         found = beside / np.maximum(np.sum(np.abs(own) ** 2, axis=1), 1e-300)
-        ahead = np.linspace(-0.5, 0.5, BETWEEN_STEPS)
+        # As finely as the window is sampled.
+        ahead = np.linspace(-0.5, 0.5, len(weights) + 1)
         behind, at, beyond = (_response(weights, ahead + side) for side in (1, 0, -1))
         return np.interp(found, ((beyond - behind) * at.conj()).real / np.abs(at) ** 2, ahead)
 
