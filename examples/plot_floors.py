@@ -51,6 +51,7 @@ figure.savefig("floors.png", dpi=110)
 # %%
 # Signal to noise, and how probably one range cell of the ground is detected.
 for one in budget.links:
-    print(f"{one.incidence_deg:g} deg, {one.rain_mm_per_h:g} mm/h: one range cell finds the ground up to {one.cell_reach_m:.0f} m")
+    case = f"{one.incidence_deg:g} deg, {one.rain_mm_per_h:g} mm/h"
+    print(f"{case}: one range cell finds the ground up to {one.cell_reach_m:.0f} m")
 figure = draw_link(budget)
 figure.savefig("link.png", dpi=110)
