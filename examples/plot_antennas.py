@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.radar import build_antenna, read_pattern, steered
+from sionna_radar.radar import build_antenna, steered
+from sionna_radar.readers.antennas import read_pattern
 from sionna_radar.scenario import ArrayAntennaTable, PatternAntennaTable
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ

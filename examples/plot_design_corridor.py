@@ -15,8 +15,8 @@ SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. The same 
 # %%
 import os
 
-from sionna_radar.report import draw_front, print_design
-from sionna_radar.studies import Area, plan_design, run_design
+from sionna_radar.studies.design import draw_front, plan_design, print_design, run_design
+from sionna_radar.studies.sweep import Area
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SHORT = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}

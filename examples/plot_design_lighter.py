@@ -15,8 +15,8 @@ the flights are short and few. The same from the command line, with costs of sev
 # %%
 import os
 
-from sionna_radar.report import draw_slices, print_design
-from sionna_radar.studies import Costs, plan_design, run_design
+from sionna_radar.studies.design import draw_slices, plan_design, print_design, run_design
+from sionna_radar.studies.sweep import Costs
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}

@@ -16,8 +16,7 @@ short and few. From the command line::
 # %%
 import os
 
-from sionna_radar.report import draw_slices, print_design
-from sionna_radar.studies import plan_design, run_design
+from sionna_radar.studies.design import draw_slices, plan_design, print_design, run_design
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}

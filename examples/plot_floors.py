@@ -12,8 +12,7 @@ With SIONNA_RADAR_SMALL=1 in the environment fewer pulses are flown.
 import os
 
 from sionna_radar import load_scenario
-from sionna_radar.report import draw_floors, draw_link
-from sionna_radar.studies import run_link_budget
+from sionna_radar.studies.link import draw_floors, draw_link, run_link_budget
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RADAR = {

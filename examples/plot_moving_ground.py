@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, prepare
-from sionna_radar.imaging import BackProjection, ground_pixels, whole_beam
 from sionna_radar.signal import synthesise
+from sionna_radar.studies.images import BackProjection, ground_pixels, whole_beam
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 BARE = {"materials.strong.gamma_db": -13.0, "buildings": [], "targets": []}

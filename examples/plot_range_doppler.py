@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.studies import run_frames
+from sionna_radar.studies.range_doppler import run_frames
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"tracing.scatterers_per_m2": 10.0} if SMALL else {}

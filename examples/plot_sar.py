@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from sionna_radar import load_scenario, prepare
 from sionna_radar.detection import SpectrumAnalyser
-from sionna_radar.imaging import (
+from sionna_radar.studies.images import (
     BackProjection,
     SideLooking,
     azimuth_resolution_m,

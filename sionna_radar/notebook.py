@@ -1,20 +1,15 @@
-"""Results in notebooks: a table and a picture, drawn by `sionna_radar.report.notebook` when one is shown."""
+"""Results in notebooks: tables and figures, drawn when one is shown."""
 
 import sys
+from collections.abc import Iterator
+from importlib import import_module
 from typing import Any
 
-# By module and class, so that none is loaded before it is used.
-SHOWN = (
-    ("sionna_radar.survey.result", "Survey"),
-    ("sionna_radar.studies.sweep", "Sweep"),
-    ("sionna_radar.studies.crosscheck", "CrossCheck"),
-    ("sionna_radar.studies.budget", "Budget"),
-    ("sionna_radar.studies.images", "Imagery"),
-)
+from sionna_radar.cli.discovery import installed_studies, study_module
 
 
 def register_with_ipython() -> None:
-    """Have IPython show results as HTML, if this is one of its sessions."""
+    """Have IPython show surveys and the records of studies as HTML, if this is one of its sessions."""
     if "IPython" not in sys.modules:
         return
     from IPython import get_ipython
@@ -23,11 +18,23 @@ def register_with_ipython() -> None:
     if shell is None:
         return
     formatter = shell.display_formatter.formatters["text/html"]
-    for module, name in SHOWN:
-        formatter.for_type_by_name(module, name, _html_of)
+    for module, name in _records():
+        formatter.for_type_by_name(module, name, html_of)
 
 
-def _html_of(result: Any) -> str:
-    from sionna_radar.report.notebook import html_of
+def _records() -> Iterator[tuple[str, str]]:
+    """Yield module and class of each result that notebooks show; none is loaded before it is used."""
+    yield "sionna_radar.survey.result", "Survey"
+    for study in installed_studies():
+        name = getattr(study_module(study), "RECORD", None)
+        if name is not None:
+            yield f"sionna_radar.studies.{study}.study", name
 
-    return html_of(result)
+
+def html_of(result: Any) -> str:
+    """Return a result as HTML: the tables and figures that `views` of its document returns."""
+    from sionna_radar.report.notebook import html_of as html_of_views
+
+    room = type(result).__module__.rpartition(".")[0]
+    document = "sionna_radar.report.survey.figures" if room == "sionna_radar.survey" else f"{room}.document"
+    return html_of_views(import_module(document).views(result), getattr(result, "warnings", ()))

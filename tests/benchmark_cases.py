@@ -21,11 +21,11 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.progress import peak_memory_mb
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.imaging.aperture import ground_pixels, whole_beam
-from sionna_radar.imaging.sar import ZERO_PADDING, BackProjection
 from sionna_radar.mapping.points import locate
 from sionna_radar.raytracer.backend import BACKEND_VARIABLE, gpu_usable
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.images.aperture import ground_pixels, whole_beam
+from sionna_radar.studies.images.sar import ZERO_PADDING, BackProjection
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.mimo import Mimo

@@ -53,6 +53,6 @@ def fly_or_die(task: Mapping[str, Any]) -> bytes:
     if '"beamwidth_deg":6' in task["scenario"]:
         os.kill(os.getpid(), signal.SIGKILL)
     # Only here: the other tasks begin at once.
-    from sionna_radar.studies.sweep import trial_task
+    from sionna_radar.studies.sweep.study import trial_task
 
     return trial_task(task)

@@ -10,7 +10,7 @@ from pyproj import CRS, Transformer
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.logs.log import own_frame
+from sionna_radar.flight.log import own_frame
 
 LON, LAT, HEIGHT = 8.5456, 47.3977, 488.0
 

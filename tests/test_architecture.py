@@ -1,7 +1,9 @@
 """The house: rooms in one order, no circles, and the ray tracer known to few."""
 
 import ast
+import importlib
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -32,13 +34,15 @@ ROOMS = (
     "detection",
     "mapping",
     "accuracy",
-    "imaging",
     "survey",
-    "studies",
+    "readers",
     "report",
     "cli",
+    "studies",
     "notebook",
 )
+# What the simulator runs without: questions about surveys, foreign formats, pages.
+ABOVE_THE_GATE = ("studies", "readers", "report.page", "report.survey.page")
 # They take numbers and objects; only the door of each reads tables of a scenario.
 PHYSICS = tuple(room for room in ROOMS[ROOMS.index("elevation") : ROOMS.index("survey")] if room != "scenario")
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
@@ -138,11 +142,92 @@ def test_a_circle_is_found():
     assert list(circles({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == ["a -> b -> c -> a"]
 
 
-def test_studies_neither_write_nor_draw():
+def test_studies_compute_apart_from_their_documents():
+    """Only `document.py` and `command.py` of a study write, draw or print, and no other file of it knows them."""
     for name, path in MODULES.items():
-        if name.startswith("studies"):
+        if name.startswith("studies.") and name.rpartition(".")[2] not in ("document", "command"):
             tops = {module.split(".")[0] for module in imports(path)}
             assert not tops & {"matplotlib", "rasterio", "laspy", "json", "rich"}, name
+            assert not {other for other in imported()[name] if other.startswith(("report", "cli"))}, name
+
+
+def test_nothing_outside_a_study_names_it():
+    """But the studies that declare their need of it, and the public names of the package."""
+    for name, others in imported().items():
+        own = name.split(".")[1] if name.startswith("studies.") else None
+        for other in {other.split(".")[1] for other in others if other.startswith("studies.")} - {own}:
+            assert own is not None, f"{name} imports the study {other}"
+            assert other in getattr(importlib.import_module(f"sionna_radar.studies.{own}"), "NEEDS", ()), name
+
+
+def test_the_line_does_not_import_what_is_above_the_gate():
+    below = ROOMS[: ROOMS.index("readers")]
+    for name, others in imported().items():
+        if name.split(".")[0] in below:
+            assert not [other for other in others if other.startswith((*ABOVE_THE_GATE, "report", "cli"))], name
+
+
+FLY = """
+import hashlib
+from sionna_radar import load_scenario, run
+for name, length in (("hills", 20.0), ("buildings", 20.0), ("rain", 10.0)):
+    survey = run(load_scenario(name, {"platform.length_m": length}))
+    arrays = survey.points.position_m, survey.points.range_sigma_m, survey.dem.height_m, survey.error.height_m
+    print(name, len(survey.points), hashlib.sha256(b"".join(map(bytes, arrays))).hexdigest())
+"""
+
+
+def without(folder: Path, *removed: str) -> Path:
+    """Return a folder with a copy of the package and its scenes, but for some modules and packages."""
+    shutil.copytree(PACKAGE, folder / PACKAGE.name)
+    shutil.copytree(PACKAGE.parent / "scenes", folder / "scenes")
+    for name in removed:
+        place = (folder / PACKAGE.name).joinpath(*name.split("."))
+        shutil.rmtree(place) if place.is_dir() else place.with_suffix(".py").unlink()
+    return folder
+
+
+def test_the_core_flies_alone(tmp_path):
+    """With all above the gate removed, surveys have the same bits."""
+    alone = run(FLY, without(tmp_path, "studies", "readers", "report", "cli", "notebook"))
+    assert alone.count("\n") == 3
+    assert alone == run(FLY)
+
+
+# Takes each study in turn out of the package, and imports all the rest anew; prints the commands that are left.
+EACH_AWAY = """
+import importlib, pathlib, sys
+import sionna_radar
+studies = pathlib.Path(sionna_radar.__file__).parent / "studies"
+for study, lost in {inside}.items():
+    away = (studies / study).rename(studies.parent.parent / study)
+    for name in [name for name in sys.modules if name.startswith("sionna_radar")]:
+        del sys.modules[name]
+    importlib.invalidate_caches()
+    for name in {names}:
+        if not (name + ".").startswith(lost):
+            importlib.import_module(name)
+    print(study, *(c.name for c in sys.modules["sionna_radar.cli.app"].LISTED))
+    away.rename(studies / study)
+"""
+
+
+def test_all_the_rest_is_imported_without_a_study(tmp_path):
+    """But the studies that declare their need of it; and the command line has the commands of all others."""
+    from sionna_radar.cli.app import LISTED
+
+    studies = sorted({name.split(".")[1] for name in MODULES if name.startswith("studies.")})
+    needs = {study: getattr(importlib.import_module(f"sionna_radar.studies.{study}"), "NEEDS", ()) for study in studies}
+    lost = {study: [other for other in studies if study in (other, *needs[other])] for study in studies}
+    inside = {study: tuple(f"sionna_radar.studies.{other}." for other in lost[study]) for study in studies}
+    # What traces is imported once by other tests, and is below the gate.
+    names = [f"sionna_radar.{name}" for name in MODULES if name != "__main__" and not name.startswith("tracing.")]
+    code = EACH_AWAY.format(names=names, inside=inside)
+    listed = [line.split() for line in run(code, without(tmp_path)).splitlines()]
+    assert listed == [
+        [study, *(c.name for c in LISTED if not c.call.__module__.startswith(inside[study]))] for study in studies
+    ]
+    assert len(studies) == 14
 
 
 def test_no_map_knows_the_truth():
@@ -177,9 +262,12 @@ def test_few_know_the_ray_tracer():
             assert not knows_the_ray_tracer(path), path.relative_to(PACKAGE)
 
 
-def run(code: str, **environment: str) -> str:
+def run(code: str, folder: Path | None = None, **environment: str) -> str:
+    """Return what a program prints; the package of a folder goes before the installed one."""
     settings = {key: value for key, value in os.environ.items() if key != "DRJIT_LIBLLVM_PATH"} | environment
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=settings, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=settings, check=False, cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -8,7 +8,7 @@ that `--help` answers at once.
 
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
@@ -16,46 +16,24 @@ import typer
 from typer.core import TyperGroup
 
 from sionna_radar.cli import commands, recordings, tools
+from sionna_radar.cli.discovery import installed_studies, study_module
+from sionna_radar.cli.session import Listed
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
 
-# The commands as `--help` lists them, by task.
-TASKS: dict[str, tuple[tuple[str, Callable[..., None]], ...]] = {
-    "Begin": (
-        ("demo", commands.demo),
-        ("init", tools.init),
-        ("plan", tools.plan),
-        ("validate", tools.validate),
-        ("show", tools.show),
-    ),
-    "Simulate": (
-        ("run", commands.run_command),
-        ("image", commands.image),
-        ("range-doppler", commands.range_doppler),
-        ("link", commands.link),
-        ("crosscheck", commands.crosscheck),
-    ),
-    "Study": (
-        ("design", commands.design),
-        ("sweep", commands.sweep),
-        ("merge", commands.merge),
-        ("budget", commands.budget),
-        ("compare", tools.compare),
-    ),
-    "Real data": (
-        ("process", recordings.process_command),
-        ("twin", recordings.twin_command),
-        ("calibrate", recordings.calibrate_command),
-        ("fit-materials", tools.fit_materials_command),
-        ("log", tools.log_command),
-    ),
-    "Reference": (
-        ("scenes", tools.scenes),
-        ("presets", tools.presets),
-        ("fit", tools.fit),
-        ("schema", tools.schema),
-        ("doctor", tools.doctor),
-    ),
-}
+# The sections of `--help`, in their order.
+TASKS = ("Begin", "Simulate", "Study", "Real data", "Reference")
+CORE = (*commands.COMMANDS, *recordings.COMMANDS, *tools.COMMANDS)
+
+
+def listed() -> list[Listed]:
+    """Return all commands by task: those of the simulator, then those of the studies that are here."""
+    found = list(CORE)
+    for study in installed_studies():
+        found += getattr(study_module(study, "command"), "COMMANDS", ())
+    return sorted(found, key=lambda command: TASKS.index(command.task))
+
+
+LISTED = listed()
 
 
 class CommandsByTask(TyperGroup):
@@ -63,13 +41,14 @@ class CommandsByTask(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in the order of `TASKS`."""
-        return [name for listed in TASKS.values() for name, _ in listed]
+        return [command.name for command in LISTED]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the sections of the list."""
-        for task, listed in TASKS.items():
+        for task in TASKS:
             with formatter.section(task):
-                formatter.write_dl([(name, (inspect.getdoc(call) or "").partition("\n\n")[0]) for name, call in listed])
+                rows = [(each.name, inspect.getdoc(each.call) or "") for each in LISTED if each.task == task]
+                formatter.write_dl([(name, text.partition("\n\n")[0]) for name, text in rows])
 
 
 app = typer.Typer(
@@ -80,9 +59,8 @@ app = typer.Typer(
     # Rich takes longer to import than anything else that `--help` needs.
     rich_markup_mode=None,
 )
-for _listed in TASKS.values():
-    for _name, _call in _listed:
-        app.command(name=_name)(_call)
+for _command in LISTED:
+    app.command(name=_command.name)(_command.call)
 
 
 def main() -> None:

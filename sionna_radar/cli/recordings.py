@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from sionna_radar.cli.session import (
-    MAX_REFERENCE_BYTES,
     RECORDING,
     TEAM,
     ApplyShiftOption,
     BlockOption,
+    Listed,
     MapOption,
     MeasuredHeights,
     ReferenceOption,
@@ -27,7 +27,6 @@ from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
-    from sionna_radar.studies.calibration import Calibration
     from sionna_radar.survey.observation import SampleType
     from sionna_radar.survey.result import Processed
 
@@ -139,7 +138,7 @@ def process_command(
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
-    from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
+    from sionna_radar.report.survey.processed import MARKER, print_processed, write_processed
     from sionna_radar.survey.reprocessing import identity_of, open_recording, process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
@@ -169,7 +168,7 @@ def process_command(
 
 def _describe(session: Session, capture: Path, config: Path) -> None:
     """Write the description of a raw capture, and say what it assumes."""
-    from sionna_radar.survey.recordings.capture_description import describe_capture
+    from sionna_radar.readers.captures.capture_description import describe_capture
 
     if session.overrides:
         raise ScenarioError.of("--describe", "takes no --set; change the description it writes", "command line")
@@ -181,129 +180,4 @@ def _describe(session: Session, capture: Path, config: Path) -> None:
         typer.echo(f"description in {path}; process it with: sionna-radar process {path}")
 
 
-@command(*RECORDING)
-def twin_command(
-    session: Session,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="As for `process`, with poses.")],
-    terrain: Annotated[
-        Path | None,
-        typer.Option("--terrain", metavar="FILE", help="Elevation raster of the ground; default: the scenario's own."),
-    ] = None,
-    base: Annotated[
-        str | None,
-        typer.Option(
-            "--base", metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."
-        ),
-    ] = None,
-    report: ReportOption = True,
-) -> None:
-    """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
-    from sionna_radar.report.files.contents import Report
-    from sionna_radar.report.studies.twin import MARKER, print_twin, write_twin
-    from sionna_radar.studies.twin import run_twin
-
-    page = Report.PAGE if report else Report.NONE
-    session.produce(
-        lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
-        suffix="_twin",
-        marker=MARKER,
-        write=lambda twin, folder: write_twin(twin, folder, report=page),
-        show=print_twin,
-        products=[page.name],
-    )
-
-
-@command(*RECORDING)
-def calibrate_command(
-    session: Session,
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORDING...", help="As for `process`, with poses; or folders of `run --record signals`."
-        ),
-    ],
-    reference: Annotated[
-        Path | None,
-        typer.Option(
-            "--reference",
-            metavar="FILE",
-            help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it lines "
-            "that overlap tell what they can.",
-        ),
-    ] = None,
-    estimate: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimate",
-            metavar="NAME",
-            help="An error to estimate (repeat): roll, pitch, heading, squint, lever_nose, lever_right, lever_down, "
-            "range_bias, range_scale, time_offset, velocity_east, velocity_north or velocity_up. Default: mounting, "
-            "range bias and time offset.",
-        ),
-    ] = None,
-    prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--prior",
-            metavar="NAME=SIGMA",
-            help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms); where Doppler is used also that "
-            "of velocity_east, velocity_north, velocity_up (m/s) and backscatter_slope (dB/deg).",
-        ),
-    ] = None,
-    drift: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--drift",
-            metavar="NAME=SIGMA",
-            help="An error that differs from line to line (repeat), also datum_east, datum_north or datum_up, and its "
-            "standard deviation between lines, e.g. heading=0.1 (deg).",
-        ),
-    ] = None,
-    reference_sigma: Annotated[
-        float,
-        typer.Option(
-            "--reference-sigma",
-            metavar="M",
-            min=0.0,
-            help="Standard deviation of the place and height of all of it, m.",
-        ),
-    ] = 0.0,
-    report: ReportOption = True,
-) -> None:
-    """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
-    from sionna_radar.foundation.input_file import regular_file
-    from sionna_radar.report.files.contents import Report
-    from sionna_radar.report.studies.calibration import MARKER, print_calibration, write_calibration
-    from sionna_radar.studies.calibration import DRIFTS, PRIORS, parse_deviations, parse_errors, run_calibration
-
-    page = Report.PAGE if report else Report.NONE
-    names = parse_errors(estimate or [])
-    priors = parse_deviations("--prior", prior or [], PRIORS)
-    between = parse_deviations("--drift", drift or [], DRIFTS)
-    if reference is not None:
-        regular_file(reference, "--reference", "give a GeoTIFF, LAS, LAZ or CSV file", MAX_REFERENCE_BYTES)
-    session.produce(
-        lambda _: run_calibration(
-            recordings,
-            reference,
-            names=names,
-            prior=priors,
-            drift=between,
-            reference_sigma_m=reference_sigma,
-            overrides=session.overrides,
-        ),
-        suffix="_calibration",
-        marker=MARKER,
-        write=lambda result, folder: write_calibration(result, folder, report=page),
-        show=print_calibration,
-        exit_code=_tell_refusal,
-        products=[page.name],
-    )
-
-
-def _tell_refusal(result: "Calibration") -> int:
-    """Print why no estimate is stated, and return the exit code: 1 then."""
-    if result.refused is None:
-        return 0
-    typer.echo(f"no estimate: {result.refused}", err=True)
-    return 1
+COMMANDS = (Listed("Real data", "process", process_command),)

@@ -219,6 +219,18 @@ def log_to_stderr(quiet: bool = False) -> None:
         each.filters = [is_new]
 
 
+def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
+    """Return the two numbers of a command-line option.
+
+    Raises ScenarioError if the text is not such a pair.
+    """
+    try:
+        first, second = (float(word) for word in text.lower().split(separator))
+    except ValueError as error:
+        raise ScenarioError.of(option, f"{text!r} is not a pair of numbers; give {form}", "plan") from error
+    return first, second
+
+
 def complete_scenario(incomplete: str) -> list[str]:
     """Complete the name of a shipped scenario or a TOML file."""
     from sionna_radar.scenario.loading import shipped_scenarios
@@ -402,3 +414,12 @@ def command(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]
         return called
 
     return decorate
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A command as `--help` lists it: under a task, by its name, with the first line of its docstring."""
+
+    task: str
+    name: str
+    call: Callable[..., None]

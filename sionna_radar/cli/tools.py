@@ -8,114 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.session import (
-    RECORDING,
-    ApplyShiftOption,
+    Listed,
     MapOption,
-    MeasuredHeights,
-    QuietOption,
-    ReferenceOption,
-    ReferenceSigmaOption,
     Session,
     command,
-    log_to_stderr,
     progress_shown,
 )
-from sionna_radar.foundation.errors import OutputError, ScenarioError
+from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
 
 if TYPE_CHECKING:
-    from sionna_radar.scenario.bases import TerrainParameters
-
-
-def plan(
-    area: Annotated[
-        str | None, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")
-    ] = None,
-    sampling: Annotated[
-        float | None, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")
-    ] = None,
-    base: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
-    ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")] = Path(
-        "plan.toml"
-    ),
-    position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
-    heading: Annotated[float, typer.Option(help="Clockwise rotation of the area about its centre, deg.")] = 0.0,
-    altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
-    speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
-    incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
-    half_swath: Annotated[float, typer.Option(help="Greatest scan angle, deg.")] = 50.0,
-    overlap: Annotated[float, typer.Option(help="Overlap of neighbouring swaths, as a share.")] = 0.2,
-    slope: Annotated[float, typer.Option(help="Steepest slope that must be free of shadow, deg.")] = 20.0,
-    most_rpm: Annotated[float, typer.Option(help="Fastest rotation of the antenna, rpm.")] = 600.0,
-    most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
-    calibration: Annotated[
-        bool,
-        typer.Option(
-            "--calibration",
-            help="Plan opposite and crossing lines at two heights over the middle of the base instead, for "
-            "`calibrate`: two scenarios, FILE_low.toml and FILE_high.toml.",
-        ),
-    ] = False,
-) -> None:
-    """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
-    from sionna_radar.report.studies.flights import PLAN_FILE, parse_pair, print_check, print_plan
-    from sionna_radar.scenario import load_scenario, to_toml
-    from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
-
-    log_to_stderr()
-    if calibration:
-        _plan_calibration(base, output, area, sampling)
-        return
-    if area is None or sampling is None:
-        missing = "--area" if area is None else "--sampling"
-        raise ScenarioError.of(missing, "is missing; add it, or --calibration", "command line")
-    PLAN_FILE.check(output)
-    wanted = Wanted(
-        size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
-        sampling_m=sampling,
-        position_m=parse_pair("--position", position, ",", "EAST,NORTH, e.g. 120,-40"),
-        heading_deg=heading,
-        altitude_m=altitude,
-        speed_mps=speed,
-        incidence_deg=incidence,
-        half_swath_deg=half_swath,
-        overlap=overlap,
-        greatest_slope_deg=slope,
-        most_rotation_rpm=most_rpm,
-        most_chirp_rate_hz=most_chirps,
-    )
-    taken = load_scenario(base) if base else None
-    planned = plan_flight(wanted, taken)
-    scenario = planned_scenario(planned, taken)
-    with progress_shown(quiet=False):
-        checked = check_plan(planned, scenario)
-    PLAN_FILE.write(output, to_toml(scenario, defaults=False))
-    print_plan(planned)
-    print_check(checked)
-    typer.echo(f"scenario in {shown(output)}")
-
-
-def _plan_calibration(base: str | None, output: Path, area: str | None, sampling: float | None) -> None:
-    """Write the two parts of a calibration flight."""
-    from sionna_radar.report.studies.flights import PLAN_FILE
-    from sionna_radar.scenario import load_scenario, to_toml
-    from sionna_radar.studies.planning import calibration_flights
-
-    if base is None or area is not None or sampling is not None:
-        key, remedy = ("--base", "is needed") if base is None else ("--calibration", "takes no --area and --sampling")
-        raise ScenarioError.of(key, f"{remedy}: ground, radar and height are the base's", "command line")
-    if output.is_dir():
-        raise OutputError(f"output = {shown(output)} is a folder; name a file, e.g. calibration.toml")
-    files = [output.with_name(f"{output.stem}_{part}{output.suffix}") for part in ("low", "high")]
-    for file in files:
-        PLAN_FILE.check(file)
-    with progress_shown(quiet=False):
-        flights = calibration_flights(load_scenario(base))
-    for file, flight in zip(files, flights, strict=True):
-        PLAN_FILE.write(file, to_toml(flight, defaults=False))
-    typer.echo(f"scenarios in {shown(files[0])} and {shown(files[1])}; fly both with `run --record signals`")
+    pass
 
 
 @command("scenario", "set_", "set_file", "seed", "network")
@@ -203,102 +106,6 @@ def doctor() -> None:
     typer.echo("one ray traced correctly")
 
 
-@command("scenario", "set_", "set_file")
-def fit(
-    session: Session,
-    material: Annotated[str, typer.Option("--material", metavar="NAME", help="A material of the scenario.")],
-    from_deg: Annotated[float, typer.Option(help="Least incidence angle of the fit.")] = 20.0,
-    to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
-) -> None:
-    """Fit a constant gamma to a material; print its residual and where the fit fails."""
-    from sionna_radar.studies.crosscheck import TOLERANCE_DB, fit_material
-
-    result = fit_material(session.load(), material, from_deg, to_deg)
-    typer.echo(f"{material}: gamma = {result.gamma_db:.2f} dB over {from_deg:g} to {to_deg:g} deg")
-    typer.echo(f"residual {result.rms_db:.2f} dB RMS over the span\n")
-    typer.echo("incidence (deg)  sigma0 (dB)  residual (dB)")
-    columns = (result.incidence_deg, result.sigma0_db, result.residual_db)
-    for angle, level, residual in list(zip(*columns, strict=True))[::5]:
-        typer.echo(f"{angle:15.0f}  {level:11.2f}  {residual:+13.2f}")
-    typer.echo(f"\nwhere it misses by more than {TOLERANCE_DB:g} dB:")
-    for failure in result.failures or ["nowhere"]:
-        typer.echo(f"  {failure}")
-
-
-@command("scenario", *RECORDING)
-def fit_materials_command(
-    session: Session,
-    levels: Annotated[
-        Path | None,
-        typer.Option(
-            "--levels",
-            metavar="FILE",
-            help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH, HV or an "
-            "angle in deg. Default: measured from traced echoes of the scenario.",
-        ),
-    ] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--free",
-            metavar="COVER.KEY",
-            help="A parameter to estimate (repeat). Default: gamma, or height, length, permittivity and loss.",
-        ),
-    ] = None,
-    prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--prior",
-            metavar="NAME=VALUE",
-            help="Known beforehand to (repeat): a factor for heights, lengths and permittivities, else in its unit.",
-        ),
-    ] = None,
-    calibration_sigma_db: Annotated[
-        float,
-        typer.Option("--calibration-sigma-db", metavar="DB", min=0.0, help="Unknown level of the radar, dB."),
-    ] = 0.0,
-    level_sigma_db: Annotated[
-        float,
-        typer.Option("--level-sigma-db", metavar="DB", min=0.0, help="Error of each level beside speckle, dB."),
-    ] = 0.0,
-    pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses taken, without --levels.")] = 2000,
-    recording: Annotated[
-        Path | None,
-        typer.Option(
-            "--recording",
-            metavar="FILE",
-            help="Levels of the recorded echoes of this flight, or of its folder of `run --record signals`.",
-        ),
-    ] = None,
-) -> None:
-    """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
-    from sionna_radar.report.studies.material_fit import MARKER, print_materials, write_materials
-    from sionna_radar.studies.calibration import parse_deviations
-    from sionna_radar.studies.material_fit import fit_materials, measure_levels
-    from sionna_radar.surfaces.backscatter import Levels
-    from sionna_radar.survey.preparation import prepare
-
-    if levels is not None and recording is not None:
-        raise ScenarioError.of("--recording", "gives levels, as --levels does; give one of them", "command line")
-    priors, given = parse_deviations("--prior", prior or []), None if levels is None else Levels.from_csv(levels)
-    loaded = session.load()
-    session.produce(
-        lambda _: fit_materials(
-            measure_levels(prepare(loaded), pulses, recording) if given is None else given,
-            loaded.all_materials,
-            loaded.radar.carrier_hz,
-            free=free or (),
-            prior=priors,
-            calibration_sigma_db=calibration_sigma_db,
-            level_sigma_db=level_sigma_db,
-        ),
-        suffix="_materials",
-        marker=MARKER,
-        write=write_materials,
-        show=print_materials,
-    )
-
-
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
     sources: Annotated[
@@ -315,7 +122,7 @@ def init(
     flown = None
     if sources:
         from sionna_radar.scenario.loading import scenario_from, start_text
-        from sionna_radar.studies.first_flight import first_flight
+        from sionna_radar.survey.first_flight import first_flight
 
         document = scenario_from(sources, path.absolute().parent)
         if path.is_file():
@@ -352,50 +159,6 @@ def schema() -> None:
     typer.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
 
 
-@command("output", "quiet")
-def log_command(
-    session: Session,
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, SBET .out, .gpx, .csv or .trj.")
-    ],
-    over: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
-    ] = None,
-    terrain: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw it over an elevation file with a CRS.")
-    ] = None,
-    start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
-    stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
-    gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
-    crs: Annotated[
-        str | None, typer.Option(metavar="CRS", help="CRS of a CSV log in map coordinates, e.g. EPSG:25832.")
-    ] = None,
-) -> None:
-    """Summarise a flight log, and draw it on a map."""
-    from sionna_radar.report.studies.flights import MARKER, print_log, write_log
-    from sionna_radar.studies.log_inspection import inspect_log
-
-    ground = _ground(over, terrain)
-    session.produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
-        suffix="_log",
-        marker=MARKER,
-        write=write_log,
-        show=print_log,
-    )
-
-
-def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
-    from sionna_radar.scenario import load_scenario
-    from sionna_radar.scenario.terrain import RasterTerrain
-
-    if over is not None and terrain is not None:
-        raise ScenarioError.of("--terrain", "contradicts --over; give the one or the other", "command line")
-    if terrain is not None:
-        return RasterTerrain(path=terrain)
-    return load_scenario(over).terrain if over is not None else None
-
-
 @command("scenario", "set_", "set_file", "network", "quiet")
 def show(
     session: Session,
@@ -427,50 +190,12 @@ def show(
         typer.echo(f"page in {shown(written)}")
 
 
-def compare(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR1 DIR2 ...", help="Folders of results of `run`; or of `sweep` and `design`."),
-    ],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for compare.html (default: none).")
-    ] = None,
-    reference: ReferenceOption = None,
-    reference_sigma: ReferenceSigmaOption = 0.0,
-    apply_shift: ApplyShiftOption = False,
-    quiet: QuietOption = False,
-) -> None:
-    """Compare several results: errors, differing settings, and maps side by side, or with measured heights."""
-    from sionna_radar.report.files.folder import check_output
-    from sionna_radar.report.page.compare import (
-        MARKER,
-        compare_folder,
-        print_comparison,
-        print_references,
-        read_results,
-        write_comparison,
-    )
-    from sionna_radar.report.studies.radar_design import is_study, print_studies
-    from sionna_radar.studies.comparison import compare_results
-
-    log_to_stderr(quiet)
-    if any(is_study(folder) for folder in folders):
-        if output is not None or reference is not None:
-            option = "--reference" if output is None else "-o"
-            raise ScenarioError.of(option, "is for folders of `run`; leave it out for studies", "command line")
-        print_studies(folders)
-        return
-    directory = check_output(output, MARKER) if output else None
-    heights = MeasuredHeights(reference, reference_sigma, apply_shift)
-    if heights.path is not None:
-        checks = [compare_folder(folder, heights.path, reference_sigma, apply_shift) for folder in folders]
-        if not quiet:
-            print_references(folders, checks)
-        if len(folders) == 1 and directory is None:
-            return
-    result = compare_results(read_results(folders))
-    written = write_comparison(result, directory) if directory else []
-    if not quiet:
-        print_comparison(result)
-        if directory:
-            typer.echo(f"{len(written)} files in {shown(directory)}")
+COMMANDS = (
+    Listed("Begin", "init", init),
+    Listed("Begin", "validate", validate),
+    Listed("Begin", "show", show),
+    Listed("Reference", "scenes", scenes),
+    Listed("Reference", "presets", presets),
+    Listed("Reference", "schema", schema),
+    Listed("Reference", "doctor", doctor),
+)

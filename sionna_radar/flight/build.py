@@ -13,7 +13,7 @@ from sionna_radar.flight.gusts import INTENSITY, Wind
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.flight.navigation import ErrorParts, InertialErrors, LoggedErrors
 from sionna_radar.flight.pulses import Navigation
-from sionna_radar.flight.recorded import LogPart, read_route
+from sionna_radar.flight.recorded import KEY, LogPart, recorded_route
 from sionna_radar.flight.route import PlannedRoute, Route, SurveyLines, lines_track
 from sionna_radar.flight.scan import ElectronicScan, RotatingScan, Scan, SideLookingScan
 from sionna_radar.flight.trajectory import Course, FlightPlan, Track, Trajectory
@@ -24,6 +24,7 @@ from sionna_radar.scenario.parts import NAVIGATIONS, SCANS
 from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable, Platform, WindTable
 from sionna_radar.scenario.processing import CalibrationTable
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
+from sionna_radar.scenario.readers import FLIGHT_LOG
 from sionna_radar.scenario.registry import Builder, registers, require
 
 
@@ -218,7 +219,8 @@ def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Rout
         on the ground.
     """
     if platform.log is not None:
-        return read_route(_log_part(platform, platform.log), frame)
+        log = FLIGHT_LOG(platform.log, KEY, platform.log_columns, platform.log_crs)
+        return recorded_route(log, _log_part(platform, platform.log), frame)
     off_ground = "start_m", "move platform.start_m, shorten platform.length_m"
     if platform.lines is not None:
         off_ground = "lines", "move lines.centre_m, shorten lines.length_m, turn more tightly (bank_deg)"
@@ -261,8 +263,6 @@ def build_wind(table: WindTable) -> Wind:
 def _log_part(platform: Platform, path: Path) -> LogPart:
     return LogPart(
         path=path,
-        columns=platform.log_columns,
-        crs=platform.log_crs,
         start_s=platform.log_start_s,
         stop_s=np.inf if platform.log_stop_s is None else platform.log_stop_s,
         gap_s=platform.log_gap_s,

@@ -8,8 +8,8 @@ rotation at a constant rate, since a rotation spline may overshoot there.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -22,9 +22,8 @@ from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline, PPoly
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.logs.cleaning import CleanLog, Finding, clean, one_time
-from sionna_radar.flight.logs.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
-from sionna_radar.flight.logs.reader import read_log
+from sionna_radar.flight.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
+from sionna_radar.flight.log_cleaning import CleanLog, Finding, clean, one_time
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
@@ -127,7 +126,7 @@ FARTHEST_M = 1e6
 class LogPart:
     """A part of a flight log, and how it is placed.
 
-    path, columns, crs: its file, the names of a CSV file's columns by ours, and the CRS of its map coordinates.
+    path: its file.
     start_s, stop_s: of the part, from its first position.
     gap_s: longest time without a position or an attitude that is interpolated.
     shift: "to_terrain" moves its middle to the local origin; or metres east, north, up.
@@ -135,8 +134,6 @@ class LogPart:
     """
 
     path: Path
-    columns: Mapping[str, str] = field(default_factory=dict)
-    crs: str | None = None
     start_s: float = 0.0
     stop_s: float = np.inf
     gap_s: float = 2.0
@@ -325,16 +322,15 @@ class RecordedRoute:
         }  # fmt: skip
 
 
-def read_route(part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
+def recorded_route(log: FlightLog, part: LogPart, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
     """Return the recorded flight of a scenario.
 
-    part: part of a log, and how it is placed.
+    log, part: the log, and the part of it that is flown, with how it is placed.
     frame: returns the local frame on the map, if the terrain has one.
 
-    Raises InputFileError if the log cannot be read, or its part is unusable: with the time, and a remedy.
+    Raises InputFileError if the part of the log is unusable: with the time, and a remedy.
     Raises ScenarioError if it is on the map and the terrain is not, or the part begins after its end.
     """
-    log = read_log(part.path, KEY, part.columns, part.crs)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
         raise InputFileError(f"{KEY} = {shown(part.path)}: {one_time(log)}")

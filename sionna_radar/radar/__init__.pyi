@@ -15,4 +15,3 @@ from .chirp import Chirp as Chirp
 from .equation import plane_echo as plane_echo
 from .pattern import ProductPattern as ProductPattern
 from .pattern import SphericalPattern as SphericalPattern
-from .pattern_files.reader import read_pattern as read_pattern

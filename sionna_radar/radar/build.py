@@ -17,11 +17,10 @@ from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, re
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.chirp import Chirp, used
 from sionna_radar.radar.mimo_array import UNAMBIGUOUS, MimoArray, code_of, difference_pattern, receiver_mixing
-from sionna_radar.radar.pattern_files.frequency import file_frequency_hz
-from sionna_radar.radar.pattern_files.reader import read_pattern
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
+from sionna_radar.scenario.readers import ANTENNA_FREQUENCY, ANTENNA_PATTERN
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers
 
@@ -68,7 +67,7 @@ def warn_of_frequency(table: AntennaParameters, carrier_hz: float) -> None:
         path = getattr(table, field, None)
         if not isinstance(path, Path):
             continue
-        stated = file_frequency_hz(path)
+        stated = ANTENNA_FREQUENCY(path)
         if stated is None or stated[0] * (1 - SAME_FREQUENCY) <= carrier_hz <= stated[1] * (1 + SAME_FREQUENCY):
             continue
         band = " to ".join(f"{frequency / 1e9:.4g}" for frequency in dict.fromkeys(stated))
@@ -245,7 +244,7 @@ def array_antenna(table: ArrayAntennaTable) -> Antenna:
         raise ScenarioError.of("radar.antenna", message)
     element: Pattern = ElementPattern(table.element_exponent)
     if table.element_pattern is not None:
-        element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
+        element = ANTENNA_PATTERN(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
     broadside = antenna_of(
         ArrayPattern(array_factor(positions, weights), element, (float(size[0]), float(size[1]))),
         polarization=table.polarization,
@@ -287,10 +286,10 @@ def measured_antenna(table: PatternAntennaTable) -> Antenna:
 
     Raises InputFileError for a file that cannot be read.
     """
-    transmit = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
+    transmit = ANTENNA_PATTERN(table.pattern, "radar.antenna.pattern", table.boresight)
     receive = None
     if table.receive_pattern is not None:
-        receive = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
+        receive = ANTENNA_PATTERN(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
     return antenna_of(
         transmit,
         receive,

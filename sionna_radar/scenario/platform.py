@@ -146,7 +146,7 @@ class Platform(Table):
 
     log: InputPath | None = None
     """PX4 ULog, ArduPilot DataFlash or telemetry log, SBET, GPX, CSV or HELIOS++ trajectory; see
-    `sionna_radar.flight.logs.csv_log`."""
+    `sionna_radar.readers.logs.csv_log`."""
     altitude_m: Annotated[Positive, Field(le=1e5)] | None = None
     """height above the ground under the start."""
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None

@@ -39,7 +39,12 @@ class Deferred:
     def function(self) -> Callable[..., Any]:
         """The function itself."""
         module, _, name = self.name.rpartition(".")
-        return getattr(import_module(f"{PACKAGE}.{module}"), name)
+        try:
+            return getattr(import_module(f"{PACKAGE}.{module}"), name)
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith(f"{PACKAGE}.{self.name.partition('.')[0]}"):
+                raise
+            raise RadarError(f"this needs {error.name}, which is not installed; install all of {PACKAGE}") from error
 
     def __call__(self, *given: Any) -> Any:
         """Call the function."""

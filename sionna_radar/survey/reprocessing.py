@@ -43,6 +43,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import processing_limits
@@ -54,7 +55,6 @@ from sionna_radar.survey.recordings.described import (
     Described,
     DescribedRanges,
     DescribedSignals,
-    open_described,
 )
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
@@ -151,7 +151,7 @@ def open_recording(
 
 def _opened(path: Path) -> AbstractContextManager[RecordingFile]:
     """Open a recording: a netCDF file, or a TOML file that describes one."""
-    return open_described(path) if path.suffix.lower() == ".toml" else open_signals(path)
+    return DESCRIBED_RECORDING(path) if path.suffix.lower() == ".toml" else open_signals(path)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,9 +18,9 @@ from sionna_radar.accuracy.reference import ReferenceCheck, ReferenceSurface, co
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
-from sionna_radar.report.page.compare import print_references
 from sionna_radar.report.page.sections import reference_section
 from sionna_radar.scene.footprints import Box
+from sionna_radar.studies.comparison.document import print_references
 
 GRID = Grid(west_m=-40.0, south_m=-35.0, spacing_m=1.0, columns=81, rows=71)
 

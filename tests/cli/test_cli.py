@@ -202,7 +202,7 @@ def test_help_loads_no_heavy_library():
 
 
 def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
-    from sionna_radar.studies import budget
+    from sionna_radar.studies.budget import study as budget
 
     few = tuple(error for error in budget.navigation_errors() if error.name == "position, up")
     monkeypatch.setattr(budget, "navigation_errors", lambda: few)

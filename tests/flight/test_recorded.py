@@ -12,7 +12,7 @@ from flight_logs import HEIGHT, LAT, LON, csv_columns, csv_text, flown, here, re
 from sionna_radar.elevation.local_frame import MapFrame, frame_at
 from sionna_radar.flight.build import build_navigation, plan_route
 from sionna_radar.flight.frames import body_motion, world_from_body
-from sionna_radar.flight.logs.log import Attitudes, Positions
+from sionna_radar.flight.log import Attitudes, Positions
 from sionna_radar.flight.recorded import attitude_spline, position_spline
 from sionna_radar.flight.trajectory import Flight
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError

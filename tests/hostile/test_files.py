@@ -16,7 +16,7 @@ from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioE
 from sionna_radar.foundation.input_file import read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.ground_cover import ClassRaster, classes_at
-from sionna_radar.studies.budget import load_grades
+from sionna_radar.studies.budget.study import load_grades
 from sionna_radar.surfaces.backscatter import TableBackscatter
 
 CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), frame=StatedFrame(crs="EPSG:32631"))

@@ -10,8 +10,8 @@ import pytest
 from flight_logs import HEIGHT, WRITERS, flown, here, regular, ulog_bytes, ulog_topics
 from mutants import mutated
 from sionna_radar.flight.build import plan_route
-from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.readers.logs.reader import read_log
 from sionna_radar.scenario.platform import Platform
 
 MUTANTS = 21  # of each of five kinds

@@ -10,7 +10,7 @@ from mutants import mutated
 from pattern_files import WRITERS
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.radar.pattern import directions_of
-from sionna_radar.radar.pattern_files.reader import read_pattern
+from sionna_radar.readers.antennas.reader import read_pattern
 
 MUTATIONS_EACH = 10
 

@@ -11,7 +11,7 @@ from numpy.lib import format as npy
 
 from mutants import mutated
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.survey.recordings.numpy_file import stored_arrays
+from sionna_radar.readers.recordings.numpy_file import stored_arrays
 
 SAMPLES = np.linspace(-1.0, 1.0, 600).reshape(20, 30)
 MUTANTS = 200
@@ -57,7 +57,7 @@ def test_arrays_are_those_that_were_saved(tmp_path):
 def test_an_array_larger_than_its_file_or_than_memory_is_refused_by_its_header(
     shape, zeros, said, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("sionna_radar.survey.recordings.numpy_file.MAX_UNPACKED_BYTES", 7_000_000)
+    monkeypatch.setattr("sionna_radar.readers.recordings.numpy_file.MAX_UNPACKED_BYTES", 7_000_000)
     path = packed(tmp_path / "claims.npz", header(shape), zeros)
     tracemalloc.start()
     try:

@@ -14,7 +14,7 @@ from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report.files import folder
 from sionna_radar.report.files.folder import MANIFEST, check_output, finished_as, note_run, read_manifest, write_folder
 from sionna_radar.report.page.show import PAGE_FILE
-from sionna_radar.report.studies.flights import PLAN_FILE
+from sionna_radar.studies.planning.document import PLAN_FILE
 
 MARKER = "summary.json"
 

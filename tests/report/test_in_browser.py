@@ -10,12 +10,12 @@ import pytest
 
 from browser import chromium, colours_in, opened, started
 from sionna_radar import load_scenario, process, run, run_twin
-from sionna_radar.report.page.compare import comparison_page
 from sionna_radar.report.page.show import show_page
-from sionna_radar.report.studies.processed import recording_page
-from sionna_radar.report.studies.twin import twin_page
 from sionna_radar.report.survey.page import survey_page
-from sionna_radar.studies.comparison import compare_results
+from sionna_radar.report.survey.processed import recording_page
+from sionna_radar.studies.comparison.document import comparison_page
+from sionna_radar.studies.comparison.study import compare_results
+from sionna_radar.studies.twin.document import twin_page
 
 pytest.importorskip("playwright", reason="playwright, of the development extra, is not installed")
 if chromium() is None:

@@ -14,7 +14,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.analog_filters import HighPass, RangeGain
 from sionna_radar.signal.beat import SampleGrid, synthesise
 from sionna_radar.signal.receiver import add_noise
-from sionna_radar.studies.link_spectra import floors_of
+from sionna_radar.studies.link.spectra import floors_of
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import Paths
 

@@ -8,9 +8,9 @@ import pytest
 
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.studies.budget import (
+from sionna_radar.studies.budget.document import MARKER, print_budget, write_budget
+from sionna_radar.studies.budget.study import (
     GRADES,
     NavigationError,
     find_limit,

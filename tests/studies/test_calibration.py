@@ -29,16 +29,16 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.calibration import Knowledge, solve
 from sionna_radar.mapping.echo_model.beam import beam_nodes
-from sionna_radar.mapping.instrument_echoes import Readings, Together
-from sionna_radar.report.studies.calibration import (
+from sionna_radar.studies.calibration.document import (
     calibration_document,
     calibration_page,
     calibration_toml,
     write_calibration,
 )
-from sionna_radar.studies.calibration import (
+from sionna_radar.studies.calibration.estimation import Knowledge, solve
+from sionna_radar.studies.calibration.instrument_echoes import Readings, Together
+from sionna_radar.studies.calibration.study import (
     DOPPLER_ERRORS,
     PRIORS,
     USUAL,
@@ -48,7 +48,7 @@ from sionna_radar.studies.calibration import (
     parse_errors,
     run_calibration,
 )
-from sionna_radar.studies.planning import calibration_flights
+from sionna_radar.studies.planning.study import calibration_flights
 from sionna_radar.survey.reprocessing import open_recording
 
 ERRORS = {"roll": 0.4, "pitch": -0.5, "heading": 0.3, "time_offset": 5.0}

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-import sionna_radar.studies.crosscheck
+import sionna_radar.studies.crosscheck.study
 from sionna_radar.execution.execution import Execution
-from sionna_radar.report.studies.crosscheck import crosscheck_summary, write_crosscheck
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, run_crosscheck
+from sionna_radar.studies.crosscheck.document import crosscheck_summary, write_crosscheck
+from sionna_radar.studies.crosscheck.study import CrossCheck, Tolerances, run_crosscheck
 
 
 def small_hills(**tracing):
@@ -151,7 +151,7 @@ def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check
 
 def test_the_command_fails_where_the_engines_differ(cli, small, tmp_path, monkeypatch):
     strict = partial(Tolerances, mean_power_db=-1.0)
-    monkeypatch.setattr(sionna_radar.studies.crosscheck, "Tolerances", strict)
+    monkeypatch.setattr(sionna_radar.studies.crosscheck.study, "Tolerances", strict)
     done = cli("crosscheck", small, "-o", tmp_path / "check", "--set", "platform.length_m=2", code=1)
     assert "DIFFER" in done.stdout
     assert (tmp_path / "check" / "crosscheck.json").is_file()

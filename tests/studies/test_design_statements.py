@@ -11,12 +11,13 @@ import pytest
 
 from sionna_radar.execution.workers import document_bytes
 from sionna_radar.foundation.columns import packed
-from sionna_radar.report.studies.radar_design import print_design, sentence, statements
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies import design_search, sweep
-from sionna_radar.studies.design_search import run_design
-from sionna_radar.studies.quantities import parse_requirement, quantities_of
-from sionna_radar.studies.radar_design import FLAT, INACTIVE, RELAXED, plan_design, standing_of
+from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design.document import print_design, sentence, statements
+from sionna_radar.studies.design.plan import FLAT, INACTIVE, RELAXED, plan_design, standing_of
+from sionna_radar.studies.design.study import run_design
+from sionna_radar.studies.sweep import study as sweep
+from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
 
 BEAM, HEIGHT, RPM = "radar.antenna.beamwidth_deg", "platform.altitude_m", "radar.scan.rotation_rpm"
 OTHERS = dict.fromkeys(("count", "min_m", "max_m", "std_m", "mean_m", "nmad_m", "le68_m", "le95_m"), 0.1) | {
@@ -69,7 +70,7 @@ MARKED = [pytest.param(*search, marks=() if n in (0, 6) else pytest.mark.study) 
 @pytest.mark.parametrize(("law", "free", "asked"), MARKED)
 def test_statements_hold_against_the_printed_optimum_the_flights_and_the_law(small, monkeypatch, law, free, asked):
     for name, value in {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64}.items():
-        monkeypatch.setattr(design_search, name, value)
+        monkeypatch.setattr(design_study, name, value)
     monkeypatch.setattr(sweep, "trial_task", law.pretended)
     design = run_design(plan_design(small, free, surveys=36, repeat=4, **asked))
     holds_against_flights(design)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from sionna_radar.studies.design_search import run_design
-from sionna_radar.studies.quantities import parse_requirement, quantities_of
-from sionna_radar.studies.radar_design import plan_design, standing_of
-from sionna_radar.studies.surrogate import hypervolume
-from sionna_radar.studies.sweep import Sweep, label, plan_sweep, run_sweep
+from sionna_radar.studies.design.plan import plan_design, standing_of
+from sionna_radar.studies.design.study import run_design
+from sionna_radar.studies.design.surrogate import hypervolume
+from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
+from sionna_radar.studies.sweep.study import Sweep, label, plan_sweep, run_sweep
 
 pytestmark = pytest.mark.study
 

@@ -18,13 +18,13 @@ from sionna_radar.cli.app import app
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.imaging.aperture import PixelGrid
-from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch, point_beside
-from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery, write_slar
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
-from sionna_radar.studies.images import image_recording, run_images
+from sionna_radar.studies.images.aperture import PixelGrid
+from sionna_radar.studies.images.document import MARKER, print_image, write_imagery, write_slar
+from sionna_radar.studies.images.point_response import Point, Widths, isolated, measured_in_patch, point_beside
+from sionna_radar.studies.images.study import image_recording, run_images
 
 EAST, GROUND = 1.0, 29.0
 SMALL = {

@@ -12,7 +12,6 @@ from scipy.special import digamma, polygamma
 
 from sionna_radar import run
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.studies.material_fit import measure_words, trade_off_words
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.materials import (
     ConstantGamma,
@@ -22,7 +21,8 @@ from sionna_radar.scenario.materials import (
     PhysicalOptics,
     SmallPerturbation,
 )
-from sionna_radar.studies.material_fit import SURPRISE, fit_materials, measure_levels
+from sionna_radar.studies.material_fit.document import measure_words, trade_off_words
+from sionna_radar.studies.material_fit.study import SURPRISE, fit_materials, measure_levels
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter, Levels
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.radar_material import RadarMaterial

@@ -19,14 +19,14 @@ from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.report.files.contents import strict_json
-from sionna_radar.report.studies.sweep import summary
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies import sweep as sweep_module
-from sionna_radar.studies.budget import GRADES, navigation_errors, run_budget
-from sionna_radar.studies.crosscheck import CrossCheck, run_crosscheck
-from sionna_radar.studies.design import parse_design
-from sionna_radar.studies.sweep import SweepPlan, plan_sweep, run_sweep
+from sionna_radar.studies.budget.study import GRADES, navigation_errors, run_budget
+from sionna_radar.studies.crosscheck.study import CrossCheck, run_crosscheck
+from sionna_radar.studies.sweep import study as sweep_module
+from sionna_radar.studies.sweep.document import summary
+from sionna_radar.studies.sweep.settings import parse_design
+from sionna_radar.studies.sweep.study import SweepPlan, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey

@@ -12,8 +12,9 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import taylor
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
-from sionna_radar.studies.quantities import (
+from sionna_radar.studies.design.plan import RESULTS
+from sionna_radar.studies.planning.study import Wanted, plan_flight, planned_scenario
+from sionna_radar.studies.sweep.quantities import (
     QUANTITIES,
     Area,
     check_consistent,
@@ -24,7 +25,6 @@ from sionna_radar.studies.quantities import (
     read_costs,
     taylor_aperture_m,
 )
-from sionna_radar.studies.radar_design import RESULTS
 from sionna_radar.survey.preparation import prepare
 
 H, V = 50.0, 10.0

@@ -12,7 +12,9 @@ from sionna_radar.execution.workers import Failure, document_bytes
 from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.report.studies.radar_design import (
+from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design.document import (
     design_page,
     design_summary,
     print_design,
@@ -20,13 +22,12 @@ from sionna_radar.report.studies.radar_design import (
     statements,
     write_design,
 )
-from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies import design_search, sweep
-from sionna_radar.studies.design import Axis, Span
-from sionna_radar.studies.design_search import run_design
-from sionna_radar.studies.quantities import Area, parse_requirement, read_costs
-from sionna_radar.studies.radar_design import plan_design, standing_of, worst
-from sionna_radar.studies.surrogate import Space, Surrogate, flown_probability, hypervolume, improvement, pareto
+from sionna_radar.studies.design.plan import plan_design, standing_of, worst
+from sionna_radar.studies.design.study import run_design
+from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, hypervolume, improvement, pareto
+from sionna_radar.studies.sweep import study as sweep
+from sionna_radar.studies.sweep.quantities import Area, parse_requirement, read_costs
+from sionna_radar.studies.sweep.settings import Axis, Span
 
 BEAM, HEIGHT = "radar.antenna.beamwidth_deg", "platform.altitude_m"
 FREE = [f"{BEAM}=1:8:log", f"{HEIGHT}=30:60"]
@@ -65,7 +66,7 @@ def pretend(patch):
     sizes = {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64, "MAPS": 1}
     patch.setattr(sweep, "trial_task", pretended)
     for name, value in sizes.items():
-        patch.setattr(design_search, name, value)
+        patch.setattr(design_study, name, value)
 
 
 @pytest.fixture(autouse=True)

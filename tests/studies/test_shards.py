@@ -7,8 +7,8 @@ import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.files.folder import lasting_columns
-from sionna_radar.report.studies.sweep import read_sweep, write_sweep
-from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
+from sionna_radar.studies.sweep.document import read_sweep, write_sweep
+from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
 
 
 def lasting(path):
@@ -83,7 +83,7 @@ def test_what_is_no_shard_is_refused(text):
 def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
     command = ("sweep", small, "--vary", f"{BEAM}=2,400", "-o", tmp_path / "study", "--resume")
     cli(*command, code=1)  # the cell that cannot be flown
-    monkeypatch.setattr("sionna_radar.studies.sweep.run_sweep", None)
+    monkeypatch.setattr("sionna_radar.studies.sweep.study.run_sweep", None)
     again = cli(*command, code=1)
     assert again.stderr == ""
     assert "nothing to do" in again.stdout

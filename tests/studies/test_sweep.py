@@ -14,15 +14,15 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.notebook import html_of
 from sionna_radar.report.drawing import BLUE
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.folder import lasting_columns
-from sionna_radar.report.notebook import html_of
-from sionna_radar.report.studies.sweep import abscissa, errors, print_sweep, summary
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.comparison import Ranking, ranked
-from sionna_radar.studies.design import Axis, parse_design
-from sionna_radar.studies.sweep import label, plan_sweep, run_sweep, unequal_areas
+from sionna_radar.studies.sweep.document import abscissa, errors, print_sweep, summary
+from sionna_radar.studies.sweep.ranking import Ranking, ranked
+from sionna_radar.studies.sweep.settings import Axis, parse_design
+from sionna_radar.studies.sweep.study import label, plan_sweep, run_sweep, unequal_areas
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -182,7 +182,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
             raise failure
         return run(scenario, **keys)
 
-    monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
+    monkeypatch.setattr("sionna_radar.studies.sweep.study.run", fly)
     sweep = run_sweep(plan)
     assert [len(case.trials) for case in sweep.cases] == [1, 0, 1]
     assert type(failure).__name__ in sweep.cases[1].reason
@@ -203,7 +203,7 @@ def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_p
     def sweep(out, *more, code=0):
         return cli("sweep", small, "--vary", f"{BEAM}=2,6", "--repeat", 2, "-o", tmp_path / out, "-q", *more, code=code)
 
-    monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
+    monkeypatch.setattr("sionna_radar.studies.sweep.study.run", fly)
     with pytest.raises(Interrupted) as interrupted:
         sweep("out")
     assert "--resume" in interrupted.value.__notes__[0]

@@ -14,8 +14,8 @@ from elevation_files import cell_centres, from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run, run_twin
 from sionna_radar.flight.pulses import GivenFlight
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.studies.twin import twin_document, twin_page, write_twin
-from sionna_radar.studies.twin_statistics import FALSE_ALARM, Statistic, rows_of
+from sionna_radar.studies.twin.document import twin_document, twin_page, write_twin
+from sionna_radar.studies.twin.statistics import FALSE_ALARM, Statistic, rows_of
 from sionna_radar.survey.custom_parts import CustomParts
 
 BLOCKS, LENGTH = 48, 20

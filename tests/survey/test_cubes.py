@@ -12,11 +12,11 @@ from modules import CHIRP, line_of
 from sionna_radar import load_scenario, prepare, process, run
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, OutputError, ScenarioError
+from sionna_radar.readers.captures.capture_file import capture_config, raw_counts, read_frames, receiver_samples
+from sionna_radar.readers.recordings.description import open_described
 from sionna_radar.signal.array_beats import FramePaths, array_beats
-from sionna_radar.studies.calibration import run_calibration
-from sionna_radar.studies.twin import run_twin
-from sionna_radar.survey.recordings.capture_file import capture_config, raw_counts, read_frames, receiver_samples
-from sionna_radar.survey.recordings.described import open_described
+from sionna_radar.studies.calibration.study import run_calibration
+from sionna_radar.studies.twin.study import run_twin
 from sionna_radar.survey.recordings.recorder import SignalRecorder
 
 FLIGHT = {

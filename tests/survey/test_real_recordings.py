@@ -15,7 +15,7 @@ from scipy.constants import speed_of_light
 from sionna_radar import RadarError, process
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.mapping.points import Points
-from sionna_radar.report.studies.processed import write_processed
+from sionna_radar.report.survey.processed import write_processed
 
 DATA = Path(os.environ.get("SIONNA_RADAR_RECORDINGS") or Path(__file__).parents[2].parent / "shared" / "data")
 CARRIER_HZ, BANDWIDTH_HZ, RATE_HZ, SAMPLES = 78e9, 1e9, 5e6, 256

@@ -21,7 +21,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import OutputError, PluginError
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
-from sionna_radar.report.studies.processed import processed_table, write_processed
+from sionna_radar.report.survey.processed import processed_table, write_processed
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.recordings import netcdf

@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar import run
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.quantities import quantities_of
+from sionna_radar.studies.sweep.quantities import quantities_of
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.swath import mapped_ground, planned_swath, way_flown_m
 

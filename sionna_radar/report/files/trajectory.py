@@ -28,7 +28,7 @@ GPX_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 def write_trajectory_csv(path: Path, track: FlownTrack, georeference: Georeference | None) -> None:
     """Write a flight as CSV.
 
-    The first columns are those of a log (`sionna_radar.flight.logs.csv_log`): time, true position in local metres,
+    The first columns are those of a log (`sionna_radar.readers.logs.csv_log`): time, true position in local metres,
     velocity and attitude at the navigation system, headings from grid north. Others follow: the pulse, the position on
     the map and in WGS 84 if georeferenced, and the antenna's true and measured pose.
 

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page.scene_data import compressed
@@ -36,23 +36,27 @@ POLICY = (
 MAX_BYTES = 15_000_000
 
 
-def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any) -> str:
+PACKAGE = "sionna_radar.report.page"
+
+
+def document(template: str, numbers: str, scripts: tuple[str, ...], package: str = PACKAGE, **shown: Any) -> str:
     """Return a page.
 
-    template: name of a template of this folder.
+    template: name of a template of this folder, or of a package.
     numbers: data for the scripts; see `scene_data`.
-    scripts: names of scripts of this folder besides `core.js`, which starts them.
+    scripts: names of scripts besides `core.js`, which starts them; of this folder, or of the package.
+    package: that of a study with its own template and scripts.
     shown: variables of the template, which escapes text.
 
     Raises OutputError if the page is larger than `MAX_BYTES`, or if plotly.js is not installed.
     """
     text = (
-        _templates()
+        _templates(package)
         .get_template(template)
         .render(
             policy=POLICY,
             style=_asset("page.css"),
-            code="\n".join(_asset(name) for name in ("core.js", *scripts)),
+            code="\n".join(_asset(name, package) for name in ("core.js", *scripts)),
             numbers=numbers,
             plotly=_plotly(),
             **shown,
@@ -65,9 +69,9 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], **shown: Any
 
 
 @cache
-def _templates() -> Environment:
+def _templates(package: str) -> Environment:
     return Environment(
-        loader=PackageLoader("sionna_radar.report.page", "."),
+        loader=ChoiceLoader([PackageLoader(name, ".") for name in dict.fromkeys((package, PACKAGE))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -77,8 +81,9 @@ def _templates() -> Environment:
 
 
 @cache
-def _asset(name: str) -> str:
-    return files("sionna_radar.report.page").joinpath(name).read_text(encoding="utf-8")
+def _asset(name: str, package: str = PACKAGE) -> str:
+    own = files(package).joinpath(name)
+    return (own if own.is_file() else files(PACKAGE).joinpath(name)).read_text(encoding="utf-8")
 
 
 @cache

@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
+from rich.table import Table
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
@@ -58,6 +59,7 @@ from sionna_radar.report.drawing import (
 )
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
+from sionna_radar.report.survey.summary import survey_table
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
@@ -472,3 +474,8 @@ def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:
 def _power_label(quantity: str, radar: RadarTable) -> str:
     # With snr_db the transmit power is unknown, and powers are relative to it.
     return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to transmitted)"
+
+
+def views(survey: Survey) -> list[Table | Figure]:
+    """Return what a notebook shows: the table, and the DEM."""
+    return [survey_table(survey), draw_dem(survey)]

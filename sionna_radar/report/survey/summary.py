@@ -4,19 +4,19 @@ Flights like those of the reference paper are compared with its results: Rouveur
 """
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pyproj import CRS
 from rich.table import Table
 
 from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
+from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import strict_json, without_nan
 from sionna_radar.report.terminal import console, reference_rows, table_of_values
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep import Trial
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
 
@@ -241,7 +241,19 @@ def _flown(survey: Survey) -> dict[str, str]:
     return rows
 
 
-def better_map(scenario: Scenario, flown: Survey | Trial) -> str:
+class Flown(Protocol):
+    """What has errors of a map: a survey, or one of a study."""
+
+    @property
+    def lit_error(self) -> DemError:
+        """Of lit cells."""
+
+    @property
+    def off_wall_error(self) -> DemError | None:
+        """Of lit cells that are not beside walls; None without walls."""
+
+
+def better_map(scenario: Scenario, flown: Flown) -> str:
     """Return the words for the smaller error of "refined"; "" where it does not apply or was not measured.
 
     It applies to whole echoes of ground without walls, in clear air.

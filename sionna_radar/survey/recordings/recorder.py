@@ -26,11 +26,11 @@ from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.scenario.readers import CAPTURE_WRITER
 from sionna_radar.survey.observation import Recorder, SampleType
 from sionna_radar.survey.preparation import Prepared, pulse_rate_hz
-from sionna_radar.survey.recordings.capture_file import Capture, config_text, files_of, is_capture
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
-from sionna_radar.survey.recordings.signal_file import LAYOUT
+from sionna_radar.survey.recordings.signal_file import LAYOUT, files_of, is_capture
 from sionna_radar.survey.sensors.sensor import Observation
 from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME
 
@@ -152,8 +152,8 @@ class SignalRecorder:
         self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
         self._capture = None
         if array is not None and is_capture(path):
-            module = partial(config_text, array, chirp, pulse_rate_hz(prepared.local), len(prepared))
-            self._capture = Capture(path, prepared.receiver.noise_power_w / len(self._parts), module)
+            noise_w, rate_hz = prepared.receiver.noise_power_w / len(self._parts), pulse_rate_hz(prepared.local)
+            self._capture = CAPTURE_WRITER(path, noise_w, array, chirp, rate_hz, len(prepared))
             path = path.with_suffix(".nc")
         kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
         self._file = new_recording(path, prepared, kind, "beat signals of a simulated FMCW radar")

@@ -38,14 +38,8 @@ from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
 from sionna_radar.mapping.mapper import MAX_DEM_CELLS, Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.readers import CAPTURED_FRAMES
 from sionna_radar.scenario.recorded import RecordedRadar
-from sionna_radar.survey.recordings.capture_file import (
-    bytes_after_frames,
-    capture_config,
-    capture_frames,
-    is_capture,
-    receiver_samples,
-)
 from sionna_radar.survey.recordings.netcdf import NetcdfInput, open_netcdf
 
 MAX_PULSES, MIN_SAMPLES, MAX_SAMPLES = 10_000_000, 32, 2**18
@@ -55,7 +49,7 @@ POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation
 GREATEST = 1e15
 FARTHEST_M, FASTEST_MPS = 1e6, 1e4
 LAYOUT = 1
-MAX_CAPTURE_BYTES = 64_000_000_000
+CAPTURE_SUFFIX, MAX_CAPTURE_BYTES = ".bin", 64_000_000_000
 UNITS = {"measured_position": "m", "measured_velocity": "m s-1", "time": "s"}
 # Share of pulses that look down, and of the way that positions and velocities agree on, at least; pulses looked at.
 MOSTLY, MOTION_PULSES = 0.8, 2000
@@ -89,6 +83,16 @@ class RecordedTruth:
     beside_wall: Bool[np.ndarray, "row column"] | None
 
 
+def is_capture(path: Path) -> bool:
+    """Return True if a recording is named as a raw capture."""
+    return path.suffix.lower() == CAPTURE_SUFFIX
+
+
+def files_of(kind: str, path: Path) -> list[Path]:
+    """Return the files of a recording: of a raw capture also its configuration, and all but its samples in netCDF."""
+    return [path, *(path.with_suffix(end) for end in (".cfg", ".nc") if kind == "cube" and is_capture(path))]
+
+
 @contextmanager
 def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
     """Open a recording of beat signals.
@@ -113,12 +117,11 @@ class SignalFile:
         if "capture" in (kept := file.attributes_of("radar")):
             place = folder / Path(str(kept["capture"])).name
             regular_file(place, "radar:capture =", REMEDY, MAX_CAPTURE_BYTES)
-            config, (count,) = capture_config(place.with_suffix(".cfg")), self._vector(kept, "count", 1)
-            raw = capture_frames(place, config)
-            if bytes_after_frames(place, config):
+            (count,), capture = self._vector(kept, "count", 1), CAPTURED_FRAMES(place)
+            if capture.leftover_bytes:
                 file.fail(f"its capture {shown(place)} ends within a frame; get the whole file")
-            self._capture, self._iq = (raw, config, count), config.complex_samples
-            self._shape: tuple[int, ...] = (len(raw), raw.shape[1], config.receivers, config.samples)
+            self._capture, self._iq = (capture, count), capture.iq
+            self._shape: tuple[int, ...] = capture.shape
             self._check_kind()
         else:
             self._beat = [file.variable(name) for name in ("beat_i", "beat_q") if name == "beat_i" or name in file]
@@ -270,8 +273,8 @@ class SignalFile:
         Raises InputFileError for samples that are no finite numbers.
         """
         if self._capture is not None:
-            raw, config, count = self._capture
-            return [receiver_samples(raw[pulses.index], config) * count]
+            capture, count = self._capture
+            return [capture.samples(pulses.index) * count]
         parts = [self._file.unpacked(beat, self._file.rows(beat, pulses.index)) for beat in self._beat]
         beat = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
         # False for samples that are no numbers, too.

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.flown_track import flown_track
-from sionna_radar.flight.logs.reader import read_log
+from sionna_radar.readers.logs.reader import read_log
 from sionna_radar.report.files.trajectory import START, write_gpx, write_trajectory_csv
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.preparation import Prepared, prepare

@@ -1,1 +1,0 @@
-"""Range-Doppler maps of frames of chirps, and detection in two dimensions."""

@@ -1,1 +1,0 @@
-"""Recorded flights: one file a format, what they have in common, and whether it can be flown."""

@@ -1,1 +1,0 @@
-"""Files of measured and computed radiation patterns, one module a family of formats."""

@@ -1,0 +1,1 @@
+from .reader import read_pattern as read_pattern

@@ -1,0 +1,1 @@
+"""Raw captures of the DCA1000 card, and their chirp configurations."""

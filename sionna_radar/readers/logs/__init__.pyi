@@ -1,0 +1,1 @@
+from .reader import read_log as read_log

@@ -1,0 +1,1 @@
+"""Recordings of other programs, described by a TOML file."""

@@ -1,1 +1,0 @@
-"""Files, figures and tables of each study."""

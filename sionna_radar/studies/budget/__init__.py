@@ -1,0 +1,7 @@
+"""Budget: the GPS/IMU accuracy that a survey needs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+RECORD = "Budget"

@@ -1,0 +1,606 @@
+"""Estimates of errors of an instrument: what a flight tells of them, and how well.
+
+With the prior of an instrument as it was mounted, the posterior's covariance is the inverse of the information of its
+echoes (`instrument_echoes`) and the prior's. An error is told by a flight if its standard deviation falls to less than
+`TOLD` of the one beforehand. One that is not stays at zero, and its uncertainty goes into that of the others
+("consider" parameters: Schmidt 1966, "Application of state-space methods to navigation problems").
+
+The score's real covariance decides about that of the estimate (Huber 1967, "The behavior of maximum likelihood
+estimates under nonstandard conditions"). Weak cells count less than the information assumes, and where the model errs,
+over trees or by a coarse reference, it errs alike along stretches of the flight. So all variances are multiplied with
+the factor by which the scores of stretches scatter more than their information says. What speckle alone makes of it
+follows from its covariance between cells and pulses; more than that, and more than chance explains, says that the model
+misses something.
+
+Where the reference lies beside its own datum is an error like the others: `datum_east` and so on, of the flight's
+position minus the reference's.
+
+Errors of an instrument from overlapping lines over ground that is not known, or known at a few places.
+
+The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
+the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each as high
+as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
+information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being
+the heights that stand for an error, a step of scoring solves
+
+    [ I + G'G     G'J        ] [du]       [ s_u - u              ]
+    [ J'G         J'J + P^-1 ] [dtheta] = [ s_theta - P^-1 theta ]
+
+with s the scores. The ground is eliminated: what is left for theta is its information less what the ground could
+explain as well (Schur complement), so that the standard deviations hold what the terrain does not tell. Heights of
+single places, measured otherwise, are further rows of G.
+
+The information is divided by the scatter of the scores of speckle beforehand, so that echoes and terrain have the
+weights of their variances (see `calibration`).
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_matrix
+from scipy.stats import chi2
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.terrain.echo_heights import echo_surface, reaching
+from sionna_radar.mapping.terrain.smoothing import TerrainModel
+from sionna_radar.studies.calibration.instrument_echoes import (
+    Drift,
+    ErrorsLinearised,
+    Nearness,
+    Step,
+    Together,
+    WholeEchoes,
+)
+
+# Share of its standard deviation beforehand to which that of an error must fall to be told: the echoes then hold eight
+# times the information of the prior.
+TOLD = 1 / 3
+# Steps of scoring at most.
+MAX_STEPS = 12
+# Probability of scores that scatter so, below which the model of the echoes is said to miss something.
+SURPRISE = 1e-3
+# Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
+# standard deviation over a survey is below 0.01.
+MAX_MISFIT = 1.2
+# Scatter of stretches over that of speckle above which errors of the model decide, not the instrument's. By choice:
+# over woods of 8 m it was 79, of a flown altimeter 70, and of one over open country whose bias wanders 6.
+MAX_EXCESS = 10.0
+# Components of a direction that are named.
+NAMED = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knowledge:
+    """What a flight tells of errors whose standard deviations are known beforehand.
+
+    names: of the errors; prior: their standard deviations beforehand; information: of the echoes. All SI.
+    """
+
+    names: tuple[str, ...]
+    prior: Float[np.ndarray, " error"]
+    information: Float[np.ndarray, "error error"]
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "error error"]:
+        """Covariance of the errors after the flight."""
+        # In units of the prior, where the matrix is well conditioned.
+        scaled = self.prior[:, None] * self.information * self.prior + np.eye(len(self.prior))
+        return self.prior[:, None] * np.linalg.inv(scaled) * self.prior
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " error"]:
+        """Standard deviations of the errors after the flight."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "error error"]:
+        """Correlations of the errors after the flight."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
+    @cached_property
+    def told(self) -> Bool[np.ndarray, " error"]:
+        """Which errors the flight tells: what is left once the others, the least known first, are held.
+
+        One that is held keeps its uncertainty beforehand, and adds to that of the others.
+        """
+        told = np.ones(len(self.names), dtype=bool)
+        while told.any():
+            sigma = np.sqrt(np.diag(self.considered(told)))
+            share = np.where(told, sigma / self.prior, 0.0)
+            if share.max() <= TOLD:
+                break
+            told[int(np.argmax(share))] = False
+        return told
+
+    def considered(self, free: Bool[np.ndarray, " error"]) -> Float[np.ndarray, "error error"]:
+        """Return the covariance if some errors are estimated, and the others are held at zero."""
+        known = Knowledge(
+            names=tuple(n for n, is_free in zip(self.names, free, strict=True) if is_free),
+            prior=self.prior[free],
+            information=self.information[np.ix_(free, free)],
+        )
+        result = np.diag(self.prior**2)
+        if free.any():
+            gain = -known.covariance @ self.information[np.ix_(free, ~free)]
+            cross = gain * self.prior[~free] ** 2
+            result[np.ix_(free, free)] = known.covariance + cross @ gain.T
+            result[np.ix_(free, ~free)], result[np.ix_(~free, free)] = cross, cross.T
+        return result
+
+    @property
+    def unseen(self) -> list[dict[str, float]]:
+        """Directions in which errors trade off, as how much of each (SI) leaves the echoes as they are.
+
+        Those along which the standard deviation stays above `TOLD` of the one beforehand, worst first; of each the
+        parts that are more than `NAMED` of the greatest, in units of the prior.
+        """
+        value, vector = np.linalg.eigh(self.prior[:, None] * self.information * self.prior)
+        found = []
+        for k in np.flatnonzero(1 / (1 + np.maximum(value, 0.0)) > TOLD**2):
+            part = vector[:, k] / np.abs(vector[:, k]).max()
+            part *= np.sign(part[int(np.argmax(np.abs(part)))])
+            found.append(
+                {n: float(p * s) for n, p, s in zip(self.names, part, self.prior, strict=True) if abs(p) > NAMED}
+            )
+        return found
+
+    def with_more(self, information: Float[np.ndarray, "error error"]) -> "Knowledge":
+        """Return the knowledge with the echoes of another flight added."""
+        return replace(self, information=self.information + information)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """Estimated errors.
+
+    before: what the flight tells by the poses as they were believed, before anything is estimated.
+    knowledge: what it tells at the estimate, with the information divided by `scatter`.
+    told: which errors are estimated; the others are held at zero.
+    value, covariance: of all of them, SI.
+    scatter: factor on the variances; excess: it over that of speckle; surprise: the probability of such an excess.
+    misfit: squared residuals of the echoes over those of speckle.
+    step: what each pulse says at the estimate.
+    drift: what differs between lines; apart, apart_sigma: by how much on each, and the standard deviations.
+    """
+
+    before: Knowledge
+    knowledge: Knowledge
+    told: Bool[np.ndarray, " error"]
+    value: Float[np.ndarray, " error"]
+    covariance: Float[np.ndarray, "error error"]
+    scatter: float
+    excess: float
+    surprise: float
+    misfit: float
+    step: Step
+    drift: Drift
+    apart: Float[np.ndarray, "line drift"]
+    apart_sigma: Float[np.ndarray, "line drift"]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the errors."""
+        return self.knowledge.names
+
+    @property
+    def model_holds(self) -> bool:
+        """Whether the echoes are no farther from the model than speckle and chance explain."""
+        return self.surprise >= SURPRISE and self.misfit <= MAX_MISFIT
+
+    @property
+    def of_other_ground(self) -> bool:
+        """Whether the echoes are so far from the model that an estimate from them would be none."""
+        return self.misfit > MAX_MISFIT or (self.surprise < SURPRISE and self.excess > MAX_EXCESS)
+
+    def held(self) -> "Solution":
+        """Return no estimate: all errors are as uncertain as beforehand."""
+        return replace(
+            self,
+            told=np.zeros_like(self.told),
+            value=np.zeros_like(self.value),
+            covariance=np.diag(self.knowledge.prior**2),
+        )
+
+    def next_range_bias(self, line: Int[np.ndarray, " pulse"]) -> tuple[float, float] | None:
+        """Return the range bias of another flight as long, and its standard deviation, SI; None if none is told.
+
+        line: number of the flight line of each pulse. The bias wanders with the residuals; see `continued`.
+        """
+        step, name = self.step, "range_bias"
+        if name not in self.names or not self.told[self.names.index(name)]:
+            return None
+        weight = np.nan_to_num(step.weight / step.sigma_m**2)
+        number = stretches(line)
+        total = np.bincount(number, weight)
+        means = (np.bincount(number, weight * np.nan_to_num(step.residual_m)) / np.maximum(total, 1e-300))[total > 0]
+        if len(means) < FEWEST_STRETCHES:
+            return None
+        mean, sigma = continued(means)
+        return mean + float(self.value[self.names.index(name)]), sigma
+
+    @property
+    def errors(self) -> InstrumentErrors:
+        """The estimate."""
+        return InstrumentErrors.of(dict(zip(self.knowledge.names, map(float, self.value), strict=True)))
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " error"]:
+        """Standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def solve(
+    echoes: Together,
+    surface: Heightfield,
+    names: Sequence[str],
+    prior: Mapping[str, float] | None = None,
+    between: Mapping[str, float] | None = None,
+) -> Solution:
+    """Estimate errors of an instrument over known ground.
+
+    Parameters
+    ----------
+    echoes:
+        Whole echoes with the reported motion.
+    surface:
+        The ground.
+    names:
+        Of the errors, in `UNKNOWNS`.
+    prior:
+        Standard deviations beforehand, SI, for those of `UNKNOWNS`.
+    between:
+        Standard deviations between lines of errors that drift, SI.
+
+    """
+    sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
+    value, before, step, told = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
+    drift = Drift(names=tuple(names), between=between or {})
+    lines = echoes.lines if between else (echoes,)
+    bounds = np.cumsum([0, *map(len, lines)])
+    apart = np.zeros((len(lines), len(drift.own)))
+    for near in Nearness:
+        for _ in range(MAX_STEPS):
+            at = [drift.errors(value, own) for own in apart]
+            steps = [line.step(e, surface, drift.every, near) for line, e in zip(lines, at, strict=True)]
+            step = Step.joined(steps)
+            said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
+            rates = [line.doppler_information(e, drift.every) for line, e in zip(lines, at, strict=True)]
+            # Range rates have the weight of their variance: that of echoes is greater than the information says.
+            # Where no echo meets the surface it is unknown, and they have none.
+            heard = bool(np.isfinite(step.spread).any())
+            usual = float(np.nanmean(step.spread)) * echoes.repeated if heard else 0.0
+            each = [
+                drift.eliminated(i + usual * more, s + usual * of, d)
+                for (i, s), (more, of), d in zip(said, rates, apart, strict=True)
+            ]
+            information = np.sum([line.information for line in each], axis=0)
+            known = Knowledge(names=tuple(names), prior=sigma0, information=information)
+            before, told = before or known, known.told
+            moved = _next(known, told, np.sum([line.score for line in each], axis=0), value) - value
+            value = value + moved
+            change = np.array([line.moved - line.gain @ moved for line in each])
+            apart = apart + change
+            farthest = np.abs(moved / np.sqrt(np.diag(known.considered(told)))).max(initial=0.0)
+            for line, own in zip(each, change, strict=True):
+                farthest = np.abs(own / np.sqrt(np.diag(line.covariance))).max(initial=farthest)
+            if farthest < near.value:
+                break
+    assert before is not None
+    assert step is not None
+    freedom = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
+    scatter, expected, surprise = _scatter(step, echoes, told, freedom)
+    both = zip(said, rates, apart, strict=True)
+    each = [drift.eliminated(line[0] / scatter + more, line[1], d) for line, (more, _), d in both]
+    known = replace(known, information=np.sum([line.information for line in each], axis=0))
+    covariance = known.considered(told)
+    return Solution(
+        before=before,
+        knowledge=known,
+        told=told,
+        value=value,
+        covariance=covariance,
+        scatter=scatter,
+        excess=scatter / expected,
+        surprise=surprise,
+        misfit=float(np.nanmean(step.misfit)) if echoes.whole else 1.0,
+        step=step,
+        drift=drift,
+        apart=apart,
+        apart_sigma=np.array([np.sqrt(np.diag(e.covariance + e.gain @ covariance @ e.gain.T)) for e in each]),
+    )
+
+
+def _next(
+    known: Knowledge,
+    told: Bool[np.ndarray, " error"],
+    score: Float[np.ndarray, " error"],
+    value: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " error"]:
+    """Return the estimate after a step of scoring, those that are not told being zero."""
+    following = np.zeros(len(value))
+    if told.any():
+        own = np.ix_(told, told)
+        right = score[told] + known.information[told] @ value
+        scaled = known.prior[told][:, None] * known.information[own] * known.prior[told] + np.eye(int(told.sum()))
+        following[told] = known.prior[told] * np.linalg.solve(scaled, known.prior[told] * right)
+    return following
+
+
+# Ratios of the standard deviations of steps and noise, as angles, over which a walk is averaged.
+ANGLES = 64
+# Stretches without which the posterior of a walk has no variance.
+FEWEST_STRETCHES = 4
+
+
+def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
+    """Return the mean of as many further stretches, and its standard deviation, if they go on as a random walk.
+
+    The means of stretches are noise of variance s^2 about a level that steps by q^2 from one to the next (the local
+    level model: Durbin and Koopman 2012, "Time Series Analysis by State Space Methods", section 2.1). A flight says
+    little of steps that add up over its own length, so that q / s = tan(angle) is not estimated but averaged over:
+    every angle alike beforehand, the scale by 1 / scale, any level.
+    """
+    count = len(means)
+    number, ones = np.arange(1.0, count + 1), np.ones(count)
+    found = []
+    for angle in (np.arange(ANGLES) + 0.5) * np.pi / 2 / ANGLES:
+        noise, steps = np.cos(angle) ** 2, np.sin(angle) ** 2
+        system = cho_factor(noise * np.eye(count) + steps * np.minimum(number[:, None], number))
+        inverse = cho_solve(system, ones)
+        variance = 1 / inverse.sum()
+        level = variance * (inverse @ means)
+        residual = cho_solve(system, means - level)
+        squares = max(float((means - level) @ residual), np.finfo(float).tiny)
+        log = -np.log(np.diag(system[0])).sum() + np.log(variance) / 2 - (count - 1) / 2 * np.log(squares)
+        # With the level at the last stretch the further ones begin: its covariance with each mean is that of the walk.
+        last = steps * number
+        spread = steps * count - last @ cho_solve(system, last) + (1 - last @ inverse) ** 2 * variance
+        further = steps * (count + 1) * (2 * count + 1) / (6 * count) + noise / count
+        found.append((log, level + last @ residual, squares / (count - 3) * (spread + further)))
+    log, mean, variances = np.array(found).T
+    weight = np.exp(log - log.max())
+    middle = np.average(mean, weights=weight)
+    return float(middle), float(np.sqrt(np.average(variances + (mean - middle) ** 2, weights=weight)))
+
+
+def _scatter(
+    step: Step, echoes: Together, told: Bool[np.ndarray, " error"], drifting: float
+) -> tuple[float, float, float]:
+    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess.
+
+    drifting: degrees of freedom of the errors that drift.
+    """
+    number, count = stretches(echoes.line), int(told.sum())
+    score, information = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
+    own = np.flatnonzero(told)
+    np.add.at(score, number, step.weight[:, None] * step.score[:, own])
+    np.add.at(information, number, step.weight[:, None, None] * step.information[:, own][:, :, own])
+    total, freedom = 0.0, -count - drifting
+    for s, i in zip(score, information, strict=True):
+        value, vector = np.linalg.eigh(i)
+        kept = value > 1e-9 * max(value.max(initial=0.0), 1e-300)
+        total += float(np.sum((vector[:, kept].T @ s) ** 2 / value[kept]))
+        freedom += int(kept.sum())
+    if freedom <= 0:
+        return 1.0, 1.0, 1.0
+    usual = float(np.nanmean(step.spread)) * echoes.repeated
+    return total / freedom, usual, float(chi2.sf(total / usual, freedom))
+
+
+STEPS = 6
+# Steps end below this share of the standard deviations.
+SETTLED = 0.05
+# Standard deviations of the plane beforehand, which the echoes tell far better: height, m, and slopes.
+PLANE = (100.0, 1.0, 1.0)
+# Waves that are left out: the smallest of all, that together hold this share of the variance; and at most so many are
+# kept, that the system fits the memory.
+LEFT_OUT, MOST_WAVES = 1e-5, 2500
+FITTED_M = 1e-2
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredPlaces:
+    """Heights of single places, as surveyed: local metres, and their standard deviations."""
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+
+
+def solve_over_unknown_ground(
+    echoes: WholeEchoes,
+    grid: Grid,
+    names: Sequence[str],
+    prior: Mapping[str, float] | None = None,
+    places: MeasuredPlaces | None = None,
+    between: Mapping[str, float] | None = None,
+) -> tuple[Solution, Heightfield]:
+    """Estimate errors of an instrument together with the heights of the ground, and return both.
+
+    Parameters
+    ----------
+    echoes:
+        Whole echoes with the reported motion.
+    grid:
+        Cells of the ground; it need not reach all footprints.
+    names, prior:
+        Errors to estimate, and their standard deviations beforehand, SI.
+    places:
+        Heights that are known otherwise.
+    between:
+        Standard deviations between lines of errors that drift, SI.
+
+    """
+    sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
+    value, before = np.zeros(len(names)), None
+    # Lines that contradict each other pass for rough ground: the terrain's covariance is that of a single one.
+    line = echoes.motion.line
+    own = echoes.sightings.rows(line == np.bincount(line).argmax())
+    reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
+    alone = echo_surface(own, mean_ranges(own), reached).smoothed
+    terrain = replace(alone.model, local=None)
+    waves = _waves(terrain)
+    first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
+    places_m = terrain.grid.centres_m
+    ground = _coefficients(waves, first.at(*places_m.T))
+    rough = echoes.step(InstrumentErrors(), first, (), Nearness.SETTLED)
+    less = float(np.nanmean(rough.spread)) * echoes.repeated
+    drift = Drift(names=tuple(names), between=between or {})
+    lines = [echoes.rows(echoes.motion.line == k) for k in np.unique(line)] if between else [echoes]
+    apart = np.zeros((len(lines), len(drift.own)))
+    for free in (np.ones(len(names), dtype=bool), None):
+        for _ in range(STEPS):
+            surface = _surface(terrain.grid, waves, ground)
+            at = zip(lines, apart, strict=True)
+            linear = [each.linearise(drift.errors(value, own), surface, drift.every, less) for each, own in at]
+            known, moved, change, own_sigma = _step(
+                linear, surface, waves, ground, drift, apart, sigma0, value, places, free
+            )
+            before, told = before or known, known.told
+            value, ground = value + moved, ground + change[: len(ground)]
+            apart = apart + change[len(ground) :].reshape(apart.shape)
+            if np.abs(moved / known.sigma).max(initial=0.0) < SETTLED:
+                break
+    surface = _surface(terrain.grid, waves, ground)
+    at = zip(lines, apart, strict=True)
+    steps = [each.step(drift.errors(value, own), surface, drift.every, Nearness.SETTLED) for each, own in at]
+    step = Step.joined(steps)
+    assert before is not None
+    solution = Solution(
+        before=before,
+        knowledge=known,
+        told=told,
+        value=value,
+        covariance=known.considered(told),
+        scatter=less,
+        excess=1.0,
+        surprise=1.0,
+        misfit=float(np.nanmean(step.misfit)),
+        step=step,
+        drift=drift,
+        apart=apart,
+        apart_sigma=own_sigma,
+    )
+    return solution, surface
+
+
+def _surface(grid: Grid, waves: Float[np.ndarray, "cell wave"], ground: Float[np.ndarray, " wave"]) -> Heightfield:
+    return Heightfield(grid=grid, height_m=np.ascontiguousarray((waves @ ground).reshape(grid.shape)))
+
+
+def _coefficients(
+    waves: Float[np.ndarray, "cell wave"], height_m: Float[np.ndarray, " cell"]
+) -> Float[np.ndarray, " wave"]:
+    """Return the coefficients of heights: the smallest that fit them to centimetres."""
+    square = waves.T @ waves
+    square[np.diag_indices_from(square)] += FITTED_M**2
+    return cho_solve(cho_factor(square, overwrite_a=True), waves.T @ height_m)
+
+
+def _waves(terrain: TerrainModel) -> Float[np.ndarray, "cell wave"]:
+    """Return a plane and the waves of the terrain over its grid, each as high as its standard deviation.
+
+    Of white noise of unit variance in an orthonormal Fourier basis, the filter of the terrain makes the covariance.
+    """
+    grid = terrain.grid
+    columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
+    columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
+    row, column = np.arange(grid.rows)[:, None], np.arange(grid.columns)
+    kept = []
+    for field, root in enumerate(terrain.root):
+        amplitude = float(np.mean(terrain.amplitude[field] ** 2))
+        twice = np.full(root.shape, 2.0)
+        twice[:, 0] = 1.0
+        power = amplitude * root**2 * twice
+        kept += [(float(power[i, j]), field, int(i), int(j)) for i, j in np.argwhere(power > 0)]
+    kept.sort(reverse=True)
+    share = np.cumsum([power for power, *_ in kept])
+    count = min(int(np.searchsorted(share, (1 - LEFT_OUT) * share[-1])) + 1, MOST_WAVES // 2)
+    for _, field, i, j in kept[:count]:
+        phase = 2 * np.pi * (i * row / grid.rows + j * column / grid.columns)
+        height = terrain.root[field, i, j] * terrain.amplitude[field] * np.sqrt(2 / (grid.rows * grid.columns))
+        # Rows of frequencies that are their own mirrors stand twice, as i and -i, each with half of the variance.
+        half = np.sqrt(0.5) if j == 0 or (grid.columns % 2 == 0 and j == grid.columns // 2) else 1.0
+        columns += [half * height * np.cos(phase), half * height * np.sin(phase)]
+    return np.stack([each.ravel() for each in columns], axis=1)
+
+
+def _step(
+    lines: Sequence[ErrorsLinearised],
+    surface: Heightfield,
+    waves: Float[np.ndarray, "cell wave"],
+    ground: Float[np.ndarray, " wave"],
+    drift: Drift,
+    apart: Float[np.ndarray, "line drift"],
+    sigma0: Float[np.ndarray, " error"],
+    value: Float[np.ndarray, " error"],
+    places: MeasuredPlaces | None = None,
+    free: Bool[np.ndarray, " error"] | None = None,
+) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
+    """Return the knowledge of the errors, their step, that of ground and drifts, and how well drifts are known.
+
+    free: errors that are estimated; None for those that are told.
+    """
+    count, own, root, first = len(drift.names), drift.own, drift.sigma, len(ground)
+    told, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
+    if places is not None:
+        at = surface.weights(*places.place_m.T)
+        precision = csr_matrix((1 / places.sigma_m**2, (np.arange(len(places.sigma_m)),) * 2))
+        told = told + at.T @ precision @ at
+        height_score += at.T @ (precision @ (places.height_m - at @ surface.height_m.ravel()))
+    size = first + apart.size
+    normal, coupled, right = np.zeros((size, size)), np.zeros((size, count)), np.zeros(size)
+    information, score = np.zeros((count, count)), np.zeros(count)
+    for k, line in enumerate(lines):
+        cells = surface.weights(*np.nan_to_num(line.heights.place_m).reshape(-1, 2).T)
+        factor = _by_pulses(line)
+        onto = factor @ cells
+        by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
+        said, of_line = by_error.T @ by_error + line.doppler[0], line.score.sum(axis=0) + line.doppler[1]
+        told = told + onto.T @ onto
+        height_score += cells.T @ line.node_score.ravel()
+        by_wave = waves.T @ (onto.T @ by_error)
+        coupled[:first] += by_wave[:, :count]
+        rows = slice(first + k * len(own), first + (k + 1) * len(own))
+        normal[:first, rows] = by_wave[:, own] * root
+        normal[rows, :first] = normal[:first, rows].T
+        normal[rows, rows] = root[:, None] * said[np.ix_(own, own)] * root
+        coupled[rows] = root[:, None] * said[own, :count]
+        right[rows] = root * of_line[own] - apart[k] / root
+        information += said[:count, :count]
+        score += of_line[:count]
+    normal[:first, :first] = waves.T @ (told.tocsr() @ waves)
+    normal[np.diag_indices(size)] += 1.0
+    right[:first] = waves.T @ height_score - ground
+    system = cho_factor(normal, lower=True, overwrite_a=True)
+    explained, solved = cho_solve(system, right), cho_solve(system, coupled)
+    information -= coupled.T @ solved
+    known = Knowledge(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
+    is_told = known.told if free is None else free
+    moved = _next(known, is_told, score - coupled.T @ explained, value) - value
+    # Units of ground and drifts: their standard deviations beforehand.
+    scale = np.concatenate([np.ones(first), np.tile(root, len(lines))])
+    by_error = solved[first:]
+    covariance = cho_solve(system, np.eye(size)[:, first:])[first:] + by_error @ known.considered(is_told) @ by_error.T
+    own_sigma = (scale[first:] * np.sqrt(np.diag(covariance))).reshape(apart.shape)
+    return known, moved, scale * (explained - solved @ moved), own_sigma
+
+
+def _by_pulses(linear: ErrorsLinearised) -> csr_matrix:
+    """Return the factors of all pulses as one matrix on the nodes of all pulses."""
+    heights = linear.heights
+    pulses, nodes = heights.place_m.shape[:2]
+    kept = np.concatenate([np.arange(heights.first[p], heights.last[p]) for p in range(pulses)])
+    pulse = np.repeat(np.arange(pulses), heights.last - heights.first)
+    column = (pulse[:, None] * nodes + np.arange(nodes)).ravel()
+    values = heights.factor[kept].astype(np.float64).ravel()
+    starts = np.arange(len(kept) + 1) * nodes
+    return csr_matrix((values, column, starts), shape=(len(kept), pulses * nodes))

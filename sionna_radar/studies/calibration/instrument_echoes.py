@@ -1,0 +1,562 @@
+"""What echoes over known ground say of errors of the instrument, pulse by pulse: scores and information.
+
+Each whole echo is predicted over the ground as in mapping (`echo_model.model`): the power of every part of the beam in
+its range cell, Doppler by the velocity along that part included. An error theta of the instrument moves the antenna by
+do, turns it by the small rotation phi, and changes its velocity by dv; the range read along the direction d of a part
+of the beam, to ground of normal n at the range r, with D the Doppler shift of ranges, then changes by
+
+    -n . (do + r phi x d) / n . d  -  D (dv . d + v . phi x d)  +  (bias and scale).
+
+A change of range is one of the ground's height under that part, whose score and expected information the echo model
+gives, with exponential speckle, a free level of each echo, and as many looks as speckle is new. So
+
+    score = sum H^T F^T residual,   information = sum (F H)^T (F H)   (Fisher scoring)
+
+with H the heights that stand for theta. The level of an echo is fitted to the same few cells: with speckle e_c of the
+covariance C in cells of the weights w_c, (1 + e_c) / (1 + sum w e / sum w) has the mean 1 - (C w)_c / sum w, but for a
+constant. To this order the score's mean is not zero, and is subtracted (Cox and Snell 1968, "A general definition of
+residuals": the bias of order 1/n): it is 0.006 deg of pitch and 8 mm of range of a beam of 2 deg, however long the
+flight. Mean ranges, of whole echoes or as an instrument reads them, say less.
+
+An error may drift from line to line: on line l it is theta + d_l, with d_l of zero mean and a stated covariance S. With
+s and J the score and information of a line, and D the errors that drift, d_l is eliminated line by line as a random
+effect (Laird and Ware 1982, "Random-effects models for longitudinal data"), which leaves for theta
+
+    J - J_D (J_DD + S^-1)^-1 J_D',   s - J_D (J_DD + S^-1)^-1 (s_D - S^-1 d_l).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sionna_radar.detection.echoes import Profiles
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.mapping.echo_model.model import (
+    BeamFootprints,
+    EchoModel,
+    Linearised,
+    Sightings,
+    footprints,
+    mean_ranges,
+    predicted_means,
+)
+from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.studies.calibration.range_rates import RangeRates
+
+# Pulses that are predicted at once: it bounds the memory.
+AT_ONCE = 2048
+# An echo that fits this many times worse than usual counts less, in proportion.
+OUTLYING = 4.0
+# A ray that meets the ground at a shallower sine counts as this one.
+SHALLOWEST = 0.05
+
+
+class Nearness(Enum):
+    """How near an estimate is; steps at that end once they are shorter than so many standard deviations."""
+
+    FAR = 1.0
+    SETTLED = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """What each pulse says of the errors at an estimate.
+
+    score, information: of its likelihood. misfit: squared residuals over their expected sum.
+    spread: variance of the score of speckle over the information: less than one, since weak cells count less.
+    residual_m, sigma_m: by how much its range exceeds the predicted one, and the standard deviation of that.
+    """
+
+    score: Float[np.ndarray, "pulse error"]
+    information: Float[np.ndarray, "pulse error error"]
+    misfit: Float[np.ndarray, " pulse"]
+    spread: Float[np.ndarray, " pulse"]
+    residual_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+
+    @staticmethod
+    def joined(steps: Sequence["Step"]) -> "Step":
+        """Return the sum of the scores and information of several parts."""
+        names = Step.__dataclass_fields__
+        return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
+
+    def summed(self, own: slice = slice(None)) -> tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]:
+        """Return information and score of all pulses, or of some."""
+        weight = self.weight[own]
+        return np.einsum("p,pkl->kl", weight, self.information[own]), weight @ self.score[own]
+
+    @cached_property
+    def weight(self) -> Float[np.ndarray, " pulse"]:
+        """Share that each pulse counts, less than one if it is outlying."""
+        usual = float(np.nanmedian(self.misfit)) if np.isfinite(self.misfit).any() else 1.0
+        return np.nan_to_num(np.minimum(1.0, OUTLYING * usual / np.maximum(self.misfit, 1e-12)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorsLinearised:
+    """The likelihood of whole echoes, linearised in heights and in errors.
+
+    heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
+    per_error: heights under the nodes that stand for errors.
+    score, information: of the errors. misfit, spread: see `Step`. doppler: see `WholeEchoes.doppler_information`.
+    """
+
+    heights: Linearised
+    node_score: Float[np.ndarray, "pulse node"]
+    score: Float[np.ndarray, "pulse error"]
+    information: Float[np.ndarray, "pulse error error"]
+    per_error: Float[np.ndarray, "pulse node error"]
+    misfit: Float[np.ndarray, " pulse"]
+    spread: Float[np.ndarray, " pulse"]
+    doppler: "Information"
+
+
+# Fisher information of errors, and the score.
+Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]
+Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeEchoes:
+    """Range profiles of some pulses, with the reported motion.
+
+    sightings: with the reported poses. motion: of the same pulses.
+    reach: over how many pulses the speckle of each repeats.
+    rates: range rates of the ground in frames of the same lines, if it was measured.
+    """
+
+    sightings: Sightings
+    motion: BelievedMotion
+    reach: Float[np.ndarray, " pulse"]
+    rates: RangeRates | None = None
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    @cached_property
+    def usual_sigma_m(self) -> float:
+        """Median standard deviation of the mean range of an echo."""
+        return float(np.median(mean_ranges(self.sightings).sigma_m))
+
+    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "WholeEchoes":
+        """Return some of the echoes."""
+        motion, rates = self.motion.rows(np.flatnonzero(kept)), self.rates
+        if rates is not None:
+            rates = rates.rows(np.isin(rates.motion.line, motion.line))
+        return WholeEchoes(sightings=self.sightings.rows(kept), motion=motion, reach=self.reach[kept], rates=rates)
+
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+        """Return information and score of the range rates at an estimate; zero where there are none."""
+        if self.rates is None:
+            return np.zeros((len(names), len(names))), np.zeros(len(names))
+        change, excess = self.rates.linearised(errors, names)
+        weighted = change / self.rates.sigma_mps[:, None] ** 2
+        return change.T @ weighted, excess @ weighted
+
+    @staticmethod
+    def joined(parts: Sequence["WholeEchoes"]) -> "WholeEchoes":
+        """Return the echoes of several recordings of one radar; pulses and lines are counted on."""
+        if len(parts) == 1:
+            return parts[0]
+        profiles, lines, rates, pulse, line = [], [], [], 0, 0
+        for part in parts:
+            own = part.sightings.profiles
+            profiles.append(replace(own, pulse=own.pulse + pulse))
+            lines.append(part.motion.line + line)
+            if part.rates is not None:
+                of_frames = part.rates.motion
+                rates.append(replace(part.rates, motion=replace(of_frames, line=of_frames.line + line)))
+            # No pulse follows the last one of another recording.
+            pulse, line = int(profiles[-1].pulse[-1]) + 2, int(lines[-1].max()) + 1
+        sightings = replace(
+            parts[0].sightings,
+            profiles=Profiles.concatenate(profiles),
+            pose=Pose.concatenate([part.sightings.pose for part in parts]),
+        )
+        motion = BelievedMotion.concatenate([part.motion for part in parts])
+        return WholeEchoes(
+            sightings=sightings,
+            motion=replace(motion, line=np.concatenate(lines)),
+            reach=np.concatenate([part.reach for part in parts]),
+            rates=RangeRates.concatenate(rates) if rates else None,
+        )
+
+    @property
+    def repeated(self) -> float:
+        """Mean number of pulses over which speckle repeats."""
+        return float(repeats(self.reach).mean())
+
+    @property
+    def looks(self) -> Float[np.ndarray, " pulse"]:
+        """Independent looks in a cell of each pulse."""
+        return self.sightings.looks_per_cell / repeats(self.reach)
+
+    def without(self, errors: InstrumentErrors) -> tuple[Sightings, BelievedMotion]:
+        """Return the sightings and the motion without errors of the instrument."""
+        motion = self.motion.without(errors)
+        sightings = replace(
+            self.sightings, pose=motion.pose, range_bias_m=errors.range_bias_m, range_scale=errors.range_scale
+        )
+        return sightings, motion
+
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return score and information of named errors over a surface, at an estimate of them.
+
+        near: mean ranges say less than whole echoes, but from farther away.
+        """
+        whole = near is Nearness.SETTLED
+        steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
+        return Step.joined(steps)
+
+    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
+        """Return the excess of each echo's range over the predicted one, and its standard deviation."""
+        step = self.step(errors, surface, (), Nearness.SETTLED)
+        return step.residual_m, step.sigma_m
+
+    def expected(
+        self,
+        motion: BelievedMotion,
+        errors: InstrumentErrors,
+        surface: Heightfield,
+        names: Sequence[str],
+        sigma_m: float,
+    ) -> Float[np.ndarray, "error error"]:
+        """Return the information of echoes of another motion, each range as good as `sigma_m` at the usual range."""
+        moved = motion.without(errors)
+        sightings = replace(self.sightings, pose=moved.pose)
+        change = self._change(sightings, moved, surface, names)
+        here = footprints(self.without(errors)[0], surface).range_m
+        there = footprints(sightings, surface).range_m
+        longer = float(np.nanmedian(there) / np.nanmedian(here))
+        # The echo of a beam is as much longer as its range.
+        return np.einsum("pk,pl->kl", change, change) / (sigma_m * longer) ** 2
+
+    def _change(
+        self, sightings: Sightings, motion: BelievedMotion, surface: Heightfield, names: Sequence[str]
+    ) -> Float[np.ndarray, "pulse error"]:
+        """Return the change of the mean range of each echo per unit of each error."""
+        feet, beam = footprints(sightings, surface), sightings.beam
+        share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.share, 0.0)
+        change = range_per_error(sightings.direction(), motion, feet, surface, names, _shift_per_rate(sightings))
+        return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
+
+    def _parts(self) -> list["WholeEchoes"]:
+        number = np.arange(len(self)) // AT_ONCE
+        return [self.rows(number == k) for k in range(int(number[-1]) + 1)]
+
+    def _step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
+        linear = self.linearise(errors, surface, [*names, "range_bias"])
+        return _split(linear.score, linear.information, linear.misfit, linear.spread)
+
+    def linearise(
+        self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], less: float = 1.0
+    ) -> ErrorsLinearised:
+        """Return the likelihood linearised in the heights under the nodes, and in the heights that stand for errors.
+
+        less: divides the looks; see `calibration`.
+        """
+        sightings, motion = self.without(errors)
+        model, looks = EchoModel(sightings, surface), self.looks / less
+        linear, feet = model.linearise(looks), model.footprints
+        per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
+        toward, shift = sightings.direction(), _shift_per_rate(sightings)
+        heights = range_per_error(toward, motion, feet, surface, names, shift) / per_height
+        score = np.einsum("pnk,pn->pk", heights, linear.score)
+        pulses, _, count = heights.shape
+        common = _common_speckle(sightings)
+        information, misfit, spread = np.zeros((pulses, count, count)), *np.full((2, pulses), np.nan)
+        node_score = linear.score.copy()
+        for pulse in range(pulses):
+            rows = linear.rows_of(pulse)
+            if rows.start == rows.stop:
+                continue
+            factor, own = linear.factor[rows], linear.weight[rows]
+            said = factor @ heights[pulse]
+            information[pulse] = said.T @ said
+            misfit[pulse] = (linear.residual[rows] ** 2).sum() / (own.sum() * looks[pulse])
+            # What the level, fitted to the same cells, takes from the score on the average.
+            around = np.convolve(own, common)[len(common) // 2 :][: len(own)]
+            taken = np.sqrt(looks[pulse] * own) * around / own.sum()
+            score[pulse] += said.T @ taken
+            node_score[pulse] += factor.T @ taken
+            counted = np.sqrt(looks[pulse] * own) * said[:, -1]
+            lags = np.correlate(counted, counted, "full")[len(own) - 1 :]
+            half = common[len(common) // 2 :][: len(lags)]
+            variance = 2 * lags[: len(half)] @ half - lags[0] * half[0]
+            spread[pulse] = variance / max(information[pulse, -1, -1], 1e-300)
+        return ErrorsLinearised(
+            heights=linear,
+            score=score,
+            information=information,
+            misfit=misfit,
+            spread=spread,
+            per_error=heights,
+            node_score=node_score,
+            doppler=self.doppler_information(errors, names),
+        )
+
+    def _mean_step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
+        sightings, motion = self.without(errors)
+        echoes = mean_ranges(self.sightings)
+        toward = self.sightings.echo_direction()[:, None]
+        excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)[0]
+        sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
+        slope = self._change(sightings, motion, surface, [*names, "range_bias"])
+        return _mean_range_step(slope, excess, sigma)
+
+
+def _common_speckle(sightings: Sightings) -> Float[np.ndarray, " lag"]:
+    """Return the covariance of the speckle of a cell and of those around it, relative to the square of its mean."""
+    field = np.sqrt(sightings.response)
+    correlation = np.convolve(field, field[::-1])
+    power = (correlation / correlation.max()) ** 2
+    # Powers averaged over chirps have as much less variance as they have more looks.
+    return power / (sightings.looks_per_cell * power.sum())
+
+
+def _shift_per_rate(sightings: Sightings) -> float:
+    """Return the Doppler shift of the range, m, per m/s of range rate."""
+    return sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings(Columns):
+    """Ranges that were read along the axes of the beams, with the reported motion.
+
+    range_m, sigma_m: as read, and their standard deviation. motion: of the same pulses.
+    doppler_m: Doppler shift of the range, m, per m/s of range rate; 0 for ranges that have none.
+    """
+
+    range_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+    motion: BelievedMotion
+    reach_m: float
+    doppler_m: float = 0.0
+    repeated: float = 1.0
+
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return score and information of the readings on named errors over a surface, at an estimate of them."""
+        del near  # their model is linear
+        motion = self.motion.without(errors)
+        hit, change = self._change(motion, surface, [*names, "range_bias"])
+        shift = self.doppler_m * motion.pose.boresight_range_rate_mps
+        return _mean_range_step(change, self.range_m - errors.read_m(hit) - shift, self.sigma_m)
+
+    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
+        """Return the excess of each reading over the predicted one, and its standard deviation."""
+        step = self.step(errors, surface, (), Nearness.SETTLED)
+        return step.residual_m, step.sigma_m
+
+    def expected(
+        self,
+        motion: BelievedMotion,
+        errors: InstrumentErrors,
+        surface: Heightfield,
+        names: Sequence[str],
+        sigma_m: float,
+    ) -> Float[np.ndarray, "error error"]:
+        """Return the information of readings of another motion, each range as good as `sigma_m`."""
+        _, change = self._change(motion.without(errors), surface, names)
+        return np.einsum("pk,pl->kl", change, change) / sigma_m**2
+
+    def _change(
+        self, motion: BelievedMotion, surface: Heightfield, names: Sequence[str]
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, "pulse error"]]:
+        """Return the range to the surface along each axis, and the change of the reading per unit of each error."""
+        pose = motion.pose
+        hit = surface.first_hit(pose.position_m, pose.boresight, self.reach_m)
+        place = (pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2]
+        east, north = surface.slope(*place.T)
+        closing = pose.boresight[:, 2] - east * pose.boresight[:, 0] - north * pose.boresight[:, 1]
+        per_height = 1 / np.minimum(closing, -SHALLOWEST)
+        feet = BeamFootprints(hit[:, None], place[:, None], per_height[:, None], np.zeros((len(hit), 1)))
+        toward = pose.boresight[:, None]
+        return hit, range_per_error(toward, motion, feet, surface, names, self.doppler_m)[:, 0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Together:
+    """The echoes of several recordings."""
+
+    parts: tuple[WholeEchoes | Readings, ...]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    @property
+    def line(self) -> Int[np.ndarray, " pulse"]:
+        """Number of the flight line of each pulse."""
+        lines, first = [], 0
+        for part in self.parts:
+            lines.append(part.motion.line + first)
+            first = int(lines[-1].max(initial=first)) + 1
+        return np.concatenate(lines)
+
+    @property
+    def lines(self) -> tuple["Together", ...]:
+        """The echoes of each flight line."""
+        return tuple(
+            Together(parts=(part.rows(part.motion.line == line),))
+            for part in self.parts
+            for line in np.unique(part.motion.line)
+        )
+
+    @property
+    def repeated(self) -> float:
+        """Mean number of pulses over which speckle repeats."""
+        return float(np.average([part.repeated for part in self.parts], weights=list(map(len, self.parts))))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all are whole echoes, whose misfit is known."""
+        return all(isinstance(part, WholeEchoes) for part in self.parts)
+
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+        """Return score and information of all echoes; see `WholeEchoes.step`."""
+        return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
+
+    def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
+        """Return information and score of all range rates; see `WholeEchoes.doppler_information`."""
+        said = [part.doppler_information(errors, names) for part in self.parts if isinstance(part, WholeEchoes)]
+        count = len(names)
+        return sum((i for i, _ in said), np.zeros((count, count))), sum((s for _, s in said), np.zeros(count))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """Errors that are constant on a line, and differ between lines.
+
+    names: of the errors of the whole flight. between: standard deviations between lines, SI, by name.
+    """
+
+    names: tuple[str, ...]
+    between: Mapping[str, float]
+
+    @cached_property
+    def every(self) -> tuple[str, ...]:
+        """Names of the errors of the flight, and of those that only drift."""
+        return (*self.names, *(name for name in self.between if name not in self.names))
+
+    @cached_property
+    def own(self) -> list[int]:
+        """Which of `every` drift."""
+        return [self.every.index(name) for name in self.between]
+
+    @cached_property
+    def sigma(self) -> Float[np.ndarray, " drift"]:
+        """Standard deviations between lines."""
+        return np.array([*self.between.values()])
+
+    def errors(self, value: Float[np.ndarray, " error"], apart: Float[np.ndarray, " drift"]) -> InstrumentErrors:
+        """Return the errors of a line, given those of the flight, and what the line has apart from them."""
+        at = dict(zip(self.names, map(float, value), strict=True))
+        for name, more in zip(self.between, apart, strict=True):
+            at[name] = at.get(name, 0.0) + float(more)
+        return InstrumentErrors.of(at)
+
+    def eliminated(
+        self,
+        information: Float[np.ndarray, "every every"],
+        score: Float[np.ndarray, " every"],
+        apart: Float[np.ndarray, " drift"],
+    ) -> "Eliminated":
+        """Return the information of a line on the errors of the flight, with its own errors eliminated."""
+        count, own, root = len(self.names), self.own, self.sigma
+        # In units of the standard deviations between lines, where the matrix is well conditioned.
+        scaled = root[:, None] * information[np.ix_(own, own)] * root + np.eye(len(own))
+        covariance = root[:, None] * np.linalg.inv(scaled) * root
+        gain = covariance @ information[own, :count]
+        moved = covariance @ (score[own] - apart / root**2)
+        return Eliminated(
+            information=information[:count, :count] - information[:count, own] @ gain,
+            score=score[:count] - information[:count, own] @ moved,
+            covariance=covariance,
+            gain=gain,
+            moved=moved,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eliminated:
+    """A line without its own errors: information and score of those of the flight.
+
+    covariance: of its own errors, if those of the flight were known. moved: their step, less `gain` times that of the
+    flight's.
+    """
+
+    information: Float[np.ndarray, "error error"]
+    score: Float[np.ndarray, " error"]
+    covariance: Float[np.ndarray, "drift drift"]
+    gain: Float[np.ndarray, "drift error"]
+    moved: Float[np.ndarray, " drift"]
+
+
+def _split(
+    score: Float[np.ndarray, "pulse k"],
+    information: Float[np.ndarray, "pulse k k"],
+    misfit: Float[np.ndarray, " pulse"],
+    spread: Float[np.ndarray, " pulse"],
+) -> Step:
+    """Return a step whose last column, the range's bias, becomes its residual."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residual, sigma = score[:, -1] / information[:, -1, -1], 1 / np.sqrt(information[:, -1, -1])
+    return Step(
+        score=score[:, :-1],
+        information=information[:, :-1, :-1],
+        misfit=misfit,
+        spread=spread,
+        residual_m=np.where(np.isfinite(sigma), residual, np.nan),
+        sigma_m=np.where(np.isfinite(sigma), sigma, np.nan),
+    )
+
+
+def _mean_range_step(
+    slope: Float[np.ndarray, "pulse k"], excess_m: Float[np.ndarray, " pulse"], sigma_m: Float[np.ndarray, " pulse"]
+) -> Step:
+    """Return score and information of mean ranges from their excess over the predicted ones and its derivatives."""
+    known = np.isfinite(excess_m)
+    precision, excess = np.where(known, 1 / sigma_m**2, 0.0), np.where(known, excess_m, 0.0)
+    score = slope * (precision * excess)[:, None]
+    information = slope[:, :, None] * slope[:, None] * precision[:, None, None]
+    return _split(score, information, np.where(known, precision * excess**2, np.nan), np.ones(len(excess)))
+
+
+def range_per_error(
+    direction: Float[np.ndarray, "pulse node 3"],
+    motion: BelievedMotion,
+    feet: BeamFootprints,
+    surface: Heightfield,
+    names: Sequence[str],
+    doppler_m: float,
+) -> Float[np.ndarray, "pulse node error"]:
+    """Return the change of the range that is read along each node of the beam, m, per SI unit of each error.
+
+    direction: unit vectors toward the nodes, world frame.
+    motion: without the errors that are known already.
+    feet: where the nodes meet the surface; a node that meets nothing reads nothing.
+    surface: the ground.
+    names: of the errors, in `UNKNOWNS`.
+    doppler_m: Doppler shift of the range per m/s of range rate.
+    """
+    slope = surface.slope(*feet.place_m.reshape(-1, 2).T)
+    shape = feet.range_m.shape
+    normal = np.stack([-slope[0].reshape(shape), -slope[1].reshape(shape), np.ones(shape)], axis=2)
+    range_m = np.nan_to_num(feet.range_m)
+    per_height = -feet.range_per_height[..., None]
+    velocity = np.broadcast_to(motion.pose.velocity_mps[:, None], direction.shape)
+    turned = per_height * range_m[..., None] * np.cross(direction, normal) - doppler_m * np.cross(direction, velocity)
+    by = np.concatenate([turned, per_height * normal, -doppler_m * direction], axis=2)
+    change = by @ motion.per_error(names)
+    for column, name in enumerate(names):
+        if name == "range_bias":
+            change[..., column] = 1.0
+        elif name == "range_scale":
+            change[..., column] = range_m
+    return np.where(np.isfinite(feet.range_m)[..., None], change, 0.0)

@@ -1,0 +1,607 @@
+"""Calibration of an instrument from its recordings: what they tell of its errors, and the errors that they tell.
+
+The echoes are detected as `process` does. What the flight tells of each error is computed before any is estimated, and
+with it what other manoeuvres would add: lines like the flown one, turned, higher, faster or rocking, over the same
+reference. Then the errors are estimated (`mapping.calibration`), and the map is made with and without them.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.reference import Checkpoints, ReferenceSurface, read_reference
+from sionna_radar.accuracy.truth import compare_dem
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.execution.execution import Execution
+from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import stage
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.terrain.echo_heights import reaching
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.recorded import RecordedSettings
+from sionna_radar.studies.calibration.estimation import (
+    Knowledge,
+    MeasuredPlaces,
+    Solution,
+    solve,
+    solve_over_unknown_ground,
+)
+from sionna_radar.studies.calibration.instrument_echoes import Readings, Together, WholeEchoes
+from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
+from sionna_radar.survey.observation import Observed, observe, place
+from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
+from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
+from sionna_radar.survey.sensors.sensor import Sensor
+
+USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
+DATUM = ("datum_east", "datum_north", "datum_up")
+# What errs in range rates, too.
+DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
+# Pulses of a frame: odd, so that one is in its middle.
+FRAME = 17
+# Range rates are unambiguous if so many standard deviations of what is known beforehand, and of a frame, are.
+PRIOR_SIGMAS, FRAME_SIGMAS = 4.0, 5.0
+# A reference is displaced if its shift is this unlikely by what is stated of it; in standard deviations.
+DISPLACED = 4.0
+# Manoeuvres: how a line is flown again. Rocking is a roll to and fro, by a pilot or an autopilot without effort.
+HIGHER, FASTER, ROCKING_DEG, ROCKING_S = 2.0, 2.0, 10.0, 6.0
+# Cells of the reference in one of the DEM: the ground is curved within a cell.
+CELLS = 2
+FEWEST = 200
+# Length of rays that look for the middle of a line.
+FOLLOWED_M = 1e5
+
+
+# End of the warning of echoes that are too far from the model.
+NO_ESTIMATE = "No estimate is stated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manoeuvre:
+    """What is known with one more line: its name, and the knowledge with it."""
+
+    name: str
+    knowledge: Knowledge
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated:
+    """A recording with and without the estimated errors.
+
+    source: its file. place_m: where the axis of each pulse meets the ground. before_m, after_m: how much farther the
+    echoes are than predicted, with and without the errors; sigma_m: by speckle.
+    dem: as believed, and corrected; error: of both, where the recording holds the truth.
+    """
+
+    source: Path
+    place_m: Float[np.ndarray, "pulse 2"]
+    before_m: Float[np.ndarray, " pulse"]
+    after_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+    dem: tuple[Raster, Raster]
+    error: tuple[DemError, DemError] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """Estimated errors of an instrument, and what the flight tells of them.
+
+    solution: the estimate. manoeuvres: what one more line would tell; none over unknown ground.
+    displaced: the estimate that lets the reference lie elsewhere, if it does.
+    doppler: what is taken from the range rates of each recording, or why nothing is.
+    """
+
+    solution: Solution
+    manoeuvres: tuple[Manoeuvre, ...]
+    recordings: tuple[Calibrated, ...]
+    reference: Path | None
+    reference_sigma_m: float
+    displaced: bool
+    warnings: tuple[str, ...]
+    overrides: Mapping[str, Any]
+    doppler: tuple[str, ...] = ()
+
+    @property
+    def refused(self) -> str | None:
+        """Why no estimate is stated; None if there is one."""
+        return next((w for w in self.warnings if NO_ESTIMATE in w), None) if self.solution.of_other_ground else None
+
+    @property
+    def errors(self) -> dict[str, tuple[float, float]]:
+        """Estimates and standard deviations of what the flight tells, in the units of `UNKNOWNS`."""
+        solution = self.solution
+        rows = zip(solution.names, solution.value, solution.sigma, solution.told, strict=True)
+        return {name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, told in rows if told}
+
+
+def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the errors to estimate, the usual ones without any.
+
+    Raises ScenarioError for a name that is none.
+    """
+    known = [name for name in UNKNOWNS if name not in DATUM]
+    for name in names:
+        if name not in known:
+            message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
+            raise ScenarioError.of("--estimate", message, "command line")
+    return tuple(dict.fromkeys(names)) or USUAL
+
+
+# Units, SI, of the errors that have standard deviations beforehand, and of those that may drift.
+PRIORS = {name: unknown.si for name, unknown in UNKNOWNS.items() if name not in DATUM}
+DRIFTS = {name: unknown.si for name, unknown in UNKNOWNS.items()}
+
+
+def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return standard deviations, SI, from NAME=SIGMA in units by name; in that of the key, of any name, without them.
+
+    Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
+    """
+    found = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = 0.0
+        if (units is not None and name not in units) or not 0 < value < np.inf:
+            known = "" if units is None else f" of {', '.join(units)}"
+            message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
+            raise ScenarioError.of(option, message, "command line")
+        found[name] = value if units is None else value * units[name]
+    return found
+
+
+@on_one_thread
+def run_calibration(
+    recordings: Sequence[str | Path],
+    reference: str | Path | None = None,
+    *,
+    names: Sequence[str] = USUAL,
+    prior: Mapping[str, float] | None = None,
+    drift: Mapping[str, float] | None = None,
+    reference_sigma_m: float = 0.0,
+    overrides: Mapping[str, Any] | None = None,
+) -> Calibration:
+    """Estimate errors of an instrument from its recordings.
+
+    Parameters
+    ----------
+    recordings:
+        As for `process`, with poses; all of one instrument, and in the same local metres.
+    reference:
+        Heights of the ground, as for `compare_with_reference`: a surface, or single places. None for lines that
+        overlap.
+    names, prior:
+        Errors to estimate, in `UNKNOWNS`, and their standard deviations beforehand, SI. Where Doppler is used,
+        `DOPPLER_ERRORS` are among them.
+    drift:
+        Errors that differ from line to line, and their standard deviations between lines, SI.
+    reference_sigma_m:
+        Standard deviation of an error of position and height that all of the reference shares.
+    overrides:
+        Values of `processing` and `dem` by dotted keys.
+
+    Raises
+    ------
+    InputFileError, ScenarioError
+        No poses, too few echoes over the reference, or a setting that does not fit.
+
+    Examples
+    --------
+    >>> lines = {"count": 2, "spacing_m": 10.0, "length_m": 30.0, "crossing": True}
+    >>> flight = {"platform.lines": lines, "platform.start_m": None, "platform.navigation.boresight_error_deg": 0.5}
+    >>> survey = run(load_scenario("hills", flight), recordings={"signals": "lines.nc"})
+    >>> survey.truth.to_geotiff("ground.tif")
+    >>> found = run_calibration(["lines.nc"], "ground.tif").errors
+    >>> abs(found["roll"][0] - 0.5) < 4 * found["roll"][1]
+    True
+
+    """
+    changes = dict(overrides or {})
+    path = None if reference is None else Path(reference)
+    with ExitStack() as stack:
+        errors = {n: UNKNOWNS[n].prior * UNKNOWNS[n].si for n in (*names, *DOPPLER_ERRORS)} | dict(prior or {})
+        opened = [stack.enter_context(open_recording(signals_in(Path(name)), changes)) for name in recordings]
+        heard = [echoes_of(source, errors) for source in opened]
+        if any(isinstance(each.echoes, WholeEchoes) and each.echoes.rates for each in heard):
+            names = tuple(dict.fromkeys((*names, *DOPPLER_ERRORS)))
+        known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
+        if isinstance(known, ReferenceSurface):
+            found = _over_surface(heard, known, path, names, dict(prior or {}), drift or {}, reference_sigma_m)
+        else:
+            found = _over_unknown(heard, known, path, names, dict(prior or {}), drift or {})
+        parts, surface, solution = found.parts, found.surface, found.solution
+        warnings = [*found.warnings, *_doubts(solution, parts)]
+        # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
+        solution = solution.held() if solution.of_other_ground else solution
+        # Over unknown ground a further line would first have to tell the ground.
+        further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
+        manoeuvres = tuple(
+            Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
+            for name, information in further.items()
+        )
+        both = zip(heard, parts.parts, strict=True)
+        calibrated = tuple(_calibrated(each, part, surface, solution) for each, part in both)
+    return Calibration(
+        solution=solution,
+        manoeuvres=manoeuvres,
+        recordings=calibrated,
+        reference=path,
+        reference_sigma_m=reference_sigma_m,
+        displaced=found.displaced,
+        warnings=tuple(warnings),
+        overrides=changes,
+        doppler=tuple(f"{each.source.path.name}: {each.doppler}" for each in heard if each.doppler),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """An estimate with the ground and the echoes that it is of."""
+
+    parts: Together
+    surface: Heightfield
+    solution: Solution
+    displaced: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def _over_surface(
+    heard: Sequence["Heard"],
+    reference: ReferenceSurface,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+    drift: Mapping[str, float],
+    sigma_m: float,
+) -> _Found:
+    """Estimate errors over a surface, which may lie elsewhere."""
+    surface, known = _filled(reference, _grid(heard), path)
+    parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
+    asked = tuple(names) + (DATUM if sigma_m > 0 else ())
+    with stage("estimating", 1):
+        solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
+        free = solve(parts, surface, (*names, *DATUM), prior, drift)
+    if not _displaced(free, sigma_m):
+        return _Found(parts=parts, surface=surface, solution=solution)
+    warnings = (_displacement(free, sigma_m),)
+    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=warnings)
+
+
+def _over_unknown(
+    heard: Sequence["Heard"],
+    known: Checkpoints | None,
+    path: Path | None,
+    names: Sequence[str],
+    prior: dict[str, float],
+    drift: Mapping[str, float],
+) -> _Found:
+    """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
+    parts = tuple(
+        each.echoes.rows(each.echoes.motion.within_lines) for each in heard if isinstance(each.echoes, WholeEchoes)
+    )
+    if len(parts) < len(heard):
+        message = "without a surface as --reference give recordings of signals, of lines that overlap"
+        raise ScenarioError.of("recordings", message, "command line")
+    for each, part in zip(heard, parts, strict=True):
+        check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
+        of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
+        if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
+            message = "are of different antennas or weather; calibrate each by itself"
+            raise ScenarioError.of("recordings", message, "command line")
+    places = None
+    if known is not None:
+        if not (known.sigma_m > 0).all():
+            raise InputFileError(f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma")
+        places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
+    own = WholeEchoes.joined(parts)
+    # Waves much shorter than a footprint are nothing that an echo tells.
+    extent, spacing_m = _grid(heard), max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
+    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
+    grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
+    with stage("estimating", 1):
+        solution, surface = solve_over_unknown_ground(own, grid, names, prior, places, drift)
+    return _Found(parts=Together(parts=parts), surface=surface, solution=solution)
+
+
+def _footprint_m(echoes: WholeEchoes) -> float:
+    """Return the width of the narrowest footprints: two standard deviations of the beam's power to each side."""
+    range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
+    return 4 * min(echoes.sightings.beam.spread) * range_m
+
+
+def signals_in(path: Path) -> Path:
+    """Return the recording of beat signals in a folder of results, or the recording itself."""
+    if not path.is_dir():
+        return path
+    inside = path / "signals.nc"
+    if not inside.is_file():
+        raise InputFileError(f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`")
+    return inside
+
+
+# --------------------------------------------------------------------------------------------------------- echoes
+@dataclass(frozen=True, kw_only=True)
+class Heard:
+    """A recording with its detected echoes, and what they say; doppler: see `Calibration`."""
+
+    source: RecordingSource
+    sensor: Sensor
+    observed: Observed
+    echoes: WholeEchoes | Readings
+    grid: Grid
+    doppler: str = ""
+
+
+def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None) -> Heard:
+    """Return the echoes of a recording, with the poses as they were reported.
+
+    prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
+    """
+    if not source.file.pulses.located:
+        raise InputFileError(f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones")
+    if source.settings.processing.calibration is not None:
+        raise ScenarioError.of("processing.calibration", "is what is estimated here; leave it out", str(source.path))
+    readings = isinstance(source.file, DescribedRanges)
+    if len(source.sweeps) > 1 or source.angle is not None:
+        message = "a recording of pairs of sweeps or of an array has no whole echoes; give one of single sweeps"
+        raise ScenarioError.of("radar.sweep", message, str(source.path))
+    wanted = source if readings else replace(source, settings=_with_profiles(source.settings))
+    sensor, observed = observe(wanted, Execution())
+    points = place(observed.echoes, sensor, source.flight)
+    if len(points) < FEWEST:
+        raise InputFileError(f"{shown(source.path)}: has {len(points)} echoes; {FEWEST} at least tell anything")
+    mapper, motion = wanted.mapper_of(points), source.believed()
+    if readings:
+        first = np.unique(points.pulse, return_index=True)[1]
+        own = motion.rows(points.pulse[first])
+        echoes: WholeEchoes | Readings = Readings(
+            range_m=points.range_m[first],
+            sigma_m=np.maximum(points.range_sigma_m[first], 1e-3),
+            motion=own,
+            reach_m=2 * float(points.range_m.max()),
+        )
+        return Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
+    assert observed.profiles is not None
+    own = motion.rows(observed.profiles.pulse)
+    sightings = mapper.sightings(observed.profiles, own.pose)
+    echo_ranges = mean_ranges(sightings)
+    rates, doppler = (None, "") if prior is None else _range_rates(source, motion, sightings.beam.spread, prior)
+    reach = sightings.repeated(echo_ranges.range_m)
+    whole = WholeEchoes(sightings=sightings, motion=own, reach=reach, rates=rates)
+    grid = replace(reaching(mapper.grid, sightings, echo_ranges), georeference=mapper.grid.georeference)
+    return Heard(source=source, sensor=sensor, observed=observed, echoes=whole, grid=grid, doppler=doppler)
+
+
+def _range_rates(
+    source: RecordingSource, motion: BelievedMotion, spread: tuple[float, float], prior: Mapping[str, float]
+) -> tuple[RangeRates | None, str]:
+    """Return the range rates of frames of successive pulses, if they are unambiguous, and what is to be said of them.
+
+    spread: standard deviations of the beam's power.
+    """
+    if isinstance(source.file, DescribedSignals) and source.file.powers:
+        return None, "Doppler is not used, as powers have no phase"
+    (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses
+    if len(frames) == 0:
+        return None, f"Doppler is not used: {FRAME} pulses never follow each other in regular intervals"
+    ambiguity_mps, middle = source.sweeps[0].wavelength_m / (2 * interval_s), motion.rows(frames[:, FRAME // 2])
+    found = pulse_pair_rates(source.detector, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
+    rates = RangeRates.of_frames(found, middle, spread, ambiguity_mps)
+    change, _ = rates.linearised(InstrumentErrors(), tuple(prior))
+    known_mps = float(np.sqrt(np.sum((change * [*prior.values()]) ** 2, axis=1)).max())
+    sigma_mps = float(rates.sigma_mps[0])
+    said = f"range rates of {len(frames)} frames of {FRAME} pulses"
+    if np.isinf(sigma_mps):
+        return None, f"Doppler is not used: {said} are too few to tell their variance; fly longer"
+    said += f", {sigma_mps:.2g} m/s each"
+    if PRIOR_SIGMAS * known_mps + FRAME_SIGMAS * sigma_mps < ambiguity_mps / 2:
+        return rates, f"Doppler is used: {said}"
+    return None, (
+        f"Doppler is not used: {said}, are ambiguous by {ambiguity_mps:.3g} m/s and known to {known_mps:.2g} m/s "
+        "beforehand; more chirps a second, a slower scan or a smaller --prior may allow it"
+    )
+
+
+def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | RecordedSettings:
+    """Return settings whose map uses range profiles."""
+    dem = settings.dem.model_copy(update={"method": "refined", "method_parameters": None})
+    return settings.model_copy(update={"dem": dem})
+
+
+def _grid(heard: Sequence[Heard]) -> Grid:
+    """Return the grid of the reference: it reaches all footprints."""
+    grids = [each.grid for each in heard]
+    if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
+        raise ScenarioError.of("recordings", "have different local metres; calibrate each by itself", "command line")
+    west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
+    east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
+    grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))
+    return replace(grid, georeference=grids[0].georeference)
+
+
+def _filled(
+    reference: ReferenceSurface, grid: Grid, path: Path | None
+) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
+    """Return the reference on a grid, and the cells where it is known; others have the height of the nearest."""
+    height_m = reference.on(grid).height_m
+    known = np.isfinite(height_m)
+    if not known.any():
+        raise InputFileError(f"{shown(path or Path())}: has no height where the beam meets the ground; give one of it")
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return Heightfield(grid=grid, height_m=np.ascontiguousarray(height_m[tuple(nearest)])), known
+
+
+def _over(
+    echoes: WholeEchoes | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path | None
+) -> WholeEchoes | Readings:
+    """Return the echoes of footprints that the reference covers."""
+    pose, grid = echoes.motion.pose, surface.grid
+    reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
+    toward = pose.boresight[:, None]
+    if isinstance(echoes, WholeEchoes):
+        toward = np.concatenate([toward, echoes.sightings.corner_directions()], axis=1)
+    covered = echoes.motion.within_lines
+    for k in range(toward.shape[1]):
+        hit = surface.first_hit(pose.position_m, toward[:, k], reach_m)
+        place_m = pose.position_m + np.nan_to_num(hit)[:, None] * toward[:, k]
+        row, column, inside = grid.cell_of(place_m)
+        own = np.zeros(len(echoes), dtype=bool)
+        own[inside] = known[row[inside], column[inside]]
+        # A corner of the lobe may pass over the horizon; its axis may not.
+        covered &= own if k == 0 else own | ~np.isfinite(hit)
+        covered &= np.isfinite(hit) if k == 0 else True
+    if covered.sum() < FEWEST:
+        message = f"{shown(path or Path())}: lies under {covered.sum()} echoes; {FEWEST} at least tell anything"
+        raise InputFileError(message)
+    return echoes.rows(covered)
+
+
+# ------------------------------------------------------------------------------------------------------ statements
+def _displaced(free: Solution, stated_m: float) -> bool:
+    """Whether the reference lies elsewhere by more than what is stated of it, and chance explain."""
+    return any(
+        abs(free.value[free.names.index(name)]) > DISPLACED * np.hypot(free.sigma[free.names.index(name)], stated_m)
+        for name in DATUM
+        if free.told[free.names.index(name)]
+    )
+
+
+def _displacement(free: Solution, stated_m: float) -> str:
+    parts = []
+    for name in DATUM:
+        k = free.names.index(name)
+        if free.told[k]:
+            parts.append(f"{-free.value[k]:+.2f} ± {free.sigma[k]:.2f} m {name.removeprefix('datum_')}")
+    stated = f"more than the {stated_m:g} m that are stated" if stated_m else "and --reference-sigma states none"
+    return (
+        f"the reference is displaced against the flight by {', '.join(parts)}, {stated}: it is estimated with the "
+        "errors, which are known less well for it"
+    )
+
+
+def _doubts(solution: Solution, parts: Together) -> list[str]:
+    """Return warnings about echoes that are not those of the modelled ground."""
+    if solution.model_holds:
+        return []
+    bias = None if solution.of_other_ground else solution.next_range_bias(parts.line)
+    wanders = (
+        "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
+        "{:.2f} ± {:.2f} m"
+    )
+    return [
+        *([] if bias is None else [wanders.format(*bias)]),
+        f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
+        f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
+        "plants, a coarse reference or another antenna may be the reason. "
+        + (
+            NO_ESTIMATE
+            if solution.of_other_ground
+            else "Standard deviations include the scatter of stretches, and no error that all of them share"
+        ),
+    ]
+
+
+# ------------------------------------------------------------------------------------------------------- manoeuvres
+def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
+    """Return the information that one more line of each kind would add, like the longest that was flown."""
+    line, drift = parts.line, solution.drift
+    longest = np.bincount(line).argmax()
+    first, found = 0, {}
+    for part in parts.parts:
+        own = line[first : first + len(part)] == longest
+        if own.any():
+            one, sigma_m = part.rows(own), float(np.nanmedian(solution.step.sigma_m[first : first + len(part)][own]))
+            break
+        first += len(part)
+    for name, motion in _lines(one.motion, surface).items():
+        information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
+        if isinstance(one, WholeEchoes) and one.rates is not None:
+            flown = replace(one, rates=replace(one.rates, motion=_lines(one.rates.motion, surface)[name]))
+            information += flown.doppler_information(solution.errors, drift.every)[0]
+        found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
+    return found
+
+
+def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMotion]:
+    """Return the motions of other lines over the same place."""
+    pose, body = flown.pose, flown.R_world_mount
+    ground = surface.first_hit(pose.position_m, pose.boresight, FOLLOWED_M)
+    met = np.isfinite(ground)
+    centre = (pose.position_m + np.where(met, ground, 0.0)[:, None] * pose.boresight)[met].mean(axis=0)
+    height = float(np.mean(pose.position_m[:, 2] - centre[2]))
+
+    def turned(degrees: float) -> BelievedMotion:
+        R = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+        middle = np.array([centre[0], centre[1], 0.0])
+        moved = Pose(
+            position_m=(pose.position_m - middle) @ R.T + middle,
+            velocity_mps=pose.velocity_mps @ R.T,
+            R_world_antenna=R @ pose.R_world_antenna,
+        )
+        return replace(
+            flown, pose=moved, turn_rad_s=flown.turn_rad_s @ R.T, acceleration_mps2=flown.acceleration_mps2 @ R.T
+        )
+
+    raised = replace(pose, position_m=pose.position_m + np.array([0.0, 0.0, (HIGHER - 1) * height]))
+    faster = replace(pose, velocity_mps=FASTER * pose.velocity_mps)
+    phase, amplitude = 2 * np.pi * (flown.time_s - flown.time_s[0]) / ROCKING_S, np.deg2rad(ROCKING_DEG)
+    nose = body[:, :, 0]
+    roll = Rotation.from_rotvec(nose * (amplitude * np.sin(phase))[:, None]).as_matrix()
+    rate = nose * (amplitude * 2 * np.pi / ROCKING_S * np.cos(phase))[:, None]
+    rocking = replace(pose, R_world_antenna=roll @ pose.R_world_antenna)
+    return {
+        "the same line again": flown,
+        "the opposite line": turned(180.0),
+        "a crossing line": turned(90.0),
+        f"the line at {HIGHER:g} times the height": replace(flown, pose=raised),
+        f"the line at {FASTER:g} times the speed": replace(flown, pose=faster),
+        f"the line while rolling by ±{ROCKING_DEG:g}° every {ROCKING_S:g} s, antenna fixed to the body": replace(
+            flown, pose=rocking, turn_rad_s=flown.turn_rad_s + rate
+        ),
+    }
+
+
+# ------------------------------------------------------------------------------------------------ before and after
+def _calibrated(heard: Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
+    """Return residuals and maps of a recording with and without the errors."""
+    before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
+    pose = echoes.motion.without(solution.errors).pose
+    reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
+    hit = surface.first_hit(pose.position_m, pose.boresight, reach_m)
+    maps = [_mapped(heard, errors) for errors in (InstrumentErrors(), solution.errors)]
+    truth, compared = heard.source.file.truth, None
+    if truth is not None and all(dem.grid == truth.surface.grid for dem in maps):
+        compared = [compare_dem(dem, truth.surface, truth.lit, truth.beside_wall).lit_error for dem in maps]
+    return Calibrated(
+        source=heard.source.path,
+        place_m=(pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2],
+        before_m=before[0],
+        after_m=after[0],
+        sigma_m=after[1] * np.sqrt(solution.scatter),
+        dem=(maps[0], maps[1]),
+        error=None if compared is None else (compared[0], compared[1]),
+    )
+
+
+def _mapped(heard: Heard, errors: InstrumentErrors) -> Raster:
+    """Return the DEM of a recording without some errors."""
+    source = heard.source.corrected(errors)
+    sensor = source.build_sensor()
+    points = place(heard.observed.echoes, sensor, source.flight)
+    profiles = heard.observed.profiles if source.keeps_profiles else None
+    return source.mapper_of(points).map(points, profiles, source.pose).dem

@@ -1,0 +1,7 @@
+"""Comparison: results side by side."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+NEEDS = ("design", "sweep")

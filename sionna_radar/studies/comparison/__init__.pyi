@@ -1,0 +1,1 @@
+from .document import write_comparison as write_comparison

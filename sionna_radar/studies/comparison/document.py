@@ -1,0 +1,300 @@
+"""Results side by side: reading them, their table, and their page."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.report.drawing import LOCAL_FRAME, Frame
+from sionna_radar.report.files.contents import write_text
+from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.files.results import REMEDY, folder_names, read_document, read_raster
+from sionna_radar.report.page.markup import TableCell, document
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
+from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
+from sionna_radar.report.terminal import NONE, console, print_whole, reference_rows, table_of
+from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison
+from sionna_radar.studies.design.document import MARKER as DESIGN_MARKER
+from sionna_radar.studies.design.document import OF_LIT_CELLS
+from sionna_radar.studies.sweep.document import MARKER as SWEEP_MARKER
+from sionna_radar.studies.sweep.document import read_sweep
+from sionna_radar.studies.sweep.study import label
+from sionna_radar.survey.result import known_covers
+
+MAX_KEYS = 200
+ERRORS = {
+    "RMS": ("rms_m", ".3f"),
+    "mean": ("mean_m", "+.3f"),
+    "std": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
+    "cells": ("count", ",.0f"),
+    "coverage of lit cells": ("coverage", ".1%"),
+}
+
+
+def error_rows(result: ResultsComparison) -> dict[str, list[str]]:
+    """Return the errors of lit cells by name of the folder."""
+    return {
+        flown.name: [figure(flown.summary["lit_error"][key], form) for key, form in ERRORS.values()]
+        for flown in result.results
+    }
+
+
+def setting_rows(result: ResultsComparison) -> dict[str, list[str]]:
+    """Return the differing settings by dotted key, one value per folder; at most `MAX_KEYS`."""
+    rows = {
+        _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MAX_KEYS)
+    }
+    hidden = len(result.differing) - len(rows)
+    return {**rows, **({f"and {hidden:,} more": [""] * len(result.results)} if hidden else {})}
+
+
+def figure(value: float | int | None, form: str) -> str:
+    """Return a formatted number; a dash for None."""
+    return "-" if value is None else f"{value:{form}}"
+
+
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) and len(value) < 60 else shown(value)
+
+
+def print_comparison(result: ResultsComparison) -> None:
+    """Print the errors of lit cells, and the differing settings."""
+    errors = ([name, *row] for name, row in error_rows(result).items())
+    console().print(table_of("DEM minus truth of lit cells, m", ["folder", *ERRORS], errors, left=["folder"]))
+    if not result.differing:
+        console().print("no setting differs")
+        return
+    columns = ["key", *(flown.name for flown in result.results)]
+    settings = ([key, *row] for key, row in setting_rows(result).items())
+    console().print(table_of("Settings that differ", columns, settings, left=columns))
+
+
+def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: bool) -> ReferenceCheck:
+    """Compare the DEM of a folder of results, `dem.tif`, with measured heights; see `compare_with_reference`."""
+    crs, dem = read_raster(folder / "dem.tif")
+    if crs:
+        place = Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0))
+        dem = replace(dem, grid=replace(dem.grid, georeference=place))
+    sigma = read_raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
+    settings = folder / (PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN)[1]
+    of_scenario = settings.is_file() and "terrain" in read_document(settings, "scenario")
+    covers = known_covers(settings if of_scenario else None, dem.grid)
+    return compare_with_reference(reference, dem, sigma, sigma_m=sigma_m, apply_shift=apply_shift, covers=covers)
+
+
+def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) -> None:
+    """Print the DEMs of some folders against the same measured heights, and their errors by classes of cells."""
+    columns, texts = ["", *folder_names(folders)], [reference_rows(check) for check in checks]
+    rows = ([key, *(values[key] for values in texts)] for key in texts[0])
+    console().print(table_of("Against measured heights", columns, rows, left=columns))
+    classes = [{} if check.breakdown is None else class_rows(check.breakdown, "reference") for check in checks]
+    # A cloud that is a surface on the cells of one folder may be single points on those of another.
+    for title in max(classes, key=len):
+        named = [{name: f"{rms} of {count}" for name, rms, _, count in by.get(title, [])} for by in classes]
+        if keys := dict.fromkeys(name for cells in named for name in cells):
+            rows = ([key, *(cells.get(key, NONE) for cells in named)] for key in keys)
+            console().print(table_of(f"RMSE (m) by class: {title}", ["", *columns[1:]], rows))
+
+
+MARKER = "compare.html"
+# Largest number of cells of all maps of a page.
+MAX_CELLS = 1_600_000
+LINES, LINE_POINTS = 41, 400
+
+
+def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
+    """Write `compare.html` into a directory, and return the files; raises OutputError as `write_folder`."""
+    return write_folder(directory, MARKER, lambda folder: write_text(folder / MARKER, comparison_page(result)))
+
+
+def comparison_page(result: ResultsComparison) -> str:
+    """Return the page of a comparison as HTML."""
+    pack = Pack()
+    one_map = len({flown.crs for flown in result.results}) == 1
+    on_map = one_map and result.results[0].crs
+    frame = Frame(east="Easting (m)", north="Northing (m)") if on_map else LOCAL_FRAME
+    maps, notes = _maps(result, pack, frame.height)
+    numbers = {
+        "frame": frame_of_page(frame),
+        "scales": colour_scales(),
+        "maps": maps,
+        "linked": one_map,
+        "profiles": _profiles(result, pack),
+        "histogram": histogram_of({f.name: f.error.height_m for f in result.results}),
+        "results": [
+            {"name": flown.name, "lit_error": flown.summary["lit_error"], "dem_error": flown.summary["dem_error"]}
+            for flown in result.results
+        ],
+    }
+    return document(
+        "compare.html",
+        pack.text(numbers),
+        ("maps.js", "chirps.js", "compare.js"),
+        package=__package__,
+        title=f"{len(result.results)} results side by side",
+        names=[flown.name for flown in result.results],
+        errors=list(ERRORS),
+        rows=_error_cells(result),
+        settings=[[key, *values] for key, values in setting_rows(result).items()],
+        common=result.common,
+        notes=notes,
+        lines=LINES,
+    )
+
+
+def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return DEM and error maps of each result on common scales; heights without a common area on separate ones.
+
+    Also return notes on omissions.
+    """
+    dems = [flown.dem.height_m for flown in result.results]
+    limit = limit_of(np.concatenate([flown.error.height_m.ravel() for flown in result.results]))
+    error_look = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
+    maps, notes = [], []
+    for flown in result.results:
+        low, high = span_of(*(dems if result.common else [flown.dem.height_m]))
+        height_look = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
+        thin = thinned(flown.dem.grid, MAX_CELLS // (2 * len(result.results)))
+        for name, values, look in (
+            ("DEM", flown.dem.height_m, height_look),
+            ("error", flown.error.height_m, error_look),
+        ):
+            packed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
+            maps.append({"name": f"{flown.name}: {name}", **look, **packed})
+        if thin.note:
+            notes.append(f"{flown.name}: {thin.note}.")
+    return maps, notes
+
+
+def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
+    """Return heights and errors along lines from west to east over the area common to all maps."""
+    if result.common is None:
+        return None
+    west, east, south, north = result.common
+    inset = 0.02 * (north - south)
+    x, y = np.linspace(west, east, LINE_POINTS), np.linspace(south + inset, north - inset, LINES)
+    across, along = np.meshgrid(x, y)
+    places = np.column_stack([across.ravel(), along.ravel()])
+
+    def lines(flown: FlownResult) -> tuple[dict[str, Any], dict[str, Any]]:
+        height, error = (raster.at(places).reshape(across.shape) for raster in (flown.dem, flown.error))
+        return pack.rounded(height, HEIGHT_STEP_M), pack.rounded(error, HEIGHT_STEP_M)
+
+    profiles = [lines(flown) for flown in result.results]
+    return {
+        "x": x.tolist(),
+        "y": y.tolist(),
+        "names": [flown.name for flown in result.results],
+        "height": [height for height, _ in profiles],
+        "error": [error for _, error in profiles],
+    }
+
+
+def _error_cells(result: ResultsComparison) -> list[list[TableCell | str]]:
+    keys = [key for key, _ in ERRORS.values()]
+    return [
+        [
+            flown.name,
+            *(
+                TableCell(text, f"{number}.lit_error.{key}", flown.summary["lit_error"][key])
+                for key, text in zip(keys, texts, strict=True)
+            ),
+        ]
+        for number, (flown, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
+    ]
+
+
+# The numbers and the settings in a folder of each command.
+FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
+RESULT_ERRORS = ("lit_error", "dem_error")
+NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
+
+
+def read_results(folders: Sequence[Path]) -> list[FlownResult]:
+    """Return the results of some folders, each named by the shortest unique end of its path.
+
+    Raises InputFileError for a folder without a result, or with damaged files.
+    """
+    return [_result(folder, name) for folder, name in zip(folders, folder_names(folders), strict=True)]
+
+
+def _result(folder: Path, name: str) -> FlownResult:
+    numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
+    summary = _summary(folder / numbers)
+    settings = read_document(folder / tables, "scenario")
+    crs, dem = read_raster(folder / "dem.tif")
+    _, error = read_raster(folder / "error.tif")
+    if dem.grid != error.grid:
+        raise InputFileError(f"{shown(folder)}: dem.tif and error.tif have different cells; {REMEDY}")
+    return FlownResult(name=name, summary=summary, settings=settings, crs=crs, dem=dem, error=error)
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    document = read_document(path)
+    for key in RESULT_ERRORS:
+        errors = document.get(key) if isinstance(document, dict) else None
+        if not isinstance(errors, dict) or not all(_number(errors.get(name, "")) for name in NUMBERS):
+            raise InputFileError(f"summary = {shown(path)} has no {key} of a survey; {REMEDY}")
+    return document
+
+
+def _number(value: Any) -> bool:
+    """Return True if a value is a finite number or null."""
+    # abs(NaN) < x is false, too.
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
+
+
+def is_study(folder: Path) -> bool:
+    """Return True if a folder holds the results of a sweep or a design."""
+    return any((folder / marker).is_file() for marker in (SWEEP_MARKER, DESIGN_MARKER))
+
+
+def print_studies(folders: Sequence[Path]) -> None:
+    """Print the settings of sweeps and designs in one table, by their RMS error over lit cells.
+
+    Raises InputFileError for a folder of anything else, or a damaged one.
+    """
+    rows = [
+        row for folder, name in zip(folders, folder_names(folders), strict=True) for row in _study_rows(folder, name)
+    ]
+    texts = ["study", "setting", "DEM method", "seeds"]
+    ordered = (row for _, row in sorted(rows, key=lambda pair: pair[0]))
+    title = "DEM minus truth of lit cells: settings of all studies"
+    print_whole(table_of(title, [*texts, "RMS", "LE90", OF_LIT_CELLS], ordered, left=texts))
+
+
+def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
+    """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
+    if (folder / SWEEP_MARKER).is_file():
+        found = [
+            (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)
+            for case in read_sweep(folder).cases
+            if case.trials
+        ]
+        return [_study_row(name, *one) for one in found]
+    document = read_document(folder / DESIGN_MARKER)
+    try:
+        designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
+        return [_study_row(name, *one) for one in designs]
+    except (KeyError, TypeError) as error:
+        message = (
+            f"{shown(folder / DESIGN_MARKER)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
+        )
+        raise InputFileError(message) from error
+
+
+def _study_row(
+    name: str, setting: dict[str, Any], method: str, seeds: int, value: Callable[[str], float]
+) -> tuple[float, list[str]]:
+    rms_m = value("rms_m")
+    numbers = [f"{rms_m:.3f}", f"{value('le90_m'):.3f}", f"{value('coverage'):.1%}"]
+    return rms_m, [name, label(setting), method, str(seeds), *numbers]

@@ -1,0 +1,7 @@
+"""Design: the radar and flight that meet requirements at the least cost."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+NEEDS = ("sweep",)

@@ -1,0 +1,5 @@
+"""Gradients: sensitivities of echoes to parameters of the scene and the radar."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

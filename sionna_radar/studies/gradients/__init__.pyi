@@ -1,0 +1,2 @@
+from .study import Sensitivities as Sensitivities
+from .study import sensitivities as sensitivities

@@ -1,0 +1,7 @@
+"""Images: side-looking radar and synthetic aperture."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+RECORD = "Imagery"

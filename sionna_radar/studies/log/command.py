@@ -1,0 +1,59 @@
+"""Command line of flight logs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sionna_radar.cli.session import Listed, Session, command
+from sionna_radar.foundation.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from sionna_radar.scenario.bases import TerrainParameters
+
+
+@command("output", "quiet")
+def log_command(
+    session: Session,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, SBET .out, .gpx, .csv or .trj.")
+    ],
+    over: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
+    ] = None,
+    terrain: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw it over an elevation file with a CRS.")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Start, s after the first position.")] = 0.0,
+    stop: Annotated[float | None, typer.Option(help="End, s after the first position.")] = None,
+    gap: Annotated[float, typer.Option(help="Longest interval between positions that is no gap, s.")] = 2.0,
+    crs: Annotated[
+        str | None, typer.Option(metavar="CRS", help="CRS of a CSV log in map coordinates, e.g. EPSG:25832.")
+    ] = None,
+) -> None:
+    """Summarise a flight log, and draw it on a map."""
+    from sionna_radar.studies.log.document import MARKER, print_log, write_log
+    from sionna_radar.studies.log.study import inspect_log
+
+    ground = _ground(over, terrain)
+    session.produce(
+        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
+        suffix="_log",
+        marker=MARKER,
+        write=write_log,
+        show=print_log,
+    )
+
+
+def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
+    from sionna_radar.scenario import load_scenario
+    from sionna_radar.scenario.terrain import RasterTerrain
+
+    if over is not None and terrain is not None:
+        raise ScenarioError.of("--terrain", "contradicts --over; give the one or the other", "command line")
+    if terrain is not None:
+        return RasterTerrain(path=terrain)
+    return load_scenario(over).terrain if over is not None else None
+
+
+COMMANDS = (Listed("Real data", "log", log_command),)

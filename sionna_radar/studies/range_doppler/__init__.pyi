@@ -1,0 +1,10 @@
+from .cfar import ClutterMap as ClutterMap
+from .cfar import RingCfar as RingCfar
+from .document import write_frames as write_frames
+from .frames import RangeDoppler as RangeDoppler
+from .frames import RangeDopplerMap as RangeDopplerMap
+from .movers import Movers as Movers
+from .movers import StaggeredRangeDoppler as StaggeredRangeDoppler
+from .movers import find_movers as find_movers
+from .study import Frames as Frames
+from .study import run_frames as run_frames

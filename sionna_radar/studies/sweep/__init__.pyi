@@ -1,0 +1,17 @@
+from .document import write_sweep as write_sweep
+from .quantities import Area as Area
+from .quantities import Costs as Costs
+from .quantities import quantities_of as quantities_of
+from .quantities import read_costs as read_costs
+from .settings import Axis as Axis
+from .settings import Design as Design
+from .settings import Sampler as Sampler
+from .settings import Span as Span
+from .settings import parse_design as parse_design
+from .settings import read_settings as read_settings
+from .study import Case as Case
+from .study import Sweep as Sweep
+from .study import Trial as Trial
+from .study import label as label
+from .study import plan_sweep as plan_sweep
+from .study import run_sweep as run_sweep

@@ -1,0 +1,43 @@
+"""Command line of twins of recordings."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sionna_radar.cli.session import RECORDING, Listed, ReportOption, Session, command
+
+
+@command(*RECORDING)
+def twin_command(
+    session: Session,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="As for `process`, with poses.")],
+    terrain: Annotated[
+        Path | None,
+        typer.Option("--terrain", metavar="FILE", help="Elevation raster of the ground; default: the scenario's own."),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            "--base", metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."
+        ),
+    ] = None,
+    report: ReportOption = True,
+) -> None:
+    """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
+    from sionna_radar.report.files.contents import Report
+    from sionna_radar.studies.twin.document import MARKER, print_twin, write_twin
+    from sionna_radar.studies.twin.study import run_twin
+
+    page = Report.PAGE if report else Report.NONE
+    session.produce(
+        lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
+        suffix="_twin",
+        marker=MARKER,
+        write=lambda twin, folder: write_twin(twin, folder, report=page),
+        show=print_twin,
+        products=[page.name],
+    )
+
+
+COMMANDS = (Listed("Real data", "twin", twin_command),)
