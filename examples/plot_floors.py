@@ -12,7 +12,7 @@ With SIONNA_RADAR_SMALL=1 in the environment fewer pulses are flown.
 import os
 
 from sionna_radar import load_scenario
-from sionna_radar.studies.link import draw_floors, draw_link, run_link_budget
+from sionna_radar.studies.link import draw_floors, draw_link, link_budget
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RADAR = {
@@ -32,7 +32,7 @@ RADAR = {
 }
 if SMALL:
     RADAR |= {"tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0}
-budget = run_link_budget(
+budget = link_budget(
     load_scenario("rain", RADAR),
     incidences_deg=[75.0] if SMALL else [45.0, 60.0, 75.0],
     rains_mm_per_h=[4.0] if SMALL else [0.0, 4.0],

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.studies.range_doppler import run_frames
+from sionna_radar.studies.range_doppler import range_doppler
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"tracing.scatterers_per_m2": 10.0} if SMALL else {}
@@ -26,7 +26,7 @@ TARGETS = [
 # %%
 # Beside the track of `slar` one reflector comes nearer at 3 m/s, and another one stands. At 4,000 chirps a second range
 # rates are unambiguous up to 3.9 m/s, and 128 chirps tell them to 0.06 m/s.
-frames = run_frames(
+frames = range_doppler(
     load_scenario("slar", SIZE | {"targets": TARGETS, "radar.chirp_rate_hz": 4000.0}), chirps=128, frames=8
 )
 print(frames)

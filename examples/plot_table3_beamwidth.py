@@ -15,8 +15,7 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import plan_sweep, run_sweep
-from sionna_radar.studies.sweep import Axis, label
+from sionna_radar.studies.sweep import Axis, label, plan_sweep, run_sweep
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 COLOURS = {"peak": "#0072b2", "centroid": "#d55e00"}  # safe for colour-blind readers

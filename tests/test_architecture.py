@@ -145,7 +145,7 @@ def test_a_circle_is_found():
 def test_studies_compute_apart_from_their_documents():
     """Only `document.py` and `command.py` of a study write, draw or print, and no other file of it knows them."""
     for name, path in MODULES.items():
-        if name.startswith("studies.") and name.rpartition(".")[2] not in ("document", "command"):
+        if name.startswith("studies.") and name.rpartition(".")[2] not in ("document", "command", "results"):
             tops = {module.split(".")[0] for module in imports(path)}
             assert not tops & {"matplotlib", "rasterio", "laspy", "json", "rich"}, name
             assert not {other for other in imported()[name] if other.startswith(("report", "cli"))}, name

@@ -25,7 +25,10 @@ FUNCTIONS = [name for name in sionna_radar.__all__ if name not in CLASSES]
 
 def packages() -> list[str]:
     """Return the packages whose public names a script may import."""
-    return ["sionna_radar", *(f"sionna_radar.{room}" for room in ROOMS if room not in ("cli", "notebook"))]
+    rooms = [room for room in ROOMS if room not in ("cli", "notebook", "studies", "readers")]
+    inner = (Path(sionna_radar.__file__).parent.glob(f"{room}/*/__init__.pyi") for room in ("studies", "readers"))
+    rooms += [f"{stub.parents[1].name}.{stub.parent.name}" for stubs in inner for stub in sorted(stubs)]
+    return ["sionna_radar", *(f"sionna_radar.{room}" for room in rooms)]
 
 
 def public_imports(code: str) -> list[tuple[str, str]]:
@@ -63,8 +66,13 @@ def test_an_inner_name_is_noticed():
         assert_public("from sionna_radar.survey import _run", "a script")
 
 
-def test_there_are_about_thirty_names_and_dir_lists_them():
-    assert 25 <= len(sionna_radar.__all__) <= 40
+def test_there_are_about_thirty_names_and_one_of_each_study_and_dir_lists_them():
+    stub = (Path(sionna_radar.__file__).with_suffix(".pyi")).read_text(encoding="utf-8")
+    studies = re.findall(r"from \.studies\.(\w+) import", stub)
+    assert sorted(studies) == [
+        path.parent.name for path in sorted(Path(sionna_radar.__file__).parent.glob("studies/*/study.py"))
+    ]
+    assert 25 <= len(sionna_radar.__all__) - len(studies) <= 32
     assert {*sionna_radar.__all__, "__version__"} <= set(dir(sionna_radar))
     assert sionna_radar.__version__ == version("sionna-radar")
 

@@ -14,7 +14,8 @@ from sionna_radar.mapping.coverage import closed
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.scene.build import build_scene
-from sionna_radar.studies.planning.study import Wanted, plan_flight
+from sionna_radar.studies.planning.study import Wanted
+from sionna_radar.studies.planning.study import plan as plan_flight
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 

@@ -11,7 +11,7 @@ from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.report.files.contents import Report
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
-from sionna_radar.studies.comparison.document import read_results
+from sionna_radar.studies.comparison.results import read_results
 from sionna_radar.studies.comparison.study import FlownResult
 from sionna_radar.survey.result import Survey
 from surveys import make_empty, make_survey

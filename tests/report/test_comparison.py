@@ -11,7 +11,8 @@ import rasterio
 
 from packed_pages import array_of, unpacked
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.studies.comparison.document import comparison_page, read_results
+from sionna_radar.studies.comparison.document import comparison_page
+from sionna_radar.studies.comparison.results import read_results
 from sionna_radar.studies.comparison.study import compare_results, differing_settings
 
 

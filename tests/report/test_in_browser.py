@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from browser import chromium, colours_in, opened, started
-from sionna_radar import load_scenario, process, run, run_twin
+from sionna_radar import load_scenario, process, run
+from sionna_radar import twin as run_twin
 from sionna_radar.report.page.show import show_page
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.processed import recording_page

@@ -12,19 +12,14 @@ from IPython.core.interactiveshell import InteractiveShell
 from traitlets import Type
 from traitlets.config import Config
 
-from sionna_radar import (
-    load_scenario,
-    plan_sweep,
-    prepare,
-    run,
-    run_budget,
-    run_crosscheck,
-    run_images,
-    run_sweep,
-)
+from sionna_radar import load_scenario, prepare, run
 from sionna_radar.foundation import progress
 from sionna_radar.notebook import _records, html_of, register_with_ipython
+from sionna_radar.studies.budget import navigation_budget as run_budget
 from sionna_radar.studies.budget.study import navigation_errors
+from sionna_radar.studies.crosscheck import crosscheck as run_crosscheck
+from sionna_radar.studies.images import image as run_images
+from sionna_radar.studies.sweep import plan_sweep, run_sweep
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}

@@ -17,7 +17,9 @@ from sionna_radar.studies.budget.study import (
     load_grades,
     navigation_errors,
     rms_with,
-    run_budget,
+)
+from sionna_radar.studies.budget.study import (
+    navigation_budget as run_budget,
 )
 from sionna_radar.survey.observed_survey import observe_survey
 

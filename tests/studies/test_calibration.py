@@ -46,7 +46,9 @@ from sionna_radar.studies.calibration.study import (
     _range_rates,
     parse_deviations,
     parse_errors,
-    run_calibration,
+)
+from sionna_radar.studies.calibration.study import (
+    calibrate as run_calibration,
 )
 from sionna_radar.studies.planning.study import calibration_flights
 from sionna_radar.survey.reprocessing import open_recording

@@ -11,7 +11,8 @@ import sionna_radar.studies.crosscheck.study
 from sionna_radar.execution.execution import Execution
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.crosscheck.document import crosscheck_summary, write_crosscheck
-from sionna_radar.studies.crosscheck.study import CrossCheck, Tolerances, run_crosscheck
+from sionna_radar.studies.crosscheck.study import CrossCheck, Tolerances
+from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 
 
 def small_hills(**tracing):

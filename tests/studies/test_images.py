@@ -24,7 +24,8 @@ from sionna_radar.scene.motion import Rotor, Way
 from sionna_radar.studies.images.aperture import PixelGrid
 from sionna_radar.studies.images.document import MARKER, print_image, write_imagery, write_slar
 from sionna_radar.studies.images.point_response import Point, Widths, isolated, measured_in_patch, point_beside
-from sionna_radar.studies.images.study import image_recording, run_images
+from sionna_radar.studies.images.study import image as run_images
+from sionna_radar.studies.images.study import image_recording
 
 EAST, GROUND = 1.0, 29.0
 SMALL = {

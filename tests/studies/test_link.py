@@ -12,7 +12,8 @@ from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link.document import print_link
-from sionna_radar.studies.link.study import _survey_reach_m, run_link_budget
+from sionna_radar.studies.link.study import _survey_reach_m
+from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey import run
 from sionna_radar.survey.preparation import prepare
 from surveys import WEAK

@@ -9,7 +9,7 @@ from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link.spectra import floors_of
-from sionna_radar.studies.link.study import run_link_budget
+from sionna_radar.studies.link.study import link_budget as run_link_budget
 from surveys import WEAK
 
 CORNER_HZ = 50 * 360.0

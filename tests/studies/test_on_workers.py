@@ -21,8 +21,10 @@ from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.budget.study import GRADES, navigation_errors, run_budget
-from sionna_radar.studies.crosscheck.study import CrossCheck, run_crosscheck
+from sionna_radar.studies.budget.study import GRADES, navigation_errors
+from sionna_radar.studies.budget.study import navigation_budget as run_budget
+from sionna_radar.studies.crosscheck.study import CrossCheck
+from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 from sionna_radar.studies.sweep import study as sweep_module
 from sionna_radar.studies.sweep.document import summary
 from sionna_radar.studies.sweep.settings import parse_design

@@ -10,7 +10,8 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.studies.planning.study import Wanted, check_plan, plan_flight, planned_scenario
+from sionna_radar.studies.planning.study import Wanted, check_plan, planned_scenario
+from sionna_radar.studies.planning.study import plan as plan_flight
 from sionna_radar.survey.observed_survey import observe_survey
 
 LIDAR = {"sensor": "lidar"}

@@ -13,7 +13,8 @@ from sionna_radar.foundation.numerics import taylor
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design.plan import RESULTS
-from sionna_radar.studies.planning.study import Wanted, plan_flight, planned_scenario
+from sionna_radar.studies.planning.study import Wanted, planned_scenario
+from sionna_radar.studies.planning.study import plan as plan_flight
 from sionna_radar.studies.sweep.quantities import (
     QUANTITIES,
     Area,

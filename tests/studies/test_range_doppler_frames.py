@@ -9,7 +9,7 @@ import trimesh
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.range_doppler.document import print_frames, write_frames
-from sionna_radar.studies.range_doppler.study import run_frames
+from sionna_radar.studies.range_doppler.study import range_doppler as run_frames
 
 SPARSE = {"tracing.scatterers_per_m2": 10.0}
 TARGETS = [

@@ -11,7 +11,8 @@ from pyproj import Transformer
 from scipy.constants import speed_of_light
 
 from elevation_files import cell_centres, from_origin, write_heights
-from sionna_radar import load_scenario, prepare, run, run_twin
+from sionna_radar import load_scenario, prepare, run
+from sionna_radar import twin as run_twin
 from sionna_radar.flight.pulses import GivenFlight
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.studies.twin.document import twin_document, twin_page, write_twin

@@ -6,8 +6,8 @@ import pytest
 from sionna_radar import load_scenario, run
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.studies.images.study import run_images
-from sionna_radar.studies.link.study import run_link_budget
+from sionna_radar.studies.images.study import image as run_images
+from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey.preparation import prepare
 
 SHORT = {

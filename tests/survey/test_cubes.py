@@ -15,8 +15,8 @@ from sionna_radar.foundation.errors import InputFileError, OutputError, Scenario
 from sionna_radar.readers.captures.capture_file import capture_config, raw_counts, read_frames, receiver_samples
 from sionna_radar.readers.recordings.description import open_described
 from sionna_radar.signal.array_beats import FramePaths, array_beats
-from sionna_radar.studies.calibration.study import run_calibration
-from sionna_radar.studies.twin.study import run_twin
+from sionna_radar.studies.calibration.study import calibrate as run_calibration
+from sionna_radar.studies.twin.study import twin as run_twin
 from sionna_radar.survey.recordings.recorder import SignalRecorder
 
 FLIGHT = {

@@ -6,7 +6,7 @@ import pytest
 from sionna_radar import load_scenario, process, run
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.studies.twin.study import run_twin
+from sionna_radar.studies.twin.study import twin as run_twin
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.preparation import prepare
 

@@ -4,7 +4,7 @@ Flights like those of the reference paper are compared with its results: Rouveur
 """
 
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from pyproj import CRS
@@ -241,6 +241,7 @@ def _flown(survey: Survey) -> dict[str, str]:
     return rows
 
 
+@runtime_checkable
 class Flown(Protocol):
     """What has errors of a map: a survey, or one of a study."""
 

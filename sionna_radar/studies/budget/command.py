@@ -29,7 +29,8 @@ def budget(
     """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.studies.budget.document import MARKER, print_budget, write_budget
-    from sionna_radar.studies.budget.study import GRADES, GROWTH, identity_of, load_grades, run_budget
+    from sionna_radar.studies.budget.study import GRADES, GROWTH, identity_of, load_grades
+    from sionna_radar.studies.budget.study import navigation_budget as run_budget
 
     limit_m = None if limit is None else _rms_limit(limit)
     checked = session.load_and_precompile()

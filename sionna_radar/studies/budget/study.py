@@ -183,7 +183,7 @@ class Budget:
     Examples
     --------
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
-    >>> budget = run_budget(scenario, errors=(), grades={})
+    >>> budget = navigation_budget(scenario, errors=(), grades={})
     >>> print(repr(budget).splitlines()[0])
     Budget: Hills from 50 m: the DEM and its error (paper Fig. 12, Table 3)
     """
@@ -230,7 +230,7 @@ def navigation_errors() -> tuple[NavigationError, ...]:
     return tuple(errors)
 
 
-def run_budget(
+def navigation_budget(
     scenario: Scenario,
     *,
     growth: float = GROWTH,
@@ -268,7 +268,7 @@ def run_budget(
     Examples
     --------
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
-    >>> run_budget(scenario, errors=(), grades={}).rms_m < 0.2
+    >>> navigation_budget(scenario, errors=(), grades={}).rms_m < 0.2
     True
     """
     errors = navigation_errors() if errors is None else errors

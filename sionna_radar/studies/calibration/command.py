@@ -72,7 +72,8 @@ def calibrate_command(
     from sionna_radar.foundation.input_file import regular_file
     from sionna_radar.report.files.contents import Report
     from sionna_radar.studies.calibration.document import MARKER, print_calibration, write_calibration
-    from sionna_radar.studies.calibration.study import DRIFTS, PRIORS, parse_deviations, parse_errors, run_calibration
+    from sionna_radar.studies.calibration.study import DRIFTS, PRIORS, parse_deviations, parse_errors
+    from sionna_radar.studies.calibration.study import calibrate as run_calibration
 
     page = Report.PAGE if report else Report.NONE
     names = parse_errors(estimate or [])

@@ -1,1 +1,4 @@
 from .document import write_comparison as write_comparison
+from .results import compare as compare
+from .results import read_results as read_results
+from .study import ResultsComparison as ResultsComparison

@@ -40,10 +40,9 @@ def compare(
         print_comparison,
         print_references,
         print_studies,
-        read_results,
         write_comparison,
     )
-    from sionna_radar.studies.comparison.study import compare_results
+    from sionna_radar.studies.comparison.results import compare as compare_folders
 
     log_to_stderr(quiet)
     if any(is_study(folder) for folder in folders):
@@ -60,7 +59,7 @@ def compare(
             print_references(folders, checks)
         if len(folders) == 1 and directory is None:
             return
-    result = compare_results(read_results(folders))
+    result = compare_folders(folders)
     written = write_comparison(result, directory) if directory else []
     if not quiet:
         print_comparison(result)

@@ -15,11 +15,11 @@ from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.drawing import LOCAL_FRAME, Frame
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.files.results import REMEDY, folder_names, read_document, read_raster
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
 from sionna_radar.report.terminal import NONE, console, print_whole, reference_rows, table_of
+from sionna_radar.studies.comparison.results import FLOWN, PROCESSED, folder_names, read_document, read_raster
 from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison
 from sionna_radar.studies.design.document import MARKER as DESIGN_MARKER
 from sionna_radar.studies.design.document import OF_LIT_CELLS
@@ -211,46 +211,6 @@ def _error_cells(result: ResultsComparison) -> list[list[TableCell | str]]:
         ]
         for number, (flown, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
     ]
-
-
-# The numbers and the settings in a folder of each command.
-FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
-RESULT_ERRORS = ("lit_error", "dem_error")
-NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
-
-
-def read_results(folders: Sequence[Path]) -> list[FlownResult]:
-    """Return the results of some folders, each named by the shortest unique end of its path.
-
-    Raises InputFileError for a folder without a result, or with damaged files.
-    """
-    return [_result(folder, name) for folder, name in zip(folders, folder_names(folders), strict=True)]
-
-
-def _result(folder: Path, name: str) -> FlownResult:
-    numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
-    summary = _summary(folder / numbers)
-    settings = read_document(folder / tables, "scenario")
-    crs, dem = read_raster(folder / "dem.tif")
-    _, error = read_raster(folder / "error.tif")
-    if dem.grid != error.grid:
-        raise InputFileError(f"{shown(folder)}: dem.tif and error.tif have different cells; {REMEDY}")
-    return FlownResult(name=name, summary=summary, settings=settings, crs=crs, dem=dem, error=error)
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    document = read_document(path)
-    for key in RESULT_ERRORS:
-        errors = document.get(key) if isinstance(document, dict) else None
-        if not isinstance(errors, dict) or not all(_number(errors.get(name, "")) for name in NUMBERS):
-            raise InputFileError(f"summary = {shown(path)} has no {key} of a survey; {REMEDY}")
-    return document
-
-
-def _number(value: Any) -> bool:
-    """Return True if a value is a finite number or null."""
-    # abs(NaN) < x is false, too.
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
 
 
 def is_study(folder: Path) -> bool:

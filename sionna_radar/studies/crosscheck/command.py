@@ -19,7 +19,7 @@ def crosscheck(
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck.document import MARKER, print_crosscheck, write_crosscheck
-    from sionna_radar.studies.crosscheck.study import run_crosscheck
+    from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 
     checked = session.load_and_precompile()
 

@@ -105,7 +105,7 @@ class CrossCheck:
 
     Examples
     --------
-    >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> sorted(check.verdict())
     ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
     """
@@ -295,7 +295,7 @@ def _percentile(values: Float[np.ndarray, " n"], percent: float) -> float:
 _last_radar: list[tuple[Prepared, str, int, Radar]] = []
 
 
-def run_crosscheck(
+def crosscheck(
     scenario: Scenario,
     *,
     tolerances: Tolerances | None = None,
@@ -319,7 +319,7 @@ def run_crosscheck(
 
     Examples
     --------
-    >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> abs(check.mean_power_difference_db) < 0.1
     True
     """

@@ -14,5 +14,5 @@ from .strip import real_aperture_resolution_m as real_aperture_resolution_m
 from .strip import slant_range_resolution_m as slant_range_resolution_m
 from .strip import to_ground as to_ground
 from .study import Imagery as Imagery
+from .study import image as image
 from .study import image_recording as image_recording
-from .study import run_images as run_images

@@ -27,7 +27,8 @@ def image(
     poses.
     """
     from sionna_radar.studies.images.document import MARKER, print_image, write_imagery
-    from sionna_radar.studies.images.study import Imagery, image_recording, run_images
+    from sionna_radar.studies.images.study import Imagery, image_recording
+    from sionna_radar.studies.images.study import image as run_images
     from sionna_radar.survey.recordings.described import is_recording
 
     def imaged() -> Imagery:

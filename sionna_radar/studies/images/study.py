@@ -102,7 +102,7 @@ class Imagery:
     Examples
     --------
     >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
-    >>> imagery = run_images(scenario)
+    >>> imagery = image(scenario)
     >>> imagery.focused is None
     True
     """
@@ -133,7 +133,7 @@ class Imagery:
         return "\n".join(lines)
 
 
-def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
+def image(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
     """Fly a side-looking survey and return its images.
 
     Parameters
@@ -152,7 +152,7 @@ def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Ima
     Examples
     --------
     >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
-    >>> run_images(scenario).slar.across_m < 1.0
+    >>> image(scenario).slar.across_m < 1.0
     True
     """
     _check(scenario)
@@ -196,7 +196,7 @@ def image_recording(
     ------
     ScenarioError, InputFileError
         No signals of one receiver, no poses or no height of the ground; an antenna that does not look to the side of
-        a straight track; and as `run_images`.
+        a straight track; and as `image`.
 
     Examples
     --------

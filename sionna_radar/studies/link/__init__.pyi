@@ -2,4 +2,4 @@ from .document import draw_floors as draw_floors
 from .document import draw_link as draw_link
 from .document import write_link as write_link
 from .study import LinkBudget as LinkBudget
-from .study import run_link_budget as run_link_budget
+from .study import link_budget as link_budget

@@ -21,7 +21,8 @@ def link(
 ) -> None:
     """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
     from sionna_radar.studies.link.document import MARKER, print_link, write_link
-    from sionna_radar.studies.link.study import INCIDENCES_DEG, RAINS_MM_PER_H, run_link_budget
+    from sionna_radar.studies.link.study import INCIDENCES_DEG, RAINS_MM_PER_H
+    from sionna_radar.studies.link.study import link_budget as run_link_budget
 
     angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
     checked = session.load()

@@ -245,7 +245,7 @@ NEAREST, SPARE_CELLS = 0.03, 8
 RATIOS_DB = np.linspace(-30.0, 60.0, 181)
 
 
-def run_link_budget(
+def link_budget(
     scenario: Scenario,
     *,
     incidences_deg: Sequence[float] = INCIDENCES_DEG,
@@ -278,7 +278,7 @@ def run_link_budget(
 
     Examples
     --------
-    >>> budget = run_link_budget(load_scenario("hills"), incidences_deg=[45.0], rains_mm_per_h=[0.0], pulses=600)
+    >>> budget = link_budget(load_scenario("hills"), incidences_deg=[45.0], rains_mm_per_h=[0.0], pulses=600)
     >>> budget.largest_difference_db < 1.0
     True
     """

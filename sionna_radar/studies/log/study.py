@@ -57,7 +57,7 @@ class LogInspection:
 
 
 def inspect_log(
-    path: Path,
+    path: str | Path,
     terrain: TerrainParameters | None = None,
     *,
     start_s: float = 0.0,
@@ -83,7 +83,16 @@ def inspect_log(
     ------
     InputFileError, ScenarioError
         The log or the terrain cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> rows = ["time_s,east_m,north_m,up_m", *(f"{k / 10},{k},0,50" for k in range(200))]
+    >>> size = Path("flight.csv").write_text(chr(10).join(rows))
+    >>> float(inspect_log("flight.csv").speed_mps.mean().round(3))
+    10.0
     """
+    path = Path(path)
     check_bounds([("start", start_s, 0.0, 1e9), ("stop", stop_s, 0.0, 1e9), ("gap", gap_s, 1e-6, 1e9)])
     log = read_log(path, "log", crs=crs)
     if not float(np.nanmax(log.positions.time_s)) > float(np.nanmin(log.positions.time_s)):

@@ -195,10 +195,11 @@ def fit_materials(
 
     Examples
     --------
+    >>> from sionna_radar.studies.material_fit import measure_levels
     >>> tables = load_scenario("two_fields").all_materials
     >>> levels = measure_levels(prepare(load_scenario("two_fields", {"tracing.paths_per_pulse": 64})), pulses=200)
     >>> fit = fit_materials(levels, {name: tables[name] for name in ("weak", "strong")}, 77e9)
-    >>> low, high = fit.intervals(4)["weak.gamma_db"]
+    >>> low, high = fit.intervals(4.0)["weak.gamma_db"]
     >>> low < -28 < high
     True
 

@@ -1,5 +1,5 @@
 from .study import FlightPlan as FlightPlan
 from .study import Wanted as Wanted
 from .study import check_plan as check_plan
-from .study import plan_flight as plan_flight
+from .study import plan as plan
 from .study import planned_scenario as planned_scenario

@@ -45,7 +45,8 @@ def plan(
     """Plan a flight that covers an area, check it with the beam over the terrain, and write it as a scenario."""
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.planning.document import PLAN_FILE, print_check, print_plan
-    from sionna_radar.studies.planning.study import Wanted, check_plan, plan_flight, planned_scenario
+    from sionna_radar.studies.planning.study import Wanted, check_plan, planned_scenario
+    from sionna_radar.studies.planning.study import plan as plan_flight
 
     log_to_stderr()
     if calibration:

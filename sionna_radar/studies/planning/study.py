@@ -115,7 +115,7 @@ class FlightPlan:
         return self.altitude_m * math.hypot(ahead, math.tan(self.half_swath_rad))
 
 
-def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
+def plan(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     """Return a flight that covers an area.
 
     Parameters
@@ -129,6 +129,12 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     ------
     ScenarioError
         No flight satisfies the area, the sampling and the limits.
+
+    Examples
+    --------
+    >>> from sionna_radar.studies.planning import Wanted
+    >>> plan(Wanted(size_m=(200.0, 150.0), sampling_m=1.0)).lines
+    3
     """
     base = base or _default_base()
     _check(wanted)

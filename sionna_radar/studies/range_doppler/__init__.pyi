@@ -7,4 +7,4 @@ from .movers import Movers as Movers
 from .movers import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .movers import find_movers as find_movers
 from .study import Frames as Frames
-from .study import run_frames as run_frames
+from .study import range_doppler as range_doppler

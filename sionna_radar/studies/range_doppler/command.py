@@ -15,7 +15,7 @@ def range_doppler(
 ) -> None:
     """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
     from sionna_radar.studies.range_doppler.document import MARKER, print_frames, write_frames
-    from sionna_radar.studies.range_doppler.study import run_frames
+    from sionna_radar.studies.range_doppler.study import range_doppler as run_frames
 
     checked = session.load()
     session.produce(

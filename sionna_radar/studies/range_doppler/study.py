@@ -74,7 +74,9 @@ class Frames:
         )
 
 
-def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, execution: Execution | None = None) -> Frames:
+def range_doppler(
+    scenario: Scenario, *, chirps: int = 64, frames: int = 8, execution: Execution | None = None
+) -> Frames:
     """Return range-Doppler maps from the middle of a flight.
 
     Parameters
@@ -95,7 +97,7 @@ def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, executi
 
     Examples
     --------
-    >>> seen = run_frames(load_scenario("slar"), chirps=32, frames=2)
+    >>> seen = range_doppler(load_scenario("slar"), chirps=32, frames=2)
     >>> len(seen.targets), seen.last.power.shape
     (3, (64, 512))
     """

@@ -15,3 +15,4 @@ from .study import Trial as Trial
 from .study import label as label
 from .study import plan_sweep as plan_sweep
 from .study import run_sweep as run_sweep
+from .study import sweep as sweep

@@ -365,6 +365,43 @@ class Sweep:
 Place = tuple[int, int]
 
 
+def sweep(
+    scenario: str | Path,
+    varied: Design | Sequence[Axis] | Mapping[str, Sequence[Any]],
+    repeat: int = 1,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    execution: Execution | None = None,
+) -> Sweep:
+    """Fly a scenario with varied values; `plan_sweep` and `run_sweep` in one call.
+
+    Parameters
+    ----------
+    scenario:
+        A scenario file, or the name of a shipped scenario.
+    varied:
+        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table.
+    repeat:
+        Number of seeds per setting.
+    overrides:
+        Dotted keys replaced in all settings.
+    execution:
+        As for `sionna_radar.run`; the surveys are a stage, beside those of each.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        No setting can be flown; all problems of all settings are listed.
+
+    Examples
+    --------
+    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
+    >>> [len(case.trials) for case in sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short).cases]
+    [1, 1]
+    """
+    return run_sweep(plan_sweep(scenario, varied, repeat, overrides), execution=execution)
+
+
 def run_sweep(
     plan: SweepPlan,
     *,

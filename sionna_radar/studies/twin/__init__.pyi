@@ -1,3 +1,3 @@
 from .document import write_twin as write_twin
 from .study import Twin as Twin
-from .study import run_twin as run_twin
+from .study import twin as twin

@@ -27,7 +27,7 @@ def twin_command(
     """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
     from sionna_radar.report.files.contents import Report
     from sionna_radar.studies.twin.document import MARKER, print_twin, write_twin
-    from sionna_radar.studies.twin.study import run_twin
+    from sionna_radar.studies.twin.study import twin as run_twin
 
     page = Report.PAGE if report else Report.NONE
     session.produce(

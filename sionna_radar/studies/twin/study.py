@@ -104,7 +104,7 @@ class Twin:
         return tuple(row.name for row in self.rows if row.differs)
 
 
-def run_twin(
+def twin(
     recording: str | Path,
     *,
     terrain: str | Path | None = None,
@@ -136,7 +136,7 @@ def run_twin(
     --------
     >>> run(load_scenario("hills", {"platform.length_m": 10.0}), recordings={"signals": "flown.nc"}).pulses
     100
-    >>> run_twin("flown.nc").differing
+    >>> twin("flown.nc").differing
     ()
     """
     changes = dict(overrides or {})
