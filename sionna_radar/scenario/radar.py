@@ -1,6 +1,4 @@
-"""The radar, with its antenna and the scan that moves it: `[radar]`; and the conditions of `processing.average`.
-
-`processing.average` sets conditions on the rest of a scenario, which are checked here.
+"""Tables `[radar]`, `[radar.antenna]` and `[radar.scan]`, and consistency checks of radar and processing.
 """
 
 from __future__ import annotations
@@ -33,11 +31,11 @@ class AntennaTable(AntennaParameters):
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
-    """half-power, one way; or [azimuth, elevation]."""
+    """One-way half-power beamwidth; or [azimuth, elevation]."""
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
-    """nearest side lobes under the peak, one way."""
+    """One-way level of the nearest side lobes, relative to the peak."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
-    """major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's."""
+    """Axial ratio of a circular antenna's ellipse, 0 for a perfect one; its major axis is V."""
 
     def _conflicts(self) -> Conflicts:
         if self.axial_ratio_db > 0 and self.polarization in ("V", "H"):
@@ -59,19 +57,18 @@ class PatternAntennaTable(AntennaParameters):
 
     kind: Literal["pattern"] = "pattern"
     pattern: InputPath
-    """a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left and up) or
-    theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt, .ffs). In dBi
-    or relative: the directivity is the pattern's own integral."""
+    """Antenna pattern file: a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left
+    and up) or theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt,
+    .ffs). Levels are in dBi or relative: the directivity is the pattern's own integral."""
     receive_pattern: InputPath | None = None
-    """another one for reception; without it the same."""
+    """Antenna pattern file for reception. Default: that of transmission."""
     boresight: Literal["z", "x"] = "z"
-    """in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and the y
-    axis up; for "x" the y axis is left and the z axis up. Also "x" for MSI Planet files whose vertical angles count
-    from the zenith."""
+    """Boresight axis in files of theta and phi. For "z" the x axis is left of it and the y axis up; for "x" the y axis
+    is left and the z axis up. Take "x" also for MSI Planet files whose vertical angles count from the zenith."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
-    """gain over directivity, each way."""
+    """One-way gain relative to directivity."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
-    """see `AntennaTable`."""
+    """Axial ratio of a circular antenna's ellipse, 0 for a perfect one; its major axis is V."""
 
 
 Spacing = Annotated[Real, Field(ge=0.05, le=20)]
@@ -79,28 +76,29 @@ Elements = Annotated[int, Field(strict=True, ge=1, le=1024)]
 
 
 class ArrayAntennaTable(AntennaParameters):
-    """A planar array, by its elements."""
+    """A planar array, given by its elements."""
 
     kind: Literal["array"] = "array"
     elements: tuple[Elements, Elements] | None = None
-    """number of columns (left) and rows (up) of a rectangular array."""
+    """Number of columns (left) and rows (up) of a rectangular array."""
     spacing_wavelengths: Spacing | tuple[Spacing, Spacing] = 0.5
-    """between them; or [columns, rows]."""
+    """Spacing of the elements; or [columns, rows]."""
     taper_db: Annotated[Real, Field(ge=-50, le=-15)] | None = None
-    """side lobes of a Taylor taper over both; without it the weights are uniform."""
+    """Side-lobe level of a Taylor taper over rows and columns. Default: uniform weights."""
     path: InputPath | None = None
-    """instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
-    phase_deg: one row an element."""
+    """CSV file of the elements, instead of `elements`, `spacing_wavelengths` and `taper_db`, with the columns
+    left_wavelengths,up_wavelengths and optionally amplitude_db and phase_deg: one row an element."""
     element_exponent: Annotated[Real, Field(ge=0, le=100)] = 1.0
-    """power of the cosine of the angle from an element's axis that its power pattern follows."""
+    """Exponent of the element's power pattern, a power of the cosine of the angle from its axis."""
     element_pattern: InputPath | None = None
-    """instead of it, a file as in `PatternAntennaTable`."""
+    """Pattern file of an element, instead of `element_exponent`, as in `PatternAntennaTable`."""
     element_boresight: Literal["z", "x"] = "z"
-    """see boresight there."""
+    """Boresight axis in the element's pattern file; see `boresight` of `PatternAntennaTable`."""
     steer_deg: tuple[Annotated[Real, Field(ge=-80, le=80)], Annotated[Real, Field(ge=-80, le=80)]] = (0.0, 0.0)
-    """of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic"."""
+    """Steering angles of the beam from the normal of the face, to the left and up; not with a scan of mode =
+    "electronic"."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
-    """gain over directivity, each way."""
+    """One-way gain relative to directivity."""
 
     def _conflicts(self) -> Conflicts:
         if (self.elements is None) == (self.path is None):
@@ -117,15 +115,15 @@ class ElectronicScanTable(ScanParameters):
 
     mode: Literal["electronic"] = "electronic"
     look: Literal["forward", "left", "right"] = "forward"
-    """where the array's face looks: along the track, or to a side of it."""
+    """Direction that the array's face looks: along the track, or to a side of it."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
-    """of the face's normal from nadir."""
+    """Angle of the face's normal from nadir."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=75)] = 40.0
-    """of the outermost ones from the face's normal."""
+    """Angle of the outermost beams from the face's normal."""
     beams: Annotated[int, Field(strict=True, ge=2, le=256)] = 41
-    """directions of a scan."""
+    """Number of beam directions of a scan."""
     scans_per_s: Annotated[Real, Field(ge=1e-3, le=1e6)] = 4.0
-    """from left to right; the beam goes back at once."""
+    """Scan rate; the beam moves from left to right and returns at once."""
 
 
 class ScanTable(ScanParameters):
@@ -136,18 +134,18 @@ class ScanTable(ScanParameters):
     """
 
     mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
-    """whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
-    still."""
+    """Scan motion: "whisk_broom" turns about the direction of flight, "conical" about the vertical; "fixed" and
+    "side_looking" stand still."""
     side: Literal["left", "right"] = "right"
-    """to which a side-looking antenna looks."""
+    """Side to which a side-looking antenna looks."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
-    """of the beam from nadir in the middle of the scan."""
+    """Angle of the beam from nadir in the middle of the scan."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
-    """of the sector in which the radar transmits, to either side of its middle; 180 for all around."""
+    """Half-width of the sector in which the radar transmits; 180 for all around."""
     rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 120.0
-    """of the antenna."""
+    """Rotation rate of the antenna."""
     start_deg: Real = 0.0
-    """scan angle at the start of the flight."""
+    """Scan angle at the start of the flight."""
 
     def _conflicts(self) -> Conflicts:
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
@@ -169,46 +167,48 @@ class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
     preset: Annotated[str, one_of(PRESETS)] | None = None
-    """a published radar, whose figures stand where none are given; `sionna-radar presets` lists them."""
+    """Published radar whose values are used for keys that are not given; `sionna-radar presets` lists them."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
-    """frequency in the middle of the sweep."""
+    """Frequency in the middle of the sweep."""
     bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
-    """of the sweep: the range cell is c over twice it."""
+    """Bandwidth of the sweep; the range cell is c over twice it."""
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
-    """chirps a second, each as long as its period; of a triangle, pairs of sweeps a second."""
+    """Number of chirps a second, each as long as its period; of a triangular sweep, pairs of sweeps a second."""
     stagger: Annotated[Real, Field(ge=0, le=1)] = 0.0
-    """how much longer than a chirp the radar waits before every second one, over its duration: range-Doppler maps then
-    tell range rates apart that even intervals leave ambiguous. 0.5 tells twice as many, 0.25 four times."""
+    """Extra wait before every second chirp, relative to a chirp's duration: range-Doppler maps then resolve range rates
+    that even intervals leave ambiguous. 0.5 doubles the unambiguous interval, 0.25 quadruples it."""
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**18)] = 1024
-    """of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as many."""
+    """Number of samples of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as
+    many."""
     sweep: Literal["up", "down", "triangular"] = "up"
-    """rising, falling, or one after the other."""
+    """Direction of the sweep: rising, falling, or one after the other."""
     sampling: Literal["real", "iq"] = "real"
-    """real, or in phase and quadrature."""
+    """Sampling of the beat signal: real, or in phase and quadrature."""
     gate_delay_us: Annotated[Real, Field(ge=0, le=LONGEST_GATE_US)] = 0.0
-    """range gate: how much later than the transmitted sweep the one begins that echoes are mixed with, and the samples.
+    """Range gate: delay of the sweep that echoes are mixed with, and of the samples, after the transmitted sweep.
     Ranges begin at c / 2 times it (150 m a microsecond); nearer echoes have negative beats. A pulse's time is that of
     the middle of its samples."""
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
-    """of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers."""
+    """Signal-to-noise ratio of one sample over level ground in the middle of the scan (alternative to transmit power
+    and noise figure)."""
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
-    """at the antenna."""
+    """Transmit power at the antenna."""
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
-    """of the receiver."""
+    """Noise figure of the receiver."""
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
-    """of the noise that the figure counts from."""
+    """Reference temperature of the noise figure."""
     receiver: ReceiverTable = ReceiverTable()
-    """between antenna and samples."""
+    """Receiver between antenna and samples."""
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
-    """its beam and polarization."""
+    """Beam and polarization of the antenna."""
     second_receiver: SecondReceiverTable | None = None
-    """one that tells the angle of arrival inside the beam; without it there is none."""
+    """Further receivers that measure the angle of arrival inside the beam. Default: none."""
     array: ArrayTable | None = None
-    """the elements of a module, for sensor = "mimo"; without it there is one of each kind."""
+    """Transmitters and receivers of a MIMO module, for sensor = "mimo". Default: one of each."""
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
-    """how the beam moves."""
+    """Motion of the beam."""
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,6 @@
-"""The reference of all keys of a scenario, and its JSON Schema, made from its tables.
+"""JSON Schema and Markdown reference of all scenario keys, generated from the tables.
 
-With the schema, editors complete keys, show what they mean and mark misspelt ones.
+With the schema, editors complete keys, describe them and mark misspelt ones.
 """
 
 import ast
@@ -24,7 +24,7 @@ BOUNDS = {"ge": "minimum", "le": "maximum", "gt": "exclusiveMinimum", "lt": "exc
 
 
 class _WithMeanings(GenerateJsonSchema):
-    """Adds the meanings of keys, and omits the implausibly large default bounds."""
+    """Add the descriptions of tables and keys, and omit the implausibly large default bounds."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         """Return the schema of a table with its description and those of its keys."""
@@ -34,8 +34,9 @@ class _WithMeanings(GenerateJsonSchema):
             json_schema["description"], meaning = summary(table), meanings(table)
             for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if told := entry.get("description") or meaning.get(name):
-                    entry["description"] = " ".join(told.split()) + unit
+                selects = json_schema["description"].partition("\n")[0] if name == "kind" else ""
+                if text := entry.get("description") or meaning.get(name) or selects:
+                    entry["description"] = " ".join(text.split()) + unit
                 entry.pop("title", None)
         return json_schema
 
@@ -46,8 +47,8 @@ class _WithMeanings(GenerateJsonSchema):
 
 
 def meanings(table: type[BaseModel]) -> dict[str, str]:
-    """Return the strings under the fields of a table, or under those of the tables it extends; none without source."""
-    found: dict[str, str] = {}
+    """Return the docstrings of the fields of a table and of the tables it extends; none without source code."""
+    by_name: dict[str, str] = {}
     for part in reversed(table.__mro__[: table.__mro__.index(BaseModel)]):
         try:
             body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
@@ -56,8 +57,8 @@ def meanings(table: type[BaseModel]) -> dict[str, str]:
         for field, text in pairwise(body):
             match field, text:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
-                    found[name] = meaning
-    return found
+                    by_name[name] = meaning
+    return by_name
 
 
 def scenario_schema() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The whole scenario, in user units (degrees, dB), and the consistency checks between its tables.
+"""The complete scenario, in user units (degrees, dB), and the consistency checks between its tables.
 
 Each table's own module checks its values and its internal consistency. Checks that need the terrain
 or the flight are made when the survey is prepared (`sionna_radar.survey.preparation`).
@@ -166,7 +166,7 @@ def _known_version(version: Any) -> Any:
 
 
 class Scenario(Table):
-    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
+    """A whole survey: scene, flight, radar, processing of the echoes, and DEM.
 
     Raises
     ------
@@ -186,51 +186,51 @@ class Scenario(Table):
     """
 
     version: Annotated[Literal[1], BeforeValidator(_known_version)] = 1
-    """of the format of this file; a program that does not know it refuses the file."""
+    """Version of the file format; a program that does not know it rejects the file."""
     description: Annotated[str, AfterValidator(_literal)] = ""
-    """in a line; it stands over tables and figures."""
+    """Description in one line; it heads tables and figures."""
     seed: Seed = 1
-    """of all random numbers."""
+    """Seed of all random streams."""
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
-    """what horizontal positions of the platform, cover polygons, buildings, objects, targets and vegetation are given
-    in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or
-    a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
+    """Coordinates of the horizontal positions of platform, cover polygons, buildings, objects, targets and vegetation:
+    "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
+    CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with a place on the map.
     Headings count from the grid north of the map."""
     sensor: Annotated[str, NameIn(SENSORS)] = "radar"
-    """what is flown: a radar, a lidar, or a custom sensor."""
+    """Sensor on the platform: a radar, a lidar, or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
-    """of a custom sensor that has some."""
+    """Parameters of a custom sensor."""
     terrain: Terrain
-    """the ground."""
+    """Ground surface."""
     buildings: tuple[Building, ...] = ()
-    """boxes on it."""
+    """Box-shaped buildings on the ground."""
     objects: tuple[MeshObject, ...] = ()
-    """meshes on it."""
+    """Meshes in the scene."""
     footprints: tuple[Footprints, ...] = ()
-    """buildings from a file of outlines."""
+    """Buildings from a file of outlines."""
     targets: tuple[PointTarget, ...] = ()
-    """points of a given radar cross-section."""
+    """Targets of given radar cross-section."""
     interferers: tuple[Interferer, ...] = ()
-    """other radars that transmit into ours."""
+    """Other radars that transmit into ours."""
     vegetation: tuple[VegetationTable, ...] = ()
-    """stands of plants."""
+    """Stands of plants."""
     materials: dict[str, Material] = {}
-    """by their names, which surfaces refer to."""
+    """Materials by name, as surfaces refer to them."""
     platform: Platform
-    """the flight."""
+    """Flight of the platform."""
     radar: RadarTable
-    """the radar."""
+    """Radar."""
     weather: WeatherTable = WeatherTable()
-    """what the air holds."""
+    """Weather along the wave's path."""
     lidar: LidarTable = LidarTable()
-    """the lidar."""
+    """Lidar."""
     # Their parameters are checked by the parts themselves, whose modules import this package.
     tracing: TracingTable = Field(default_factory=TracingTable)
-    """how the scene is turned into paths."""
+    """Tracing of the scene into paths."""
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
-    """how beat signals are turned into ranges."""
+    """Processing of beat signals to ranges."""
     dem: DemTable = Field(default_factory=DemTable)
-    """how echoes are turned into heights."""
+    """Mapping of echoes to heights."""
 
     @cached_property
     def source(self) -> str:

@@ -179,6 +179,7 @@ UNITS = {
     "_mm_per_h": "mm/h",
     "_g_per_m3": "g/m³",
     "_g_cm3": "g/cm³",
+    "_db_per_m": "dB/m",
     "_per_m2": "1/m²",
     "_m2": "m²",
     "_nepers": "Np",
