@@ -39,6 +39,11 @@ def shown(value: object) -> str:
     return text
 
 
+def compact(number: float | int) -> str:
+    """Return a number as shown in error messages: six digits, and exponents without padding (1e7)."""
+    return re.sub(r"e([+-])0*", lambda match: "e" + match[1].strip("+"), f"{number:g}")
+
+
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
     """Check that a path is a regular file of a bounded size, and return its size in bytes.
 

@@ -179,7 +179,7 @@ class Raster:
                 f"height_m = {table.dtype} of shape {table.shape}; give a table of heights (row, column) in metres"
             )
         if not 0 < spacing_m < math.inf:
-            message = f"spacing_m = {spacing_m:g} is refused; give the distance of cell centres in metres, above 0"
+            message = f"spacing_m = {spacing_m:g} must be greater than 0; give the distance of cell centres in metres"
             raise ValueError(message)
         rows, columns = table.shape
         grid = Grid(

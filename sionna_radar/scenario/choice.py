@@ -46,7 +46,7 @@ class ChosenBy:
         else:
             return base.model_validate(value)
         if name is None:
-            raise refuse(self.tag, "required, but not given; add it")
+            raise refuse(self.tag, f"missing; give one of {', '.join(self.registry.known())}")
         if not isinstance(name, str) or name not in self.registry:
             raise refuse(self.tag, self.registry.unknown(name))
         entry = self.registry.entry(name)

@@ -36,7 +36,7 @@ class MeshObject(MeshFile):
 
     def _conflicts(self) -> Conflicts:
         if self.on_ground and len(self.position_m) == 3:
-            yield "position_m", "a third number is its height; remove it, or set on_ground = false"
+            yield "position_m", "has a third number, the height; remove it, or set on_ground = false"
         if not self.on_ground and len(self.position_m) == 2:
             yield "position_m", "on_ground = false needs a third number, the height; add it"
 
@@ -71,7 +71,7 @@ class Footprints(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.height is None and self.levels is None and self.height_m is None:
-            yield "height_m", "not given; give metres, or the attribute that has them as height or levels"
+            yield "height_m", "missing; give metres, or an attribute of the file as height or levels"
         if bool(self.materials) != (self.material_attribute is not None):
             yield "materials", "goes with material_attribute; give both or none"
 
@@ -140,13 +140,13 @@ class PointTarget(Table):
         if sum(source is not None for source in (self.rcs_dbsm, self.rcs_table, self.mesh)) != 1:
             yield "rcs_dbsm", "give one of rcs_dbsm, rcs_table and mesh, not several and not none"
         if self.mesh is not None and self.swerling != 0:
-            yield "swerling", "a mesh fluctuates by its shape alone; remove swerling or the mesh"
+            yield "swerling", "has no effect on a mesh, which fluctuates by its shape; remove one"
         if bool(self.waypoints_m) != (self.speed_mps is not None):
-            yield "speed_mps", "a way needs both waypoints_m and speed_mps; give the other, or neither"
+            yield "speed_mps", "motion needs both waypoints_m and speed_mps; give both, or neither"
         if self.closed and not self.waypoints_m:
             yield "closed", "has no effect without waypoints_m; give them"
         if self.waypoints_m and self.heading_deg != 0:
-            yield "heading_deg", "has no effect on a way, along which the target looks; remove it"
+            yield "heading_deg", "has no effect on a moving target, which looks ahead; remove it"
         corners = (self.position_m, *self.waypoints_m)
         if any(a == b for a, b in pairwise(corners)) or (self.closed and corners[-1] == corners[0]):
-            yield "waypoints_m", "two places in a row are the same; leave one out"
+            yield "waypoints_m", "two successive waypoints are equal; remove one"

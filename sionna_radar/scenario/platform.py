@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, field_validator
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import NavigationParameters, Offset
 from sionna_radar.scenario.choice import ChosenBy
-from sionna_radar.scenario.overrides import PLANNED_KEYS
+from sionna_radar.scenario.overrides import PLAN_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
@@ -83,11 +83,11 @@ class NavigationTable(NavigationParameters):
         return any(np.any(np.asarray(value) != 0) for value in values)
 
 
-WORDS_OR_NUMBERS = {
+ACCEPTED_VALUES = {
     "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
     "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
 }
-OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns", "log_crs")
+LOG_KEYS = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns", "log_crs")
 Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
 
 
@@ -217,7 +217,7 @@ class Platform(Table):
     @classmethod
     def _planned_or_recorded(cls, value: float | None, info: Any) -> float | None:
         if value is None and "log" in info.data and info.data["log"] is None:
-            raise refuse("", "required, but not given; add it, or the log of a flight")
+            raise refuse("", "missing; add it, or platform.log of a recorded flight")
         return value
 
     @field_validator("log_shift", "log_height", mode="wrap")
@@ -227,14 +227,14 @@ class Platform(Table):
         try:
             return check(value)
         except ValidationError as error:
-            raise refuse("", f"{shown(value)} is refused: give {WORDS_OR_NUMBERS[info.field_name]}") from error
+            raise refuse("", f"must be {ACCEPTED_VALUES[info.field_name]}, not {shown(value)}") from error
 
     def _conflicts(self) -> Conflicts:
-        planned, recorded = self.changed(*PLANNED_KEYS), self.changed(*OF_A_LOG)
+        planned, recorded = self.changed(*PLAN_KEYS), self.changed(*LOG_KEYS)
         if self.log is not None and planned:
             yield "log", f"contradicts {', '.join(planned)}; give the one or the other"
         if self.log is None and recorded:
-            yield recorded[0], "means nothing without log; remove it"
+            yield recorded[0], "has no effect without platform.log; remove it"
         if self.log_stop_s is not None and self.log_stop_s <= self.log_start_s:
             yield "log_stop_s", f"{self.log_stop_s:g} is not after log_start_s = {self.log_start_s:g}; raise it"
         yield from self._conflicts_of_tracks()
@@ -247,7 +247,7 @@ class Platform(Table):
         if self.lines is not None and line_conflicts:
             yield "lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other"
         if len(self.waypoints_m) == 1:
-            yield "waypoints_m", "one point makes no leg; give at least two"
+            yield "waypoints_m", "a single waypoint; give at least two"
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
             if a == b:
                 yield "waypoints_m", f"{a} follows itself; remove the repeated point"

@@ -19,7 +19,7 @@ GUARD_CELLS, TRAINING_CELLS = 48, 32
 
 
 class CfarTable(Table):
-    """Constant false-alarm rate (CFAR) detection; guard and training cells count on each side of the cell under test."""
+    """Constant false-alarm rate (CFAR) detection; guard and training count range cells on each side."""
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
     """CFAR variant: cell averaging (CA), greatest of (GO), smallest of (SO), or ordered statistic (OS)."""
@@ -213,7 +213,7 @@ class ProcessingTable(Table):
         if self.angle == "off" and self.angle_length_m is not None:
             yield "angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle"
         if self.angle != "off" and self.leakage == "subtract":
-            yield "leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it"
+            yield "leakage", "'subtract' supports the first receiver only; set angle = 'off', or leakage = 'keep'"
 
     @field_validator("window")
     @classmethod

@@ -1,5 +1,4 @@
-"""Tables `[radar]`, `[radar.antenna]` and `[radar.scan]`, and consistency checks of radar and processing.
-"""
+"""Tables `[radar]`, `[radar.antenna]` and `[radar.scan]`, and consistency checks of radar and processing."""
 
 from __future__ import annotations
 
@@ -151,7 +150,7 @@ class ScanTable(ScanParameters):
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
             yield (
                 "half_swath_deg",
-                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90"),
+                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan must stay below 90"),
             )
         if self.side == "left" and self.mode != "side_looking":
             yield "side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'"
@@ -222,8 +221,9 @@ class RadarTable(Table):
         if isinstance(scan, ElectronicScanTable) and scan.beams * scan.scans_per_s > self.chirp_rate_hz * (1 + 1e-9):
             yield (
                 "scan.scans_per_s",
-                f"{scan.beams} beams {scan.scans_per_s:g} times a second are more than {self.chirp_rate_hz:g} chirps, "
-                f"so that some get none; lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
+                f"{scan.beams} beams {scan.scans_per_s:g} times a second exceed the {self.chirp_rate_hz:g} chirps a "
+                "second; "
+                f"lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
             )
         if self.bandwidth_hz >= 0.5 * self.carrier_hz:
             yield (
@@ -247,7 +247,7 @@ class RadarTable(Table):
         if self.snr_db is None and self.transmit_power_dbm is None:
             yield "snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db"
         if self.snr_db is None and self.system_noise_figure_db is None:
-            yield "noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10"
+            yield "noise_figure_db", "missing, but required with transmit_power_dbm; add it, for example 10"
 
     def _conflicts_of_receiver(self, highest_hz: float) -> Conflicts:
         """Yield figures of the receiver that conflict with the sampling or the description of the noise."""
@@ -255,7 +255,7 @@ class RadarTable(Table):
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")
             if 0 < corner_hz < MIN_CORNER * highest_hz:
-                message = f"{corner_hz:g} is nothing beside the highest beat, {highest_hz:g}; raise it, or set 0"
+                message = f"{corner_hz:g} is negligible against the highest beat, {highest_hz:g}; raise it, or set 0"
                 yield f"receiver.{kind}_corner_hz", message
         if receiver.anti_alias_corner_hz > 4 * highest_hz:
             message = f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it"
@@ -265,7 +265,10 @@ class RadarTable(Table):
             message = f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"
             yield "receiver.range_gain.from_hz", message
         if receiver.converter.imbalanced and self.sampling == "real":
-            yield "receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'"
+            yield (
+                "receiver.converter.iq_gain_db",
+                "real samples have no quadrature component; set radar.sampling = 'iq'",
+            )
         if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
             yield "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
         if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
@@ -314,13 +317,13 @@ def conflicts_of_average(
     if sensor != "radar":
         yield key, f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
     if radar.sweep == "triangular":
-        yield key, f"{average.chirps} is not for pairs of sweeps; set 1, or radar.sweep = 'up'"
+        yield key, f"{average.chirps} is not supported with pairs of sweeps; set 1, or radar.sweep = 'up'"
     if radar.stagger > 0:
         yield key, f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{average.chirps} is not for a beam that is steered anew for each chirp; set 1"
+        yield key, f"{average.chirps} is not supported with a beam that is steered anew for each chirp; set 1"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{average.chirps} does not tell rain, snow or dust from ground; set 1, or remove the weather"
+        yield key, f"{average.chirps} is not supported together with rain, snow or dust; set 1, or remove the weather"
     if average.mode == "coherent":
         if tracing.speckle == "per_pulse":
             message = "'coherent' needs the same scatterers in all chirps; set tracing.speckle = 'persistent'"
@@ -330,10 +333,10 @@ def conflicts_of_average(
         message = f"{processing.cfar.kind!r} has no false-alarm rate in closed form over averaged powers; set 'CA'"
         yield "processing.cfar.kind", message
     if processing.angle != "off":
-        message = "an angle needs phases, which averaged powers have lost; set 'coherent'"
+        message = "the angle of arrival needs phases, which averaged powers do not have; set 'coherent'"
         yield "processing.average.mode", message
     if whole_echoes is not None:
-        message = f"{whole_echoes!r} knows the likelihood of single chirps alone; set 'linear'"
+        message = f"{whole_echoes!r} models the likelihood of single chirps only; set 'linear'"
         yield "dem.method", f"{message}, or processing.average.mode = 'coherent'"
 
 
@@ -341,7 +344,9 @@ def conflicts_of_gate(processing: ProcessingTable, radar: RadarTable, weather: W
     """Yield what a range gate contradicts in the rest of a scenario."""
     in_air = weather.falling or weather.dust_visibility_m is not None
     if radar.gate_delay_us > 0 and in_air and processing.volume_clutter != "off":
-        message = f"'auto' tells rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
+        message = (
+            f"'auto' recognises rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
+        )
         yield "processing.volume_clutter", f"{message}set 'off', or remove the weather or the gate"
 
 
@@ -353,26 +358,35 @@ def conflicts_of_squint(
     if value == 0:
         return
     if processing.angle != "off":
-        yield key, f"{value:g} is not for several receivers; set 0, or processing.angle = 'off'"
+        yield key, f"{value:g} is not supported with several receivers; set 0, or processing.angle = 'off'"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{value:g} is not for beams steered electronically; set 0, or another radar.scan.mode"
+        yield key, f"{value:g} is not supported with electronically steered beams; set 0, or another radar.scan.mode"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{value:g} is not for rain, snow or dust, whose echoes are those of the whole beam; set 0"
+        yield (
+            key,
+            f"{value:g} is not supported with rain, snow or dust, whose echoes are those of the whole beam; set 0",
+        )
     if tracing.bounces > 1:
-        yield key, f"{value:g} is not for ways that leave and arrive at different angles; set 0, or tracing.bounces = 1"
+        yield (
+            key,
+            f"{value:g} is not supported for paths that leave and arrive at different angles; set 0, or "
+            "tracing.bounces = 1",
+        )
 
 
 def refuse_gate(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
     if radar.gate_delay_us > 0:
-        message = f"{radar.gate_delay_us:g}: {what} takes ranges from zero on; set 0, and more samples_per_chirp"
+        message = f"{radar.gate_delay_us:g}: {what} assumes ranges from zero on; set 0, and raise samples_per_chirp"
         raise ScenarioError.of("radar.gate_delay_us", message)
 
 
 def refuse_squint(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a beam that squints where `what` needs one that stands still over a sweep."""
     if radar.antenna.squint_deg_per_ghz != 0:
-        message = f"{radar.antenna.squint_deg_per_ghz:g}: {what} takes a beam that stands still over a sweep; set 0"
+        message = (
+            f"{radar.antenna.squint_deg_per_ghz:g}: {what} assumes a beam that does not move during a sweep; set 0"
+        )
         raise ScenarioError.of("radar.antenna.squint_deg_per_ghz", message)
 
 
@@ -384,7 +398,7 @@ def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
 def refuse_average(processing: ProcessingTable, what: str) -> None:
     """Raise ScenarioError for averaged chirps where `what` needs single ones."""
     if processing.average.chirps > 1:
-        message = f"{processing.average.chirps}: {what} knows single chirps alone; set 1"
+        message = f"{processing.average.chirps}: {what} supports single chirps only; set 1"
         raise ScenarioError.of("processing.average.chirps", message)
 
 
@@ -403,13 +417,13 @@ def conflicts_of_angle(
     if radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]:
         yield key, f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
     if radar.sweep == "triangular":
-        yield key, f"{angle!r} is not for pairs of sweeps; set radar.sweep = 'up'"
+        yield key, f"{angle!r} is not supported with pairs of sweeps; set radar.sweep = 'up'"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{angle!r} is not for beams steered electronically; set another radar.scan.mode"
+        yield key, f"{angle!r} is not supported with electronically steered beams; set another radar.scan.mode"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{angle!r} does not tell rain, snow or dust from ground; remove the weather"
+        yield key, f"{angle!r} is not supported together with rain, snow or dust; remove the weather"
     if whole_echoes is not None:
-        message = f"{whole_echoes!r} models whole echoes, and processing.angle = {angle!r} gives points; "
+        message = f"{whole_echoes!r} needs range profiles, and processing.angle = {angle!r} gives points; "
         yield "dem.method", message + "set 'linear' or 'smooth'"
 
 
@@ -421,26 +435,29 @@ def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: 
             yield "radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it"
         return
     if radar.gate_delay_us > 0:
-        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not for frames of an array; set 0"
+        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not supported with frames of an array; set 0"
     if (squint := radar.antenna.squint_deg_per_ghz) != 0:
-        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not for frames of an array; set 0"
+        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not supported with frames of an array; set 0"
     if array is None:
-        yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some"
+        yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that defines them"
         return
     if radar.sweep == "triangular":
-        yield "radar.sweep", "'triangular' is not for frames of an array; set 'up'"
+        yield "radar.sweep", "'triangular' is not supported with frames of an array; set 'up'"
     if radar.stagger > 0:
-        yield "radar.stagger", f"{radar.stagger:g} is not for frames of an array; set 0"
+        yield "radar.stagger", f"{radar.stagger:g} is not supported with frames of an array; set 0"
     if radar.scan.mode not in ("fixed", "side_looking"):
-        yield "radar.scan.mode", f"{radar.scan.mode!r} moves the array within its frames; set 'fixed'"
+        yield "radar.scan.mode", f"{radar.scan.mode!r} would move the array during a frame; set 'fixed'"
     if processing.angle != "off":
-        yield "processing.angle", f"{processing.angle!r} is of a second receiver; set 'off'"
+        yield (
+            "processing.angle",
+            f"{processing.angle!r} needs a second receiver, which sensor = 'mimo' does not have; set 'off'",
+        )
     if processing.average.chirps > 1:
-        yield "processing.average.chirps", "frames of an array are no averages; set 1, and radar.array.chirps"
+        yield "processing.average.chirps", "is not supported with frames of an array; set 1, and radar.array.chirps"
     if tracing.speckle == "per_pulse":
         yield "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
     if receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
-        yield "radar.receiver", "an array's receivers are ideal but for noise and radar.array; remove the others"
+        yield "radar.receiver", "an array's receivers support thermal noise and radar.array only; remove the other keys"
     frame_s = array.chirps_per_frame / radar.chirp_rate_hz
     if frame_s * array.frame_rate_hz > 1 + 1e-9:
         message = f"{array.frame_rate_hz:g} frames of {1e3 * frame_s:.3g} ms do not fit into a second; lower it to "

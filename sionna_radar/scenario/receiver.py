@@ -249,12 +249,15 @@ class ReceiverTable(Table):
         excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
         if excess_db is not None:
             message = (
-                f"their gains come to {excess_db:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
+                f"their total gain of {excess_db:g} dB exceeds {MAX_GAIN_DB} dB in magnitude; give fewer "
+                "amplifiers, or lower gains"
             )
             yield "amplifiers", message
         for slot, stage in self.stages.items():
             if stage.stage != slot and stage.stage in get_args(Place):
-                message = f"{stage.stage!r} is the program's own, of another place; name one of a plug-in, or remove it"
+                message = (
+                    f"{stage.stage!r} is a built-in stage of another position; name a plug-in's stage, or remove it"
+                )
                 yield f"stages.{slot}", message
 
     @property
@@ -304,7 +307,7 @@ class Interferer(Table):
             if self.kind == "fmcw" and value is None:
                 yield key, "missing; give it, or kind = 'cw'"
             if self.kind == "cw" and value is not None:
-                yield key, "a steady carrier has none; remove it, or set kind = 'fmcw'"
+                yield key, "does not apply to a steady carrier; remove it, or set kind = 'fmcw'"
 
 
 class SecondReceiverTable(Table):
@@ -331,7 +334,7 @@ class SecondReceiverTable(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.kind == "row" and self.receivers is None:
-            yield "receivers", "missing; give how many a row has, for example 8"
+            yield "receivers", "missing; give the number of receivers of the row, for example 8"
         if self.kind != "row" and self.receivers is not None:
             yield "receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'"
         for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):

@@ -25,7 +25,7 @@ from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Posit
 
 # Adjustable tables of any recording; additional ones of a recording without a scenario.
 OPEN = ("processing", "dem")
-OPEN_BESIDES = ("radar.antenna", "radar.receiver", "radar.array", "radar.conjugate")
+RADAR_KEYS = ("radar.antenna", "radar.receiver", "radar.array", "radar.conjugate")
 SLOWEST_WAVE_MPS = 1e6
 
 
@@ -54,7 +54,7 @@ class RecordedRadar(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.bandwidth_hz >= 2 * self.carrier_hz:
-            yield "bandwidth_hz", f"{self.bandwidth_hz:g} reaches below 0 Hz about carrier_hz; give the carrier"
+            yield "bandwidth_hz", f"{self.bandwidth_hz:g} extends below 0 Hz around carrier_hz; correct the carrier"
 
 
 class RecordedReception(Table):
@@ -77,7 +77,7 @@ class RecordedReception(Table):
         if unsupported:
             yield (
                 f"receiver.{unsupported[0]}",
-                ("has no effect on samples that are recorded already; only high-pass and range gain have"),
+                ("has no effect on recorded samples; only high-pass and range gain apply"),
             )
 
 
@@ -142,14 +142,14 @@ class RecordingTable(Table):
 
     def _conflicts(self) -> Conflicts:
         for key in sorted({"axes", "values", "variable"} & self.model_fields_set) if self.captured else ():
-            yield key, "is of arrays; the configuration of a capture says what it holds"
+            yield key, "applies to arrays only; the configuration of a capture defines its content"
         kinds = {"sample", "range"} & set(self.axes)
         if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
             yield "axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them"
         if self.values != "complex" and (self.kind == "sample" or "iq" in self.axes):
-            yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
+            yield "values", f"{self.values!r} applies to range profiles only; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
-            yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
+            yield "used_samples", "applies to beat signals only; for range profiles set processing.min_range_m"
 
     @property
     def captured(self) -> bool:
@@ -209,10 +209,13 @@ class DescribedRecording(RecordedSettings):
         if (self.recording is None) == (self.readings is None):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
         if self.sweep is not None and (self.recording is None or self.recording.captured):
-            yield "sweep", "is of arrays; readings have none, and the configuration of a capture says it"
+            yield (
+                "sweep",
+                "applies to arrays only; readings have no sweep, and the configuration of a capture defines it",
+            )
         for key in ("channel_gain_db", "channel_phase_deg") if self.recording and not self.radar.array else ():
             if getattr(self.recording, key):
-                yield f"recording.{key}", "is of the channels of an array; describe it in [radar.array]"
+                yield f"recording.{key}", "applies to the channels of an array; describe it in [radar.array]"
 
     def settings(self) -> dict[str, Any]:
         """Return the processing settings that the file contains, by dotted key."""
@@ -229,12 +232,13 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
     _check_open(
         overrides,
         OPEN,
-        "is fixed by the recording: only processing, dem and radar.conjugate can be set; fly it again for more",
+        "cannot be changed for a recording; only processing, dem and radar.conjugate can be set; re-run the "
+        "simulation instead",
     )
     try:
         data = parse_toml(text)
     except ValueError as error:
-        raise ScenarioError.of("scenario", f"is not TOML: {error}; record it again", source) from error
+        raise ScenarioError.of("scenario", f"is not TOML: {error}; record the survey again", source) from error
     apply_overrides(data, overrides)
     return parse_scenario(data, source)
 
@@ -246,8 +250,8 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
     """
     _check_open(
         overrides,
-        OPEN + OPEN_BESIDES,
-        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(OPEN_BESIDES)}",
+        OPEN + RADAR_KEYS,
+        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(RADAR_KEYS)}",
     )
     data: dict[str, Any] = {}
     apply_overrides(data, overrides)

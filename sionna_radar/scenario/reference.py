@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
+from sionna_radar.foundation.input_file import compact
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import LARGEST, summary, unit_of
 
@@ -248,8 +249,8 @@ def _range(entry: Mapping[str, Any]) -> str:
     upper = entry.get("maximum", entry.get("exclusiveMaximum"))
     if lower is None and upper is None:
         return ""
-    lower_text = f"more than {lower:g}" if "exclusiveMinimum" in entry else f"{lower:g}" if lower is not None else ""
-    upper_text = f"less than {upper:g}" if "exclusiveMaximum" in entry else f"{upper:g}" if upper is not None else ""
+    lower_text = "" if lower is None else f"{'more than ' * ('exclusiveMinimum' in entry)}{compact(lower)}"
+    upper_text = "" if upper is None else f"{'less than ' * ('exclusiveMaximum' in entry)}{compact(upper)}"
     if not upper_text:
         return f", {lower_text}" if "exclusiveMinimum" in entry else f", at least {lower_text}"
     if not lower_text:

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.input_file import is_address, shown
+from sionna_radar.foundation.input_file import compact, is_address, shown
 from sionna_radar.scenario.problems import translate, unknown
 
 Made = TypeVar("Made")
@@ -37,7 +37,7 @@ def refuse(field: str, message: str) -> PydanticCustomError:
 
 def _not_vanishing(value: float) -> float:
     if value < SMALLEST:
-        raise refuse("", f"{value:g} is refused: must be >= {SMALLEST:g}")
+        raise refuse("", f"must be at least {compact(SMALLEST)}, not {compact(value)}")
     return value
 
 

@@ -200,7 +200,7 @@ class PointsTerrain(CoveredTerrain):
 class MeshTerrain(CoveredTerrain, MeshFile):
     """A mesh as the ground, with the objects on it: a site model, a photogrammetric mesh, a scene of Sionna.
 
-    The bare ground, from which a flight's height counts and on which objects stand, is the lowest surface that faces up:
+    The bare ground, from which heights of flight count and on which objects stand, is the lowest surface that faces up:
     ground under a bridge, and not a bottom plate.
     """
 
@@ -216,7 +216,10 @@ class MeshTerrain(CoveredTerrain, MeshFile):
     def _conflicts(self) -> Conflicts:
         placed = self.changed("position_m", "heading_deg", "scale", "centre")
         if self.crs is not None and placed:
-            yield placed[0], "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs"
+            yield (
+                placed[0],
+                "has no effect on a mesh with a CRS, whose coordinates are its position; remove it, or terrain.crs",
+            )
 
 
 class CityTerrain(TerrainParameters):

@@ -50,11 +50,14 @@ class TracingTable(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.decorrelation_time_s is not None and self.speckle == "per_pulse":
-            yield "decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one"
+            yield (
+                "decorrelation_time_s",
+                "has no effect with speckle = 'per_pulse', which redraws every pulse; remove one",
+            )
         if self.engine == "path_solver" and self.speckle == "persistent":
             yield "speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'"
         if self.bounces == 2 and self.engine != "sionna":
-            yield "bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'"
+            yield "bounces", f"engine = {self.engine!r} supports single bounces only; set engine = 'sionna'"
         if self.engine == "sionna" and self.paths_per_pulse > MAX_PATHS_PER_PULSE:
             yield (
                 "paths_per_pulse",
