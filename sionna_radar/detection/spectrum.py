@@ -9,7 +9,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
 from sionna_radar.foundation.numerics import window
-from sionna_radar.foundation.threads import over_rows, parts
+from sionna_radar.foundation.threads import chunks, over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
@@ -107,7 +107,7 @@ class SpectrumAnalyser:
             _ = self.passed  # cached before several threads use it
 
         def transform(low: int, high: int) -> None:
-            for start, stop in parts(high - low, ROWS_AT_ONCE):
+            for start, stop in chunks(high - low, ROWS_AT_ONCE):
                 rows = slice(low + start, low + stop)
                 spectrum = self._transform(beat[rows])
                 if self.high_pass is not None:

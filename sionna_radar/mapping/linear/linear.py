@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import beside, in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import LINEAR, LinearParameters
@@ -54,7 +54,7 @@ class LinearUncertainty:
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         spread = float(np.median(self.heights.spread_m))
-        some = parts(len(self.interpolated.cell), AT_ONCE)
+        some = chunks(len(self.interpolated.cell), AT_ONCE)
 
         def farthest_of(low: int, high: int) -> float:
             return max(float(each.max(initial=0.0)) for each in self._distances(grid, slice(low, high)))
@@ -146,7 +146,7 @@ class Linear:
         on = given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options
         if not given.uncertain:
             return Estimate(dem=grid_points(*on).dem)
-        gridding = beside(lambda: grid_points(*on))
+        gridding = in_background(lambda: grid_points(*on))
         heights, found = given.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD

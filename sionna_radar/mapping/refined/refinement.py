@@ -33,7 +33,7 @@ from jaxtyping import Float, Int
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads
+from sionna_radar.foundation.threads import equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
@@ -161,7 +161,7 @@ def _on_cells(
         add_to_cells(feet.place_m, score, grid.west_m, grid.south_m, grid.spacing_m, result, low, high)
         return result.ravel()
 
-    first, *others = in_threads(part, equal_parts(len(score)))
+    first, *others = in_threads(part, equal_chunks(len(score)))
     for other in others:
         first += other
     return first

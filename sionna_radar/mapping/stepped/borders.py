@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.detection.ranging.plane_fit import PEDESTAL
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads, parts
+from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, CellViews, PulseEchoes
@@ -232,13 +232,13 @@ class _Block:
         from sionna_radar.mapping.stepped.border_kernels import cast_all
 
         given = self._columns, self._views, self._echoes, self._farthest, pulses
-        list(in_threads(partial(cast_all, *given), parts(len(pulses), PULSES_AT_ONCE)))
+        list(in_threads(partial(cast_all, *given), chunks(len(pulses), PULSES_AT_ONCE)))
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
         """Update the reflectivities; return the power found of each cell's top, and that expected; see `predict`."""
         from sionna_radar.mapping.stepped.border_kernels import predict
 
-        bounds = equal_parts(len(self._echoes.first))
+        bounds = equal_chunks(len(self._echoes.first))
         cells = np.zeros((len(bounds), 2, self._columns.part.size))
         sums = np.empty((len(bounds), 2, len(self._level)))
         numbers = {low: number for number, (low, _) in enumerate(bounds)}
@@ -281,7 +281,7 @@ class _Block:
                 crossed(self._columns, self._views, beyond_m, *into, low, high)
             return into[:, :used].astype(np.int32)
 
-        cell, pulse = np.concatenate(list(in_threads(some, parts(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
+        cell, pulse = np.concatenate(list(in_threads(some, chunks(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
         order = np.argsort(cell, kind="stable")
         first, widest = np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), 1
         # Entries are in the order of pulses.
@@ -320,7 +320,7 @@ class _Block:
             turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
             groups = [cells[tile == one] for one in np.unique(tile[turn])]
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
-            list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
+            list(in_threads(partial(one_tile, groups), chunks(len(groups), 1)))
 
 
 def _views(sightings: Sightings, spacing_m: float) -> CellViews:

@@ -47,7 +47,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
 from sionna_radar.foundation.progress import advance, expect_steps, release_memory
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, several_at_once
+from sionna_radar.foundation.threads import equal_chunks, several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs
@@ -440,7 +440,7 @@ class SteppedTiles:
     def windows(self) -> list[tuple[slice, slice]]:
         """Rows and columns of each tile: as few as are no longer than `TILE_BLOCKS` blocks."""
         size = TILE_BLOCKS * self.options.block_m / self.grid.spacing_m
-        rows, columns = (equal_parts(count, int(np.ceil(count / size))) for count in self.grid.shape)
+        rows, columns = (equal_chunks(count, int(np.ceil(count / size))) for count in self.grid.shape)
         return [(slice(*some), slice(*others)) for some in rows for others in columns]
 
     def piece(self, number: int) -> SteppedPiece | None:

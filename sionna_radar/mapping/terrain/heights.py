@@ -16,7 +16,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import chunks
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import AT_ONCE, SpeckleMemory, repeats, speckle_reach
 from sionna_radar.mapping.points import Points
@@ -209,7 +209,7 @@ def looks_at(
         own, back = np.unique(row[low:high], return_inverse=True)
         return axes_of(pose_of(own).rows(back), points.range_m[low:high], beam)
 
-    footprint_m = np.concatenate([footprints(*bounds) for bounds in parts(len(points), AT_ONCE)])
+    footprint_m = np.concatenate([footprints(*bounds) for bounds in chunks(len(points), AT_ONCE)])
     reach = reach[row] if points.reach is None else np.maximum(reach[row], points.reach)
     return Looks(footprint_m=footprint_m, reach=reach)
 

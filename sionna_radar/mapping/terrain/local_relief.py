@@ -35,7 +35,7 @@ from scipy.spatial import KDTree
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import log_sum_exp, spread_indices
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, own_cores, parts
+from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     MIN_NOISE_M,
@@ -101,10 +101,10 @@ class LocalRelief:
         self, covariance: Covariance, farthest_m: float, spread_m: float, entries: int
     ) -> tuple[CovarianceTable, CovarianceTable]:
         """Return tables of the covariances of long waves and of short ones; see `Covariance.table`."""
-        long, short = self.parts(covariance, knots(farthest_m), spread_m)
+        long, short = self.covariances(covariance, knots(farthest_m), spread_m)
         return CovarianceTable.of(long, farthest_m, entries), CovarianceTable.of(short, farthest_m, entries)
 
-    def parts(
+    def covariances(
         self, covariance: Covariance, distance_m: Float[np.ndarray, " n"], spread_m: float
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return the covariances of long waves and of short ones at distances; see `Covariance.at`."""
@@ -153,10 +153,10 @@ class Windows:
             return None
         place = measured.place_m[kept]
         tree, low = KDTree(place), place.min(axis=0)
-        spacing = float(np.median(tree.query(place, k=heights, workers=own_cores())[0][:, -1]))
+        spacing = float(np.median(tree.query(place, k=heights, workers=cores_of_thread())[0][:, -1]))
         columns, rows = (np.maximum(np.ceil(np.ptp(place, axis=0) / spacing).astype(int), 1) + 1).tolist()
         x, y = np.meshgrid(low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows))
-        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=own_cores())[1]
+        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=cores_of_thread())[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
@@ -167,7 +167,7 @@ class Windows:
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
             return _log_likelihood(measured, self.member[low:high], tables, fitted)
 
-        likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), AT_ONCE))))
+        likelihood = np.concatenate(list(in_threads(some, chunks(len(self.member), AT_ONCE))))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
         if mean_square is None:
@@ -199,7 +199,7 @@ class DividedTables:
         away = place - place.mean(axis=1, keepdims=True)
         farthest = 2 * float(np.linalg.norm(away, axis=2).max()) + 1.0
         spread = np.unique(np.quantile(measured.spread_m[member], np.linspace(0.0, 1.0, SPREADS)))
-        at_knots = np.array([relief.parts(covariance, knots(farthest), float(each)) for each in spread])
+        at_knots = np.array([relief.covariances(covariance, knots(farthest), float(each)) for each in spread])
         long, short = tabulated(at_knots.swapaxes(0, 1), farthest, TABLE)
         unaveraged = relief.divided(covariance, farthest, 0.0, TABLE)[1]
         return cls(spread, unaveraged.step_m, long, short, unaveraged)
@@ -221,7 +221,7 @@ def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Boo
     windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
-    bounds = parts(len(windows.member), AT_ONCE)
+    bounds = chunks(len(windows.member), AT_ONCE)
     rms = in_threads(lambda low, high: _rms_above_plane(measured, windows.member[low:high]), bounds)
     log = np.log(np.concatenate(list(rms)))
     scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))

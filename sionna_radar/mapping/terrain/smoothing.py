@@ -23,7 +23,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import own_cores
+from sionna_radar.foundation.threads import cores_of_thread
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
@@ -241,7 +241,7 @@ def smooth_with(
 
 def _cores_for(grid: Grid, times: int = 1) -> int:
     """Return the number of cores for the Fourier transforms of a grid, or of a coarser one."""
-    return own_cores() if grid.rows * grid.columns >= FEW_CELLS * times**2 else 1
+    return cores_of_thread() if grid.rows * grid.columns >= FEW_CELLS * times**2 else 1
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:

@@ -35,7 +35,7 @@ from scipy.optimize import minimize
 
 from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import beside, in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
@@ -213,7 +213,7 @@ def information_of(
             power[row] = np.sum(np.abs(turned) ** 2, axis=0)
             noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
 
-        list(in_threads(of_echo, parts(len(pulses), 1)))
+        list(in_threads(of_echo, chunks(len(pulses), 1)))
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
     power, noise = np.median(power, axis=0), np.maximum(np.median(noise, axis=0), np.finfo(float).tiny)
     return Information(
@@ -284,7 +284,7 @@ class TileUncertainty:
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         measured = heights.above(heights.trend(), microrelief_m)
-        misfit = beside(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
+        misfit = in_background(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
         plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
