@@ -30,7 +30,7 @@ from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_moving_ground
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
-from sionna_radar.weather.rain import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.rain import CombinedRain, RainCell, RainField, RainMap
 from sionna_radar.weather.validity import Precipitation
 
 
@@ -217,7 +217,7 @@ def rain_map_of(table: WeatherTable) -> RainMap | None:
         parts.append(cell.to(RainCell))
     if not parts:
         return None
-    return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)
+    return CombinedRain(maps=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)
 
 
 def rcs_of_mesh(
