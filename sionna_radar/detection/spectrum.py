@@ -33,7 +33,7 @@ class ArrayLibrary:
         """Return a Dr.Jit tensor as an array of this library, on a GPU without a copy."""
         return tensor.numpy() if self.arrays is np else self.arrays.from_dlpack(tensor)
 
-    def given(self, array: Num[np.ndarray, "..."]) -> Any:
+    def from_host(self, array: Num[np.ndarray, "..."]) -> Any:
         """Return a host array as an array of this library."""
         return self.arrays.asarray(array)
 
@@ -153,7 +153,7 @@ class SpectrumAnalyser:
     def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:
         """Return the spectra of beat signals, pulse by bin, in the library's arrays."""
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
-        windowed = beat * library.given(self._turned_window)
+        windowed = beat * library.from_host(self._turned_window)
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive frequency carries half of it.
             transform = library.fft.fft if self.chirp.lead_cells else library.fft.rfft

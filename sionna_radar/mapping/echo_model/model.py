@@ -270,7 +270,7 @@ class EchoModel:
         # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
         reach = self._sightings.reach_m / cell_m - 0.5
         seen = self._feet.range_m, self._feet.shift_m, self._ground()
-        on = *seen, beam.share, beam.lattice, cell_m, reach, mean
+        on = *seen, beam.power, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
@@ -323,7 +323,7 @@ class EchoModel:
         profiles, beam = self._sightings.profiles, self._sightings.beam
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._ground()
-        return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
+        return data, geometry, (beam.power, beam.lattice, spline_taps(self._sightings.response))
 
     def _ground(self) -> tuple[object, ...]:
         """Return the known cover and its levels as the kernels take them."""

@@ -58,7 +58,7 @@ class Evidence:
         beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
         spill = options.spill_share * sightings.response / sightings.response.max()
         spill[len(spill) // 2] = 0.0
-        gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+        gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
         self._given = (
             *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
             *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),

@@ -1,4 +1,4 @@
-"""How well a surface through measured heights is known: the kriging variance of cells and of means over windows.
+"""Kriging variance of a surface through measured heights, for cells and for means over windows.
 
 Under a Gaussian terrain of covariance C and data y = B z + e, means over footprints with noise, the variance of what
 is still unknown about a height z, or about a mean of heights, is (Rasmussen and Williams 2006, section 2.2)
