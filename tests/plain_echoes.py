@@ -99,7 +99,7 @@ class PlainEchoes:
         assert profiles.volume is not None
         power = profiles.volume.power[inside].astype(np.float64)
         spread = self._spread(pulse, first, first + cells - 1, float(profiles.volume.drift_m[pulse]))
-        share, pad = self._sightings.beam.share[spread.sample], self._beyond + 1
+        share, pad = self._sightings.beam.power[spread.sample], self._beyond + 1
         hit = self._hits(spread, share, cells)
         air = 1 - spread.share_before - _up_to_middle(hit[:, None])
         moved = -_up_to_middle(self._moved(pulse, spread, share, cells))
@@ -125,16 +125,16 @@ class PlainEchoes:
         cell = (sample_range + beam.between @ self._shift[pulse] + drift_m) / self._sightings.profiles.cell_m
         origin = first if np.isfinite(first) else 0.0
         inside = whole & (cell > first - self._beyond) & (cell < last + self._beyond)
-        before = float(beam.share[whole & (cell <= first - self._beyond)].sum())
+        before = float(beam.power[whole & (cell <= first - self._beyond)].sum())
         cell = cell[inside] - origin
         level, slope = self._levels(pulse)
-        share = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
+        share = beam.power[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
         power, slope = share * level[inside], share * slope[:, inside]
         return _Spread(np.flatnonzero(inside), cell, power, slope, sample_range[inside] ** 2, before)
 
     def _levels(self, pulse: int):
         """Return the power of the ground under each sample over that of the brightest cover, and its slopes."""
-        cover, samples = self._sightings.cover, len(self._sightings.beam.share)
+        cover, samples = self._sightings.cover, len(self._sightings.beam.power)
         if cover is None:
             return np.ones(samples), np.zeros((2, samples))
         incidence_deg = np.degrees(np.arccos(-self._sightings.pose.boresight[pulse, 2]))

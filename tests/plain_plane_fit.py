@@ -14,7 +14,7 @@ def fit_plane(
 ) -> tuple[float, float]:
     starts = []
     for slope in np.log(SLOPES):
-        mean_range = float(beam.share @ _ranges(beam, 1.0, slope))
+        mean_range = float(beam.power @ _ranges(beam, 1.0, slope))
         state = np.array([centroid / mean_range, slope])
         starts.append((_loss(beam, bins, power, background, state)[0], state))
     loss, state = min(starts, key=lambda entry: entry[0])
@@ -54,7 +54,7 @@ def _shape(beam: BeamProfile, bins, state):
     # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
     ends = 1.5 * place[[0, -1]] - 0.5 * place[[1, -2]]
     edge = np.concatenate([ends[:1], (place[1:] + place[:-1]) / 2, ends[1:]])
-    share = beam.share * (state[0] / (place + bins[0])) ** 2
+    share = beam.power * (state[0] / (place + bins[0])) ** 2
     below = np.concatenate([[0.0], np.cumsum(share / share.sum())])
     spread = np.diff(np.interp(np.arange(len(bins) + 1) - 0.5, edge, below))
     half = len(beam.response) // 2

@@ -10,7 +10,7 @@ import typer.main
 
 from sionna_radar import parse_scenario
 from sionna_radar.cli.app import app
-from sionna_radar.scenario.platform import OF_A_LOG
+from sionna_radar.scenario.platform import LOG_KEYS
 from sionna_radar.scenario.recorded import DescribedRecording
 from sionna_radar.scenario.terrain import MeshFile
 
@@ -213,7 +213,7 @@ def test_every_page_and_example_page_is_in_the_contents():
             assert re.search(rf"^{page.stem}$|/{page.stem}$", linked, re.MULTILINE), f"{name(page)} is in no contents"
 
 
-@pytest.mark.parametrize("key", [*OF_A_LOG, *MeshFile.model_fields])
+@pytest.mark.parametrize("key", [*LOG_KEYS, *MeshFile.model_fields])
 def test_the_page_of_real_worlds_names_every_key_of_logs_and_meshes(key):
     assert re.search(rf"\b{key}\b", (ROOT / "examples" / "WORLDS.md").read_text(encoding="utf-8"))
 

@@ -94,9 +94,9 @@ def test_it_works_as_an_installed_distribution(site, tmp_path):
     # Its parameters are checked like ours.
     assert wrong["code"] == 2
     for words in (
-        "dem.method_parameters.radius_m: -1 is refused: must be > 0",
+        "dem.method_parameters.radius_m: must be greater than 0, not -1",
         "processing.ranging_parameters.gate: unknown key; remove it or correct its spelling. Did you mean",
-        "processing.ranging_parameters.gate_db: True is refused: give a number",
+        "processing.ranging_parameters.gate_db: must be a number without quotes, not True",
         "materials.lichen_on_rock.exponents: unknown key",
     ):
         assert words in wrong["err"]

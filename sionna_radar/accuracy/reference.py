@@ -40,7 +40,7 @@ from sionna_radar.elevation.placed_raster import (
     apply_affine,
     cloud_height_system,
     height_system,
-    horizontal_part,
+    horizontal_crs,
     vertical_datum,
 )
 from sionna_radar.elevation.placed_raster import reproject as convert
@@ -499,7 +499,7 @@ def _read_raster(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface:
             kind="raster",
             height_m=height - _base_m(grid),
             transform=file.transform,
-            crs=horizontal_part(CRS.from_wkt(crs)).to_wkt(),
+            crs=horizontal_crs(CRS.from_wkt(crs)).to_wkt(),
             sigma_m=sigma_m,
         )
 
@@ -513,13 +513,13 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
     with open_cloud(path, KEY) as cloud:
         crs = CRS.from_wkt(_same_kind_of_crs(cloud.crs_wkt, grid, cloud.name))
         east_m, north_m = _origin_m(grid)[:2]
-        frame = MapFrame(crs=horizontal_part(CRS.from_wkt(_crs_of(grid))), origin_m=(east_m, north_m))
+        frame = MapFrame(crs=horizontal_crs(CRS.from_wkt(_crs_of(grid))), origin_m=(east_m, north_m))
         vertical = cloud_height_system(crs, key=KEY).unit_m
 
         def local_of(
             x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
         ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-            return frame.local_of(horizontal_part(crs), x, y)
+            return frame.local_of(horizontal_crs(crs), x, y)
 
         def pieces(classes: bool = False) -> Iterator[Piece]:
             return cloud.pieces("first", local_of, vertical, classes)
@@ -569,7 +569,7 @@ LOCAL = CRS.from_epsg(3857).to_wkt()
 
 def _crs_of(grid: Grid) -> str:
     place = grid.georeference
-    return LOCAL if place is None else horizontal_part(CRS.from_wkt(place.crs_wkt)).to_wkt()
+    return LOCAL if place is None else horizontal_crs(CRS.from_wkt(place.crs_wkt)).to_wkt()
 
 
 def _origin_m(grid: Grid) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
 from sionna_radar.foundation.numerics import window
-from sionna_radar.foundation.threads import over_rows, parts
+from sionna_radar.foundation.threads import chunks, over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
@@ -33,7 +33,7 @@ class ArrayLibrary:
         """Return a Dr.Jit tensor as an array of this library, on a GPU without a copy."""
         return tensor.numpy() if self.arrays is np else self.arrays.from_dlpack(tensor)
 
-    def given(self, array: Num[np.ndarray, "..."]) -> Any:
+    def from_host(self, array: Num[np.ndarray, "..."]) -> Any:
         """Return a host array as an array of this library."""
         return self.arrays.asarray(array)
 
@@ -107,7 +107,7 @@ class SpectrumAnalyser:
             _ = self.passed  # cached before several threads use it
 
         def transform(low: int, high: int) -> None:
-            for start, stop in parts(high - low, ROWS_AT_ONCE):
+            for start, stop in chunks(high - low, ROWS_AT_ONCE):
                 rows = slice(low + start, low + stop)
                 spectrum = self._transform(beat[rows])
                 if self.high_pass is not None:
@@ -153,7 +153,7 @@ class SpectrumAnalyser:
     def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:
         """Return the spectra of beat signals, pulse by bin, in the library's arrays."""
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
-        windowed = beat * library.given(self._turned_window)
+        windowed = beat * library.from_host(self._turned_window)
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive frequency carries half of it.
             transform = library.fft.fft if self.chirp.lead_cells else library.fft.rfft

@@ -110,7 +110,7 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     covered = _extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0))
     message = f"the flight sees {spans(cutout.window_m)}, but {what}: the file covers {spans(covered)}"
     authority = source.local.to_authority()
-    if authority and _given_on_the_map(source, cutout, covered):
+    if authority and _matches_map_coordinates(source, cutout, covered):
         system = ":".join(authority)
         remedy = f"set coordinates = '{system}' if positions are on the map"
         problem = Problem("terrain", f"{message} about the local origin; {remedy}")
@@ -122,7 +122,9 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     return ScenarioError([problem])
 
 
-def _given_on_the_map(source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]) -> bool:
+def _matches_map_coordinates(
+    source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]
+) -> bool:
     """Return True if the window's middle, taken as map easting and northing, would be within the file."""
     west, south, east, north = cutout.window_m
     x, y = (west + east) / 2 - source.origin[0], (south + north) / 2 - source.origin[1]

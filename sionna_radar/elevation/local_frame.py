@@ -19,7 +19,7 @@ from pyproj.database import query_utm_crs_info
 from pyproj.exceptions import ProjError
 from rasterio.enums import ColorInterp
 
-from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_part, middle_of, reproject
+from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_crs, middle_of, reproject
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
@@ -62,7 +62,7 @@ def frame_of(place: Georeference | None) -> MapFrame | None:
     """Return the frame of a georeference; None without one."""
     if place is None:
         return None
-    return MapFrame(crs=horizontal_part(CRS.from_wkt(place.crs_wkt)), origin_m=place.origin_m[:2])
+    return MapFrame(crs=horizontal_crs(CRS.from_wkt(place.crs_wkt)), origin_m=place.origin_m[:2])
 
 
 def check_lonlat(lon_deg: float, lat_deg: float) -> None:
@@ -129,7 +129,7 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
         it.
     """
     file_crs = _crs_of(dataset, stated.crs)
-    crs = map_part(file_crs)
+    crs = horizontal_crs_of(file_crs)
     frame = frame_about(crs, middle_of(dataset), stated.centre_lonlat_deg, "raster's centre")
     band = _band_of(dataset, stated.band)
     heights = height_system(dataset.units[band - 1], file_crs, stated.vertical_crs, stated.height_unit)
@@ -162,9 +162,9 @@ def stated_crs(name: str, key: str = "terrain.crs") -> CRS:
         raise ScenarioError.of(key, message) from error
 
 
-def map_part(whole: CRS, key: str = "terrain.crs") -> CRS:
+def horizontal_crs_of(whole: CRS, key: str = "terrain.crs") -> CRS:
     """Return the horizontal part of a CRS; ScenarioError if neither projected nor geographic."""
-    crs = horizontal_part(whole)
+    crs = horizontal_crs(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
         raise ScenarioError.of(key, message)

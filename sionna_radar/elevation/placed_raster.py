@@ -213,7 +213,7 @@ def vertical_datum(crs: CRS) -> str | None:
     return "the ellipsoid" if len(crs.axis_info) == 3 and not crs.is_geocentric else None
 
 
-def horizontal_part(crs: CRS) -> CRS:
+def horizontal_crs(crs: CRS) -> CRS:
     """Return the horizontal part of a CRS."""
     while crs.is_compound:
         crs = crs.sub_crs_list[0]
@@ -225,8 +225,8 @@ def reproject(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Transform points between projections, easting or longitude first; infinite where not valid."""
     # As lists: pyproj takes an array of one for a point, of which NumPy before 2.4 warns.
-    given = (x.tolist(), y.tolist()) if x.size == 1 else (x, y)
-    x, y = Transformer.from_crs(source, target, always_xy=True).transform(*given)
+    points = (x.tolist(), y.tolist()) if x.size == 1 else (x, y)
+    x, y = Transformer.from_crs(source, target, always_xy=True).transform(*points)
     return np.asarray(x), np.asarray(y)
 
 
@@ -265,8 +265,8 @@ def in_crs_of(
     if source.crs is None:
         message = "the raster has no CRS, but the terrain is georeferenced; add one with gdal_translate -a_srs"
         raise ScenarioError.of(key, message)
-    local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
-    raster_crs = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
+    local = horizontal_crs(CRS.from_wkt(georeference.crs_wkt))
+    raster_crs = horizontal_crs(CRS.from_wkt(source.crs.to_wkt()))
     if not (raster_crs.is_projected or raster_crs.is_geographic):
         message = (
             f"the raster's CRS, {raster_crs.name!r}, is neither projected nor geographic; give the raster one that is"

@@ -1,4 +1,4 @@
-"""Point clouds (LAS, LAZ), read in pieces and gridded: memory does not grow with the number of points."""
+"""Reading and gridding of LAS and LAZ point clouds in pieces, so that memory does not grow with their size."""
 
 import logging
 import struct

@@ -41,7 +41,7 @@ from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLo
 from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import tune_heaps
-from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
+from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, override_thread_limit, thread_limit
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
@@ -118,7 +118,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
-    given = given_threads()
+    given = thread_limit()
     threads = given or max(cores() // count, 1)
     settings = {
         # Dask would override the thread settings of BLAS; the number of threads is set below.
@@ -155,7 +155,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
             preload=[__name__],
         )
         try:
-            with Client(cluster, set_as_default=False) as client, threads_of_all(given and count * given):
+            with Client(cluster, set_as_default=False) as client, override_thread_limit(given and count * given):
                 yield client
         finally:
             _end(cluster)

@@ -16,7 +16,7 @@ from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import spread_indices
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import chunks
 
 CHIRPS_AT_ONCE = 100_000
 # A continuous scan is divided into lines of this many pulses, counted from the first of the survey.
@@ -254,7 +254,7 @@ def schedule_pulses(
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     edges = None if trajectory.transmits_s is None else np.array(trajectory.transmits_s).ravel()
     kept = [np.zeros(0)]
-    for low, high in parts(count, CHIRPS_AT_ONCE):
+    for low, high in chunks(count, CHIRPS_AT_ONCE):
         chirp = np.arange(low, high)
         time_s = start + (chirp + 0.5) / chirp_rate_hz
         if stagger > 0:

@@ -1,4 +1,4 @@
-"""Bounds of numbers that come from options and arguments, which no table of a scenario checks."""
+"""Bounds checks of command-line options and function arguments."""
 
 from collections.abc import Iterable
 

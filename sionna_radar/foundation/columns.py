@@ -1,4 +1,4 @@
-"""Tables: frozen dataclasses of columns of equal length, and their exact conversion to bytes."""
+"""Column tables: frozen dataclasses of arrays of equal length, with row selection and lossless serialisation."""
 
 import io
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ class Columns:
     """A table of columns; a row is one entry of each column.
 
     Subclasses are frozen dataclasses whose fields are NumPy arrays of equal length along their first axis, or tables of
-    that length; an optional column may be None, and anything else is of the whole table.
+    that length; an optional column may be None, and any other field belongs to the table as a whole.
     """
 
     def __len__(self) -> int:
@@ -31,7 +31,7 @@ class Columns:
     def concatenate(cls: type[Table], tables: Sequence[Table]) -> Table:
         """Concatenate tables; columns missing from any of them are left out."""
         columns = {f.name: [getattr(t, f.name) for t in tables] for f in fields(cls)}
-        return cls(**{name: _joined(given) for name, given in columns.items()})
+        return cls(**{name: _joined(pieces) for name, pieces in columns.items()})
 
 
 def _chosen(column: Any, chosen: Any) -> Any:
@@ -69,8 +69,8 @@ def columns_of(content: bytes) -> dict[str, Any]:
 def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
     """Return a table from its columns; 0-d columns become numbers, missing optional ones None."""
     kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
-    own = {key: columns[column] for key, column in kept.items() if column in columns}
-    return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)
+    values = {key: columns[column] for key, column in kept.items() if column in columns}
+    return kind(**{key: value.item() if value.ndim == 0 else value for key, value in values.items()}, **others)
 
 
 def _columns(name: str, value: Any) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def _columns(name: str, value: Any) -> dict[str, Any]:
         return {}
     if not is_dataclass(value):
         return {name: value}
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for field in fields(value):
-        found |= _columns(f"{name}{OF}{field.name}" if name else field.name, getattr(value, field.name))
-    return found
+        flat |= _columns(f"{name}{OF}{field.name}" if name else field.name, getattr(value, field.name))
+    return flat

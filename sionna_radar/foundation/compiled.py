@@ -1,4 +1,4 @@
-"""Loops over pulses, rays and range cells as machine code by Numba, and a compiled sine and cosine.
+"""Compilation of loops over pulses, rays and range cells by Numba, with a cache on disk; sine and cosine of turns.
 
 Numba and not Dr.Jit: the loops are short, irregular and in double precision, a few hundred steps per pulse that differ
 from one pulse to the next, which whole-array code would pad; there is no compilation per size of an array, and the
@@ -45,7 +45,7 @@ def compiled(function: Function) -> Function:
     try:
         machine_code._cache = SharedCache(function)  # as `enable_caching` does
     except RuntimeError:  # neither the package's folder nor the user's cache is writable
-        _say_once("compiled code cannot be cached, every run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
+        _warn_once("compiled code cannot be cached, every run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
     return cast(Function, machine_code)
 
 
@@ -81,10 +81,10 @@ class SharedCache(FunctionCache):
         try:
             super().save_overload(signature, data)
         finally:
-            self.give_up()
+            self.release()
 
-    def give_up(self) -> None:
-        """Let other processes compile the function; does nothing if this one has not begun to."""
+    def release(self) -> None:
+        """Release the lock of the function, so that other processes may compile it; no effect without the lock."""
         if self._held is not None:
             self._held.release()
             self._held = None
@@ -130,7 +130,7 @@ class _Compilation(event.Listener):
         # Not by `event.is_failed`, which Numba has the wrong way round. What was compiled is saved after this event.
         dispatcher, failed = event.data["dispatcher"], event.data["args"] not in event.data["dispatcher"].overloads
         if failed and isinstance(getattr(dispatcher, "_cache", None), SharedCache):
-            dispatcher._cache.give_up()
+            dispatcher._cache.release()
         self._depth -= 1
         if self._depth == 0 and self._enabled:
             gc.enable()
@@ -142,24 +142,24 @@ event.register("numba:compile", _Compilation())
 class _FirstCompilation(event.Listener):
     """Report the first compilation of this process."""
 
-    def __init__(self, tell: Callable[[], object]) -> None:
-        self._untold = [tell]
+    def __init__(self, notify: Callable[[], object]) -> None:
+        self._pending = [notify]
 
     def on_start(self, event: object) -> None:
-        while self._untold:
-            self._untold.pop()()
+        while self._pending:
+            self._pending.pop()()
 
     def on_end(self, event: object) -> None:
         pass
 
 
-def on_first_compilation(tell: Callable[[], object]) -> None:
-    """Call a function when this process first compiles anything from now on."""
-    event.register("numba:compile", _FirstCompilation(tell))
+def on_first_compilation(notify: Callable[[], object]) -> None:
+    """Call a function at the next compilation of this process, once."""
+    event.register("numba:compile", _FirstCompilation(notify))
 
 
 @cache
-def _say_once(message: str) -> None:
+def _warn_once(message: str) -> None:
     logging.getLogger("sionna_radar").warning(message)
 
 

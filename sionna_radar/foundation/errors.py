@@ -45,7 +45,7 @@ class ScenarioError(RadarError, ValueError):
     ...     load_scenario("hills", {"radar.snr_db": -1000})
     ... except ScenarioError as error:
     ...     print(error.problems[0])
-    radar.snr_db: -1000 is refused: must be >= -100
+    radar.snr_db: must be at least -100, not -1000
     """
 
     def __init__(self, problems: Iterable[Problem], source: str = UNNAMED) -> None:

@@ -1,4 +1,4 @@
-"""Input files of the user, regular, of a bounded size: text, TOML and tables; and the permission to use the network.
+"""Safe reading of user files (text, TOML, CSV numbers) of bounded size, and the permission to use the network.
 
 A pipe may never end, a device has no size, and a path may contain characters that no file system accepts: all end
 in one `InputFileError` that names what was requested.
@@ -39,6 +39,11 @@ def shown(value: object) -> str:
     return text
 
 
+def compact(number: float | int) -> str:
+    """Return a number as shown in error messages: six digits, and exponents without padding (1e7)."""
+    return re.sub(r"e([+-])0*", lambda match: "e" + match[1].strip("+"), f"{number:g}")
+
+
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
     """Check that a path is a regular file of a bounded size, and return its size in bytes.
 
@@ -50,15 +55,15 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_
     Raises InputFileError if it does not exist, is not a regular file or is too large, or the path is invalid.
     """
     try:
-        found = path.stat()
+        status = path.stat()
     except (ValueError, OSError) as error:  # ValueError: a NUL, or characters that the file system cannot encode
         raise InputFileError(f"{name} {shown(path)} {why_not(error)}; {remedy}") from error
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a directory" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
         raise InputFileError(f"{name} {shown(path)} is {kind}, not a regular file; {remedy}")
-    if found.st_size > most_bytes:
-        raise InputFileError(f"{name} {shown(path)} has {found.st_size:,} bytes, more than {most_bytes:,}; {remedy}")
-    return found.st_size
+    if status.st_size > most_bytes:
+        raise InputFileError(f"{name} {shown(path)} has {status.st_size:,} bytes, more than {most_bytes:,}; {remedy}")
+    return status.st_size
 
 
 def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
@@ -105,7 +110,10 @@ def read_numbers(
     required = {column for column, default in columns.items() if default is None}
     unknown = len(set(header) - columns.keys()) if further == "refused" else 0
     if unknown or not required <= set(header) or any(header.count(column) > 1 for column in columns):
-        message = f"{name} {shown(path)}: line {first} reads {shown(head.strip())}, and should name columns; {remedy}"
+        message = (
+            f"{name} {shown(path)}: line {first} reads {shown(head.strip())}, and is not a header of column names; "
+            f"{remedy}"
+        )
         raise InputFileError(message)
     absent: dict[str, Any] = {column: default for column, default in columns.items() if column not in header}
     rows = []

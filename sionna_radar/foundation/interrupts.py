@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end the program with one line and exit code 130 or 143 at any time.
+"""Handling of Ctrl-C and SIGTERM: the program ends with one line and exit code 130 or 143 at any time.
 
 An exception that a signal raises can be lost: destructors and callbacks from C code swallow it, and a binding to C++
 may turn it into a TypeError. So the signal is also remembered: `raise_received`, called at every step of progress,

@@ -1,4 +1,4 @@
-"""Small numerical tools: decibels, linear algebra on one thread, Halton points, window functions.
+"""Numerical tools: decibels, LAPACK on one thread, log-sum-exp, Halton points, window functions.
 
 Linear algebra runs on one thread: a split among several would change the rounding, the last bits of every result. For
 the small matrices of a survey, several threads are not faster anyway.
@@ -39,7 +39,7 @@ def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return 10.0 * np.log10(np.where(ratio > 0, ratio, np.nan))
 
 
-# Ratio to its mean that one exponential power in 3000 exceeds, log 3000: what is stronger is no speckle of one surface.
+# log 3000: one exponential power in 3000 exceeds its mean by this factor; a stronger one is not speckle of one surface.
 # Machine code on disk keeps the value that it was compiled with.
 MAX_SPECKLE = 8.0
 
@@ -67,15 +67,15 @@ def log_sum_exp(
 # Rows that a triangular system is solved by at once.
 ROWS = 96
 
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
-def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
+def on_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Return a function that runs with one thread of BLAS and OpenMP; the caller's settings are restored afterwards."""
 
     @wraps(function)
-    def limited(*given: Given.args, **named: Given.kwargs) -> Result:
+    def limited(*given: Arguments.args, **named: Arguments.kwargs) -> Result:
         with _thread_pools(len(sys.modules)).limit(limits=1):
             return function(*given, **named)
 
@@ -89,7 +89,7 @@ def _thread_pools(modules: int) -> ThreadpoolController:
 
 
 def solve_lower(root: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n ..."]) -> Float[np.ndarray, "n ..."]:
-    """Return root^-1 right for a lower triangular matrix; what is above its diagonal must be zero.
+    """Return root^-1 right for a lower triangular matrix, whose upper triangle must be zero.
 
     By blocks of rows, nearly all in products of matrices: faster than LAPACK's way, and beside other threads, which
     SciPy's wrapper of that keeps waiting.

@@ -1,4 +1,4 @@
-"""Compilation ahead of time: on a first run other processes compile what the survey is going to call.
+"""Ahead-of-time compilation: on a first run, background processes compile the functions that the survey will call.
 
 Numba compiles the functions of a process one after another, each on its first call. With nothing on disk yet that is
 most of a first run, on one core. `start` lets the other cores begin with it while this process still imports what it
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from numba import types
 
 PACKAGE, HERE = "sionna_radar", Path(__file__).parents[1]
-# On most machines memory and the start of the processes cost more than a further one saves.
+# More processes cost more memory and start-up time than they save on most machines.
 MAX_PROCESSES = 4
 # Kept, as they are not waited for: they end by themselves.
 _started: list[subprocess.Popen[bytes]] = []
 
 
 def start(method: str) -> None:
-    """Begin to compile what a survey with a DEM method needs, unless the last function of the list is on disk."""
+    """Start compiling the functions of a DEM method in the background, unless the last of the list is on disk."""
     *_, (module, name, _) = _lines(method)
     if _is_on_disk(module, name):
         return
@@ -92,13 +92,13 @@ def _types_of(arguments: str, function: Any) -> "tuple[types.Type, ...]":
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Compile what a method needs, until all is on disk or the process that asked for it has ended."""
+    """Compile the functions of a method, until all are on disk or the parent process has ended."""
     from sionna_radar.foundation.compiled import SharedCache
 
-    asked_by = os.getppid()
+    parent = os.getppid()
     for function, argument_types in signatures(arguments[0]):
         # Where nothing can be kept on disk, nobody else would gain.
-        if os.getppid() != asked_by or not isinstance(function._cache, SharedCache):
+        if os.getppid() != parent or not isinstance(function._cache, SharedCache):
             return
         if not function._cache.is_claimed():
             function.compile(argument_types)

@@ -1,4 +1,4 @@
-"""Progress, time and memory of long computations.
+"""Progress reports, remaining time, stage times, and memory of long computations.
 
 Progress and time are reported like log messages: from anywhere, to the listener and the stopwatch of the context.
 """
@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 # Called at the start of a stage and after each of its steps with the stage's name, the steps done, and the total number
 # of steps, 0 if unknown.
 Progress = Callable[[str, int, int], None]
-# A notebook's bar is drawn no more often.
-REDRAWN_S = 0.2
-# No time is estimated before so much of a stage, nor where one wait is a larger share of the time of the last half of
-# its steps. Tried on the stages of a flight over San Francisco, compiled and not.
+# Shortest interval between two updates of a notebook's bar, s.
+REDRAW_INTERVAL_S = 0.2
+# The remaining time is estimated only after this time (s) and fraction of a stage, and only if no single wait takes a
+# larger fraction of the time of the last half of its steps. Tried on the stages of a flight over San Francisco, with
+# and without compilation.
 MIN_TIMED_S, MIN_TIMED_SHARE, MAX_WAIT = 3.0, 0.05, 0.25
-# Steps are timed so many times in a stage at the most.
+# Most time stamps that are kept of a stage.
 MAX_TIMES = 200
 
 
@@ -50,18 +51,18 @@ _listener: ContextVar[Progress] = ContextVar("listener", default=silent)
 _current: ContextVar[_Stage | None] = ContextVar("current stage", default=None)
 
 
-class TimeLeft:
-    """The time until the end of each stage, by the pace of its last steps.
+class RemainingTime:
+    """Estimates the remaining time of each stage from the pace of its last steps.
 
-    The first ones wait for code to be compiled and for files to be read, and tell nothing of those that follow. Nor do
-    steps that come many at once with long waits between.
+    The first steps wait for compilation and for files, and do not predict later ones; nor do steps that come in bursts
+    with long waits between.
     """
 
     def __init__(self) -> None:
         self._times: dict[str, list[tuple[int, float]]] = {}
 
     def seconds(self, stage: str, done: int, total: int, now_s: float) -> float | None:
-        """Return the time left after a step, s; None while it is not known to within about a factor of two."""
+        """Return the remaining time after a step, s; None while it is uncertain by more than about a factor of two."""
         if total == 0:
             return None
         times = self._times.setdefault(stage, [(done, now_s)])
@@ -80,8 +81,8 @@ class TimeLeft:
             return None
         return (total - done) * (now_s - start_s) / (done - first)
 
-    def words(self, stage: str, done: int, total: int, now_s: float) -> str:
-        """Return the time left in words; nothing while it is unknown."""
+    def text(self, stage: str, done: int, total: int, now_s: float) -> str:
+        """Return the remaining time as text; empty while it is unknown."""
         left_s = self.seconds(stage, done, total, now_s)
         if left_s is None or done >= total:
             return ""
@@ -90,7 +91,7 @@ class TimeLeft:
 
 @contextmanager
 def progress_to(listener: Progress) -> Iterator[None]:
-    """Report what is computed in this context to a listener, and count no steps for stages outside."""
+    """Report the progress of this context to a listener; steps do not count for stages outside of it."""
     listening, stage_before = _listener.set(listener), _current.set(None)
     try:
         yield
@@ -109,19 +110,19 @@ def report(stage: str, done: int, total: int) -> None:
 def stage(name: str, total: int = 0) -> Iterator[None]:
     """Compute a stage, whose steps are counted by `advance`; without an exception it ends with all of them done.
 
-    name: what is shown.
+    name: text that is displayed.
     total: number of steps; 0 if unknown, or until `expect_steps` gives it.
     """
-    own = _Stage(name, total)
-    own.report()
-    before = _current.set(own)
+    current = _Stage(name, total)
+    current.report()
+    before = _current.set(current)
     try:
         yield
     finally:
         _current.reset(before)
-    if own.done != own.total or own.done == 0:
-        own.done = own.total = max(own.done, own.total, 1)
-        own.report()
+    if current.done != current.total or current.done == 0:
+        current.done = current.total = max(current.done, current.total, 1)
+        current.report()
 
 
 def expect_steps(total: int) -> None:
@@ -182,14 +183,14 @@ def notebook_bar() -> Iterator[Progress]:
 
     shell = get_ipython()
     handle = _place_below(shell, shell.execution_count)
-    left, drawn_s = TimeLeft(), -math.inf
+    remaining, drawn_s = RemainingTime(), -math.inf
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal drawn_s
         raise_received()
         now_s = time.monotonic()
-        until_end = left.words(stage, done, total, now_s)
-        if done > 0 and now_s < drawn_s + REDRAWN_S:
+        until_end = remaining.text(stage, done, total, now_s)
+        if done > 0 and now_s < drawn_s + REDRAW_INTERVAL_S:
             return
         drawn_s = now_s
         words = ", ".join(filter(None, [f"{stage} {done:,}/{total:,}" if total and done else stage, until_end]))
@@ -219,7 +220,7 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
     counted = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Bars(*counted, TextColumn("{task.fields[left]}"), console=console, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
-        left = TimeLeft()
+        remaining = RemainingTime()
 
         def show(stage: str, done: int, total: int) -> None:
             raise_received()
@@ -227,7 +228,7 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
                 tasks[stage] = bars.add_task(stage, total=None, left="")
             elif done == 0:
                 bars.reset(tasks[stage])
-            until_end = left.words(stage, done, total, time.monotonic())
+            until_end = remaining.text(stage, done, total, time.monotonic())
             bars.update(tasks[stage], completed=done, total=total or None, left=until_end)
 
         yield show
@@ -279,15 +280,15 @@ def timed(stage: str) -> Iterator[None]:
         yield
 
 
-# Parameters of glibc's `mallopt` (malloc.h), and what they are set to: how many heaps threads share, how much free
-# memory a heap keeps at its end, and from which size on an array is a mapping of its own; glibc allows no larger one.
+# Parameters of glibc's `mallopt` (malloc.h) and their values: the number of heaps that threads share, the free memory
+# that a heap keeps at its end, and the size from which an array is mapped separately (the largest that glibc allows).
 M_ARENA_MAX, ARENAS = -8, 2
 M_TRIM_THRESHOLD, KEPT_BYTES = -1, 256 << 20
 M_MMAP_THRESHOLD, LARGE_BYTES = -3, 32 << 20
 
 
 def tune_heaps() -> None:
-    """Set how this process gets its memory for blocks of pulses; nothing where the C library has no such settings.
+    """Configure malloc for blocks of pulses; no effect where the C library has no such settings.
 
     All threads allocate from few heaps. By default glibc gives each thread its own, up to eight a core, and what one
     thread frees, the others cannot use: the blocks of a long flight then hold tens of megabytes that are free.
@@ -307,9 +308,9 @@ def tune_heaps() -> None:
 
 
 def release_memory() -> None:
-    """Give memory that is free back to the system; nothing where the C library cannot.
+    """Return free memory to the operating system; no effect where the C library cannot.
 
-    What many small blocks have left lies in pieces, in which large arrays find no room.
+    Many small blocks leave fragmented memory, in which large arrays do not fit.
     """
     import ctypes
 
@@ -322,10 +323,10 @@ def release_memory() -> None:
 
 @runtime_checkable
 class HoldsMemory(Protocol):
-    """A part of the simulation that keeps arrays for its next call."""
+    """A component that keeps arrays for its next call."""
 
     def release_memory(self) -> None:
-        """Give them back until it is called again."""
+        """Release them until the next call."""
 
 
 def peak_memory_mb() -> float:

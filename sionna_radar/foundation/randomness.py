@@ -1,10 +1,10 @@
-"""Random numbers tied to a pulse, whatever block or worker computes it, or to the identity of a thing.
+"""Counter-based random streams: numbers keyed by pulse or by place, independent of blocks and workers.
 
 Every stream of a pulse is a counter-based Philox generator keyed by (seed, stream) whose counter is set from the pulse
 index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone (Salmon et al. 2011,
 "Parallel random numbers: as easy as 1, 2, 3").
 
-Those of a thing are mixed from its identity, whatever was drawn before.
+Numbers of a place are hashed from its coordinates, independently of earlier draws.
 """
 
 from collections.abc import Iterator
@@ -81,7 +81,7 @@ def pulse_uniforms(
 
 
 FIRST_STEP = np.ones(1, dtype=np.uint64)
-# Places are told apart by millimetres.
+# Resolution of places, 1/m.
 PER_METRE = 1000
 
 
@@ -105,7 +105,7 @@ def unit_of(identity: UInt64[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def place_uniforms(
     seed: int, stream: int, place_m: Float[np.ndarray, "place 3"], count: int
 ) -> Float[np.ndarray, "place count"]:
-    """Return numbers in [0, 1) that belong to places, and to a use of randomness: the same whenever one is met."""
+    """Return numbers in [0, 1) hashed from places and a stream: always the same for the same place."""
     state = split_mix(np.full(len(place_m), seed, dtype=np.uint64), np.array([stream], dtype=np.uint64))
     for column in np.round(place_m * PER_METRE).astype(np.int64).T:
         state = split_mix(state ^ column.view(np.uint64), FIRST_STEP)

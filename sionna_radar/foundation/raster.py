@@ -40,7 +40,7 @@ def spans(extent: tuple[float, float, float, float]) -> str:
 class Grid:
     """Square cells in the horizontal plane, by their centres; rows run from south to north.
 
-    georeference: place of the local frame on the map, which makes no difference to the cells; None if unknown.
+    georeference: position of the local frame on the map, which does not affect the cells; None if unknown.
     """
 
     west_m: float
@@ -140,7 +140,7 @@ def _cells_over(low_m: float, high_m: float, spacing_m: float) -> tuple[int, int
 
 @dataclass(frozen=True, kw_only=True)
 class Raster:
-    """Heights on a grid, or what is known of their errors.
+    """Heights on a grid, or their errors or standard deviations.
 
     grid: west and south are the centres of the first cells, in metres; rows go north.
     height_m: heights in metres, shape (row, column); an empty cell is NaN.
@@ -179,7 +179,7 @@ class Raster:
                 f"height_m = {table.dtype} of shape {table.shape}; give a table of heights (row, column) in metres"
             )
         if not 0 < spacing_m < math.inf:
-            message = f"spacing_m = {spacing_m:g} is refused; give the distance of cell centres in metres, above 0"
+            message = f"spacing_m = {spacing_m:g} must be greater than 0; give the distance of cell centres in metres"
             raise ValueError(message)
         rows, columns = table.shape
         grid = Grid(
@@ -350,13 +350,13 @@ class Georeference:
         multiple or fraction of the elevation file's cells, the grid is shifted to align with their edges.
         """
         edge = [0.0, 0.0]
-        if self.cells and all(_one_holds_the_other(spacing_m, size) for size in self.cells.size_m):
+        if self.cells and all(_is_multiple(spacing_m, size) for size in self.cells.size_m):
             edge = [corner % size for corner, size in zip(self.cells.corner_m, self.cells.size_m, strict=True)]
         east, north = (e + spacing_m / 2 - origin for e, origin in zip(edge, self.origin_m[:2], strict=True))
         return east % spacing_m, north % spacing_m
 
 
-def _one_holds_the_other(a: float, b: float) -> bool:
+def _is_multiple(a: float, b: float) -> bool:
     """Whether one length is a whole multiple of the other."""
     ratio = max(a, b) / min(a, b)
     return math.isclose(ratio, round(ratio), rel_tol=1e-9)

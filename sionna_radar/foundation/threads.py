@@ -1,4 +1,4 @@
-"""Loops on all cores, divided into the same parts whatever the number of cores."""
+"""Multithreaded loops, divided into the same chunks whatever the number of cores."""
 
 import os
 import threading
@@ -19,39 +19,40 @@ THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 
 # Name prefix of the pool's threads.
 POOL = "sionna-radar-pool-"
-# Smallest part worth a thread, rows.
+# Smallest chunk worth a thread, rows.
 MIN_ROWS = 16
 
 
-def parts(count: int, at_once: int) -> list[tuple[int, int]]:
-    """Return the bounds of the parts of a loop, each of at most `at_once` steps."""
+def chunks(count: int, at_once: int) -> list[tuple[int, int]]:
+    """Return the bounds of the chunks of a loop, each of at most `at_once` steps."""
     return [(low, min(low + at_once, count)) for low in range(0, count, at_once)]
 
 
-def equal_parts(count: int, number: int = 4) -> list[tuple[int, int]]:
-    """Return the bounds of a number of nearly equal parts of a loop."""
+def equal_chunks(count: int, number: int = 4) -> list[tuple[int, int]]:
+    """Return the bounds of a number of nearly equal chunks of a loop."""
     return [(count * k // number, count * (k + 1) // number) for k in range(number)]
 
 
 def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, int]]) -> Iterator[Result]:
-    """Yield the results of a function for each part of a loop, in their order; it must release Python's lock.
+    """Yield the results of a function for each chunk of a loop, in order, computed by a thread pool.
 
-    Within a part another loop is done by the same thread, as all others may wait for theirs.
+    The function must release Python's global lock. A loop inside a chunk runs on the chunk's own thread, since all
+    threads of the pool may wait for theirs.
     """
-    if own_cores() == 1 or len(bounds) == 1:
+    if cores_of_thread() == 1 or len(bounds) == 1:
         return iter([function(low, high) for low, high in bounds])
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
 
 
 def several_at_once(work: Callable[[int], Result], numbers: Sequence[int], steps: Sequence[int]) -> Iterator[Result]:
-    """Yield the results of a function for each number, in their order, as many at once as there are cores.
+    """Yield the results of a function for each number, in order, as many at once as there are cores.
 
     work: called with a number. It should spend its time where Python's lock is released. One alone has all cores for
         loops of its own.
     numbers, steps: what to do, and how many steps of the current stage each takes at most: counted as they are done if
         there is one number alone, otherwise when each has finished.
     """
-    if own_cores() == 1 or len(numbers) < 2:
+    if cores_of_thread() == 1 or len(numbers) < 2:
         for number, most in zip(numbers, steps, strict=True):
             before = steps_done()
             result = work(number)
@@ -65,41 +66,42 @@ def several_at_once(work: Callable[[int], Result], numbers: Sequence[int], steps
 
 
 def over_rows(work: Callable[[int, int], None], rows: int) -> None:
-    """Call `work`, which must release Python's lock, with the first and the last row, plus one, of parts of all rows.
+    """Call `work` with the first row and the last, plus one, of each chunk of rows, on all cores.
 
-    What is computed of a row must depend on nothing of the others, so that the number of parts changes no result.
+    `work` must release Python's global lock, and compute each row independently of the others, so that the number of
+    chunks changes no result.
     """
     number = min(cores(), rows // MIN_ROWS)
     if number < 2:
         work(0, rows)
         return
-    for _ in in_threads(work, equal_parts(rows, number)):
+    for _ in in_threads(work, equal_chunks(rows, number)):
         pass
 
 
-def beside(function: Callable[[], Result]) -> Callable[[], Result]:
-    """Begin a function, which must release Python's lock, on another core; what is returned waits for its result.
+def in_background(function: Callable[[], Result]) -> Callable[[], Result]:
+    """Start a function on a background thread; the returned function waits for its result.
 
-    One at a time: others wait for their turn. Within a part of a loop it is done at once.
+    The function must release Python's global lock. Only one runs at a time; inside a chunk of a loop it runs at once.
     """
-    if own_cores() == 1:
-        found = function()
-        return lambda: found
-    return _aside(os.getpid()).submit(copy_context().run, function).result
+    if cores_of_thread() == 1:
+        result = function()
+        return lambda: result
+    return _background_thread(os.getpid()).submit(copy_context().run, function).result
 
 
-def own_cores() -> int:
-    """Return the number of cores available to the calling thread: one inside a part of a loop."""
+def cores_of_thread() -> int:
+    """Return the number of cores available to the calling thread: one inside a chunk of a loop."""
     return 1 if threading.current_thread().name.startswith(POOL) else cores()
 
 
 def cores() -> int:
     """Return the number of cores available to this process, or its thread limit if lower."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(available, given_threads() or available)
+    return min(available, thread_limit() or available)
 
 
-def given_threads() -> int | None:
+def thread_limit() -> int | None:
     """Return the thread limit set in the environment; None if unset.
 
     Raises ScenarioError if it is not a number, or less than 1.
@@ -114,7 +116,7 @@ def given_threads() -> int | None:
 
 
 @contextmanager
-def threads_of_all(number: int | None) -> Iterator[None]:
+def override_thread_limit(number: int | None) -> Iterator[None]:
     """Temporarily override the thread limit of this process (None: unchanged)."""
     if number is None:
         yield
@@ -136,9 +138,9 @@ def _pool_of(process: int) -> ThreadPoolExecutor:
 
 
 @cache
-def _aside(process: int) -> ThreadPoolExecutor:
+def _background_thread(process: int) -> ThreadPoolExecutor:
     # Outside the pool, whose threads may all be busy.
-    return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-aside-{process}")
+    return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-background-{process}")
 
 
 def _pool() -> ThreadPoolExecutor:

@@ -1,4 +1,4 @@
-"""What surveys over the same ground share, and the messages that were logged while it was built."""
+"""Cache of the terrain, scene, materials and antenna that successive surveys share, and of the messages they logged."""
 
 import logging
 import threading
@@ -11,10 +11,10 @@ logger = logging.getLogger("sionna_radar")
 
 
 class World:
-    """Terrain, scene, materials and antenna of the latest survey, which the next one takes where its own are equal.
+    """Cache of terrain, scene, materials and antenna of the latest survey; the next one reuses those that are equal.
 
-    A value is never changed by a survey that takes it. What was logged while it was built is logged again for each
-    such survey, so that a survey's warnings do not depend on what was flown before.
+    No survey changes a value that it reuses. Messages that were logged while it was built are logged again for each
+    such survey, so that its warnings do not depend on earlier surveys.
 
     Examples
     --------

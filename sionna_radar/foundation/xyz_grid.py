@@ -1,7 +1,7 @@
-"""Grids of points as text, `x y z` on each line: the digital terrain models (DGM1) of German states and others.
+"""Reader of `.xyz` text grids, `x y z` on each line: the digital terrain models (DGM1) of German states and others.
 
 Lines may stand in any order, cells may be missing, and tiles may follow each other in one file (`cat *.xyz`), where
-GDAL's own driver wants rows in order. Columns are apart by spaces, tabs, commas or semicolons, and lines that begin
+GDAL's own driver wants rows in order. Columns are separated by spaces, tabs, commas or semicolons, and lines that begin
 with a letter or # are headers. Coordinates are the middles of cells.
 """
 
@@ -75,12 +75,12 @@ def _points(path: Path, label: str) -> Float64[np.ndarray, "point 3"]:
         raise InputFileError(f"{label} is not text ({str(error)[:100]}); {REMEDY}") from error
     points = np.concatenate(pieces) if pieces else np.empty((0, 3))
     if not np.isfinite(points[:, :2]).all():
-        raise InputFileError(f"{label}: a coordinate is no finite number; {REMEDY}")
+        raise InputFileError(f"{label}: a coordinate is not a finite number; {REMEDY}")
     return points
 
 
 def _blocks(file: Iterator[str], label: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield lines of numbers, their columns apart by spaces, with the number of the first."""
+    """Yield lines of numbers, their columns separated by spaces, with the number of the first."""
     lines: list[str] = []
     first = 1
     for number, line in enumerate(file, start=1):
@@ -114,16 +114,16 @@ def _places(
 ) -> tuple[Int[np.ndarray, " point"], float, float]:
     """Return the number of each coordinate in its axis of the grid, the least one, and their distance."""
     distinct, which = np.unique(values, return_inverse=True)
-    apart = np.diff(distinct)
-    if len(apart) == 0:
-        raise InputFileError(f"{label}: all points have one {axis}, which is no grid; {REMEDY}")
+    step_sizes = np.diff(distinct)
+    if len(step_sizes) == 0:
+        raise InputFileError(f"{label}: all points have the same {axis}; {REMEDY}")
     # Counted from one coordinate to the next: distances that are rounded do not add up.
     with np.errstate(over="ignore", invalid="ignore"):
-        number = np.concatenate([[0.0], np.cumsum(np.rint(apart / apart.min()))])
+        number = np.concatenate([[0.0], np.cumsum(np.rint(step_sizes / step_sizes.min()))])
         step = float((distinct[-1] - distinct[0]) / number[-1])
         off = np.abs((distinct - distinct[0]) / step - number)
     if not (np.isfinite(number[-1]) and number[-1] < MAX_CELLS and off.max() <= OFF_GRID):
-        at = distinct[int(np.argmin(apart)) + 1]
-        message = f"{axis} = {at:.10g} is {apart.min():.3g} from its neighbour, and others are not multiples of that"
-        raise InputFileError(f"{label}: the points are on no grid: {message}, or too many; {REMEDY}")
+        at = distinct[int(np.argmin(step_sizes)) + 1]
+        message = f"{axis} = {at:.10g} is {step_sizes.min():.3g} from its neighbour, and others are no multiples of it"
+        raise InputFileError(f"{label}: the points do not form a grid: {message}, or there are too many; {REMEDY}")
     return number.astype(np.int64)[which], float(distinct[0]), step

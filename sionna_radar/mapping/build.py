@@ -37,11 +37,11 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     >>> @register_dem_method("highest_point")
     ... class HighestPoint:
     ...     profiles = "unused"
-    ...     def __call__(self, given):
-    ...         height_m = np.full(given.grid.shape, np.nan)
-    ...         row, column, inside = given.grid.cell_of(given.points.position_m)
-    ...         np.fmax.at(height_m, (row[inside], column[inside]), given.points.position_m[inside, 2])
-    ...         return Raster(grid=given.grid, height_m=height_m)
+    ...     def __call__(self, inputs):
+    ...         height_m = np.full(inputs.grid.shape, np.nan)
+    ...         row, column, inside = inputs.grid.cell_of(inputs.points.position_m)
+    ...         np.fmax.at(height_m, (row[inside], column[inside]), inputs.points.position_m[inside, 2])
+    ...         return Raster(grid=inputs.grid, height_m=height_m)
     >>> overrides = {"dem.method": "highest_point", "platform.length_m": 10.0}
     >>> run(load_scenario("hills", overrides)).lit_error.rms_m < 1.0
     True

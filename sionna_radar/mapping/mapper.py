@@ -23,7 +23,7 @@ from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
 from sionna_radar.mapping.echo_model.model import KnownCover, Sightings
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.heights import Heights, Looks, looks_at, point_heights
+from sionna_radar.mapping.terrain.heights import Heights, PointFootprints, point_footprints, point_heights
 from sionna_radar.mapping.terrain.tiles import EachPiece, MapTiles, pieces_here
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
@@ -46,7 +46,7 @@ class MapInputs:
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     progress: a method that takes long calls it with "mapping", the steps done and their number.
-    look: computes `looks` on first use.
+    find_footprints: computes `footprints` on first use.
     each_piece: evaluates the tiles of a map, in this process or on workers.
     uncertain: whether the errors of the heights are asked for; a method may leave out what only they need.
     microrelief_m: see `Mapper`.
@@ -57,19 +57,19 @@ class MapInputs:
     grid: Grid
     max_gap_m: float
     shadow_incidence_rad: float
-    look: Callable[[], Looks | None] = lambda: None
+    find_footprints: Callable[[], PointFootprints | None] = lambda: None
     each_piece: EachPiece = pieces_here
     uncertain: bool = True
     microrelief_m: float = 0.0
 
     @cached_property
-    def looks(self) -> Looks | None:
+    def footprints(self) -> PointFootprints | None:
         """Footprints of the points, and over how many pulses their speckle repeats; None if the beam is unknown."""
-        return self.look()
+        return self.find_footprints()
 
     def heights(self) -> Heights:
         """Return the points as heights over their footprints, with the errors of their ranges."""
-        return point_heights(self.points, self.looks)
+        return point_heights(self.points, self.footprints)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,13 +85,13 @@ class Estimate:
     uncertainty: Uncertainty | None = None
 
     @classmethod
-    def known_by(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
+    def with_sigma(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
         """Return a DEM with the standard deviations of its cells."""
         sigma_m = uncertainty.sigma_m(dem.grid, dem.filled)
         sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
         return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
 
-    def where_known(self, least_m: float) -> "Estimate":
+    def within_sigma(self, least_m: float) -> "Estimate":
         """Return it without cells of a larger standard deviation."""
         if self.sigma is None:
             return self
@@ -108,8 +108,8 @@ class DemMethod(Protocol):
         """How the method uses range profiles; if they are required, the sensor must provide them."""
         ...
 
-    def __call__(self, given: MapInputs) -> "Raster | Estimate":
-        """Return the DEM on `given.grid`, NaN where nothing was seen, or an `Estimate` with its uncertainty."""
+    def __call__(self, inputs: MapInputs) -> "Raster | Estimate":
+        """Return the DEM on `inputs.grid`, NaN where nothing was seen, or an `Estimate` with its uncertainty."""
         ...
 
 
@@ -117,7 +117,7 @@ class DemMethod(Protocol):
 class TiledMethod(DemMethod, Protocol):
     """A method that maps in tiles."""
 
-    def tiles(self, given: MapInputs) -> MapTiles[Any] | None:
+    def tiles(self, inputs: MapInputs) -> MapTiles[Any] | None:
         """Return the tiles of a map; None where it is made at once."""
         ...
 
@@ -188,18 +188,18 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError.of("dem.method", message)
-        made = self.method(self._given(points, profiles, measured, each_piece))
+        made = self.method(self._inputs(points, profiles, measured, each_piece))
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
-            raise PluginError(f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}")
+            raise PluginError(f"DEM method {self.name!r}: return a `Raster` on the requested grid, {self.grid}")
         # A method of one's own may return rasters on an equal grid, without its place on the map.
         estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
         if estimate.sigma is not None:
             sigma_m = np.hypot(estimate.sigma.height_m, self._shared_m(points))
             sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
             estimate = replace(estimate, sigma=sigma)
-        return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
+        return estimate if self.min_confidence_m is None else estimate.within_sigma(self.min_confidence_m)
 
     def _shared_m(self, points: Points) -> float:
         """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""
@@ -214,9 +214,9 @@ class Mapper:
         """Return the tiles of a map; None if the method has none."""
         if not isinstance(self.method, TiledMethod):
             return None
-        return self.method.tiles(self._given(points, profiles, measured))
+        return self.method.tiles(self._inputs(points, profiles, measured))
 
-    def _given(
+    def _inputs(
         self,
         points: Points,
         profiles: Profiles | None,
@@ -225,13 +225,15 @@ class Mapper:
     ) -> MapInputs:
         seen = None if profiles is None or not self.keeps_profiles else profiles
         sightings = None if seen is None else self.sightings(seen, measured(seen.pulse))
-        return self.inputs(points, sightings, partial(self._looks, points, measured), each_piece)
+        return self.inputs(points, sightings, partial(self._footprints, points, measured), each_piece)
 
-    def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
+    def _footprints(
+        self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
+    ) -> PointFootprints | None:
         """Return the footprint and speckle reach of each point; None without a beam of radio waves."""
         if self.beam is None or len(points) == 0:
             return None
-        return looks_at(points, measured, self.beam, self.analyser.chirp, self.memory)
+        return point_footprints(points, measured, self.beam, self.analyser.chirp, self.memory)
 
     @cached_property
     def beam(self) -> BeamNodes | None:
@@ -242,7 +244,7 @@ class Mapper:
         self,
         points: Points,
         sightings: Sightings | None = None,
-        look: Callable[[], Looks | None] = lambda: None,
+        find_footprints: Callable[[], PointFootprints | None] = lambda: None,
         each_piece: EachPiece = pieces_here,
     ) -> MapInputs:
         """Return the input of the method."""
@@ -252,7 +254,7 @@ class Mapper:
             grid=self.grid,
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
-            look=look,
+            find_footprints=find_footprints,
             each_piece=each_piece,
             uncertain=self.uncertain,
             microrelief_m=self.microrelief_m,

@@ -1,4 +1,4 @@
-"""Options of the DEM methods: tables `[dem.method_parameters]`. What each decides: `docs/theory/sensitivity.md`."""
+"""Parameters of the DEM methods: tables `[dem.method_parameters]`. Sensitivity: `docs/theory/sensitivity.md`."""
 
 from typing import Annotated
 
@@ -10,77 +10,83 @@ Share = Annotated[Real, Field(gt=0, lt=1)]
 
 
 class LinearParameters(Parameters):
-    """Which triangles between points are ground."""
+    """Parameters of "linear": the triangles between points that are interpolated, and walls."""
 
     longest_side_gaps: Positive = 3.0
-    """longest side of a triangle, in `max_gap_m`."""
+    """Longest side of a triangle, in units of `max_gap_m`."""
     wall_slope: Positive = 1.0
-    """slope, rise over run, from which a triangle may be a wall's; half of it is what the sides of one exceed the
-    ground beyond both of their ends by."""
+    """Least slope, rise over run, of a triangle that may belong to a wall; half of it is the least slope by which a
+    side of a wall exceeds the ground beyond both of its ends."""
     wall_contrast: Positive = 2.0
-    """and how many times as steep as the ground beside it it is."""
+    """Least ratio of a wall's slope to that of the surrounding ground."""
     wall_sigmas: Positive = 4.0
-    """least height of a wall, in standard deviations of the points' ranges."""
+    """Least height of a wall, in standard deviations of the points' ranges."""
     wall_diagonal: Positive = 1.5
-    """longest side along which no echo is missing, in `max_gap_m`: along longer ones any jump is a shadow's."""
+    """Longest side along which no echo is missing, in units of `max_gap_m`; along longer ones any jump is taken for a
+    shadow."""
     wall_rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 3
-    """slopes of the ground are found from triangles without walls, which are found from slopes: so often."""
+    """Iterations between the ground's slopes and the set of wall triangles, which depend on each other."""
 
 
 class SmoothParameters(Parameters):
-    """How mean ranges become a surface."""
+    """Parameters of "smooth" and "refined": the surface through the mean ranges."""
 
     rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 2
-    """surfaces through the mean ranges; over each, what the beam does to these is predicted anew."""
+    """Number of successive surfaces through the mean ranges; over each, the effect of the beam on the mean ranges is
+    predicted anew."""
     similar_pulses: Annotated[int, Field(strict=True, ge=1, le=1000)] = 9
-    """neighbouring pulses whose echoes are alike in shape: the speckle error of a mean range is averaged over them."""
+    """Number of neighbouring pulses with echoes of like shape over which the speckle error of a mean range is
+    averaged."""
     outlier_sigmas: Positive = 4.0
-    """echoes whose mean range is farther from the surface, in standard deviations as they scatter, are left out,
-    and so are those farther from a plane of stepped ground."""
+    """Largest distance of an echo's mean range from the surface, in standard deviations as they scatter; echoes beyond
+    it are left out, and so are those as far from a plane of stepped ground."""
     window_heights: Annotated[int, Field(strict=True, ge=8, le=1000)] = 40
-    """neighbouring heights that tell how rough the ground is around a place."""
+    """Number of neighbouring heights from which the roughness of the ground around a place is estimated."""
     tile_m: Positive = 160.0
-    """longest side of the tiles of a map, each with a terrain model of its own."""
+    """Longest side of a tile of the map; each tile has a terrain model of its own."""
     overlap_m: Positive = 30.0
-    """width over which neighbouring tiles are blended, and how far beyond a tile its echoes lie."""
+    """Width over which neighbouring tiles are blended, and distance beyond a tile to which its echoes lie."""
 
 
 class SteppedParameters(SmoothParameters):
-    """Where the surface may break, and how its levels are found."""
+    """Parameters of "stepped": the levels of the surface, and the steps between them."""
 
     change_nepers: Positive = 1.0
-    """penalty on neighbours that differ by one level: at 1, one in three does."""
+    """Penalty on neighbours that differ by one level: at 1, one in three does."""
     jump_nepers: Positive = 3.0
-    """penalty on neighbours that differ by more: at 3, one in twenty does."""
+    """Penalty on neighbours that differ by more than one level: at 3, one in twenty does."""
     tie_nepers: Positive = 0.5
-    """levels whose cost exceeds the best by no more, along each direction, are as good; the highest is taken."""
+    """Largest excess of a level's cost over the best, along each direction, that counts as a tie; of tied levels the
+    highest is taken."""
     level_margin_m: Positive = 3.0
-    """how far the levels reach beyond the located echoes, above and below."""
+    """Height by which the levels extend beyond the located echoes, above and below."""
     block_m: Positive = 120.0
-    """side of the blocks that have levels of their own about a plane through their echoes."""
+    """Side of a block; each block has levels of its own about a plane through its echoes."""
     block_margin_m: Positive = 24.0
-    """ground around each block whose echoes count in it."""
+    """Width of the ground around each block whose echoes count in it."""
     reflectivity_ratio: Annotated[Real, Field(gt=1, le=100)] = 4.0
-    """between the reflectivities that are tried for a cell; 4 is 6 dB."""
+    """Ratio between successive reflectivities that are tried for a cell; 4 is 6 dB."""
     min_patch_share: Share = 0.3
-    """least power of a patch of one cell, over that of a whole echo."""
+    """Least power of a patch of one cell, as a fraction of a whole echo's."""
     min_gain: Share = 0.02
-    """least two-way gain, over that of the axis, at which an echo speaks for a patch."""
+    """Least two-way gain, relative to that of the axis, at which an echo counts as evidence for a patch."""
     leak_cells: Annotated[int, Field(strict=True, ge=1, le=64)] = 4
-    """range cells over which the window leaks a strong power."""
+    """Range cells over which the window leaks a strong power."""
     spill_share: Share = 0.25
-    """a range cell of less than this share of the power that leaks into it holds no echo."""
+    """Least ratio of a range cell's power to the power that leaks into it; a cell below it holds no echo."""
     step_levels: Positive = 4.0
-    """height of a step, in levels, which are a range resolution apart or more; never less than 45 deg."""
+    """Least height of a step, in levels, which are a range resolution apart or more; a step is never flatter than 45
+    deg."""
     min_part_m2: Positive = 6.0
-    """smaller parts between steps join the nearest."""
+    """Least area of a region between steps; smaller regions join the nearest."""
     beside_m: Positive = 2.0
-    """heights as near to a step are biased toward its other side, and tell nothing of the plane of a part."""
+    """Distance from a step within which heights are biased toward its other side, and are not used for the plane of a
+    region."""
     single_m: Positive = 5.0
-    """width of the windows in which single wrong cells of the coarse map are outvoted."""
+    """Width of the windows in which single wrong cells of the coarse map are outvoted."""
 
     def min_cells(self, spacing_m: float) -> int:
-        """Return the least number of cells of a part."""
+        """Return the least number of cells of a region."""
         return max(1, round(self.min_part_m2 / spacing_m**2))
 
 

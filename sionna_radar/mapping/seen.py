@@ -1,4 +1,4 @@
-"""Visible cells of an estimated surface; shadow and ground beyond the swath stay empty."""
+"""Visibility mask of an estimated surface: shadow and ground beyond the swath stay empty."""
 
 from dataclasses import replace
 from itertools import product
@@ -23,26 +23,26 @@ OFF_SURFACE_M = 0.5
 VISIBLE_M = 0.5
 
 
-def seen_part(surface: Heightfield, given: MapInputs) -> Raster:
-    """Return the part of a surface seen by a survey: from the main beam if known, otherwise from the points."""
-    grid = given.grid
-    if given.sightings is None:
-        points = given.points if given.points.across_sigma_m is None else _over_strips(given)
-        seen = seen_from_points(points, surface, grid, given.max_gap_m)
+def visible_surface(surface: Heightfield, inputs: MapInputs) -> Raster:
+    """Return a surface without the cells that a survey did not see, by its main beam if known, else by its points."""
+    grid = inputs.grid
+    if inputs.sightings is None:
+        points = inputs.points if inputs.points.across_sigma_m is None else _over_strips(inputs)
+        seen = seen_from_points(points, surface, grid, inputs.max_gap_m)
     else:
-        seen = seen_cells(given.sightings, surface, grid, given.max_gap_m)
+        seen = seen_cells(inputs.sightings, surface, grid, inputs.max_gap_m)
     return Raster(grid=grid, height_m=np.where(seen, _heights(surface, grid), np.nan))
 
 
-def _over_strips(given: MapInputs) -> Points:
+def _over_strips(inputs: MapInputs) -> Points:
     """Return points at measured directions at places all over their footprints, as far as these are known."""
-    points, looks = given.points, given.looks
-    if looks is None:
+    points, footprints = inputs.points, inputs.footprints
+    if footprints is None:
         return points
     count, spread = len(points), []
     for one, other in product(STRIP_PLACES, STRIP_PLACES):
-        aside = one * looks.footprint_m[:, 0] + other * looks.footprint_m[:, 1]
-        spread.append(points.position_m + np.column_stack([aside, np.zeros(count)]))
+        offset = one * footprints.footprint_m[:, 0] + other * footprints.footprint_m[:, 1]
+        spread.append(points.position_m + np.column_stack([offset, np.zeros(count)]))
     many = points.rows(np.tile(np.arange(count), len(spread)))
     return replace(many, position_m=np.concatenate(spread))
 
@@ -60,7 +60,7 @@ def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: fl
 
     illumination = Illumination(grid)
     beam = sightings.beam
-    bright = beam.share >= LIT * beam.share.max()
+    bright = beam.power >= LIT * beam.power.max()
     corner, weight = beam.corner[bright], beam.weight[bright]
     wanted = np.zeros(len(beam.direction), dtype=bool)
     wanted[corner] = True

@@ -30,7 +30,7 @@ from jaxtyping import Shaped
 from numpy.typing import DTypeLike
 
 from sionna_radar.foundation.errors import BackendError
-from sionna_radar.foundation.threads import given_threads
+from sionna_radar.foundation.threads import thread_limit
 
 # Words of the floating-point environment (fenv.h), which of them controls this, and its bits: on x86-64 MXCSR's "flush
 # to zero" and "denormals are zero", on 64-bit Arm FPCR's "flush to zero".
@@ -258,7 +258,7 @@ def _use_threads() -> None:
     """
     import drjit
 
-    wanted = max(given_threads() or drjit.thread_count(), 1 if can_flush() else 2)
+    wanted = max(thread_limit() or drjit.thread_count(), 1 if can_flush() else 2)
     if drjit.thread_count() != wanted:
         drjit.set_thread_count(wanted)
 

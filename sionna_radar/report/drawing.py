@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.foundation.raster import Georeference, Raster
-from sionna_radar.foundation.threads import beside
+from sionna_radar.foundation.threads import in_background
 
 # Okabe and Ito
 BLUE = "#0072b2"
@@ -211,7 +211,7 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     paths = [directory / f"{name}.png" for name in drawings]
     # One is written while the next one is drawn.
     written = [
-        beside(partial(_write, _drawn(draw(subject)), path))
+        in_background(partial(_write, _drawn(draw(subject)), path))
         for path, draw in zip(paths, drawings.values(), strict=True)
     ]
     for finish in written:

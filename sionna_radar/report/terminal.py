@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
-from sionna_radar.foundation.progress import TimeLeft, progress_bar
+from sionna_radar.foundation.progress import RemainingTime, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -110,13 +110,13 @@ def shown_progress() -> Iterator[Report]:
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
     """Return a progress callback that writes a line at most every ten seconds."""
-    last, left = clock(), TimeLeft()
+    last, left = clock(), RemainingTime()
 
     def report(stage: str, done: int, total: int) -> None:
         nonlocal last
         raise_received()
         now = clock()
-        until_end = left.words(stage, done, total, now)
+        until_end = left.text(stage, done, total, now)
         if now - last >= SECONDS_BETWEEN_LINES:
             last = now
             write(", ".join(filter(None, [f"{stage}: {done:,} of {total:,}" if total else stage, until_end])))

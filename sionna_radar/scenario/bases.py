@@ -18,7 +18,7 @@ class ScanParameters(Table):
 
     mode: str
     stabilised: bool = Field(default=True, strict=True)
-    """the pointing is stabilised against roll and pitch of the platform."""
+    """Whether the pointing is stabilised against roll and pitch of the platform."""
 
 
 class AntennaParameters(Table):
@@ -26,13 +26,15 @@ class AntennaParameters(Table):
 
     kind: str
     polarization: Literal["V", "H", "RHCP", "LHCP"] = "V"
-    """as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave)."""
+    """Transmitted polarization: V or H, or right- or left-hand circular (IEEE: as seen along the direction of
+    propagation)."""
     receive_polarization: Literal["co", "cross"] = "co"
-    """"co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same sense, in which
-    single reflections from spheres and mirrors return nothing, and "cross" the opposite sense."""
+    """Received polarization: "co" is the transmitted one, "cross" the orthogonal one. For a circular antenna "co" is
+    the same sense, in which single reflections from spheres and mirrors return nothing, and "cross" the opposite
+    sense."""
     squint_deg_per_ghz: Annotated[Real, Field(ge=-90, le=90)] = 0.0
-    """turn of the beam to the left about the antenna's up axis as the frequency rises over the sweep, as of a slotted
-    waveguide; the pattern is that in the middle of the used sweep."""
+    """Frequency squint: turn of the beam to the left about the antenna's up axis as the frequency rises over the sweep,
+    as of a slotted waveguide. The given pattern is that in the middle of the used sweep."""
 
 
 class NavigationParameters(Table):
@@ -40,7 +42,7 @@ class NavigationParameters(Table):
 
     kind: str
     lever_arm_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    """from its reference point to the antenna, in body axes: nose, right, down."""
+    """Lever arm from the navigation system's reference point to the antenna, in body axes: nose, right, down."""
 
 
 class TerrainParameters(Table):
@@ -48,8 +50,8 @@ class TerrainParameters(Table):
 
     kind: str
     centre_lonlat_deg: Point2 | None = None
-    """longitude and latitude (WGS 84) of the local origin. Without it a file's own middle, or, for ground that is on no
-    map, none: everything about it is then in local metres."""
+    """Longitude and latitude (WGS 84) of the local origin. Default: the middle of the elevation file; terrain that is
+    on no map has none, and everything about it is then in local metres."""
 
 
 class CoveredTerrain(TerrainParameters):
@@ -59,13 +61,13 @@ class CoveredTerrain(TerrainParameters):
     """
 
     material: str = "ground"
-    """of the ground; a name of the scenario's materials."""
+    """Material of the ground; a name of the scenario's materials."""
     cover_raster: CoverRaster | None = None
-    """a raster of land-cover classes."""
+    """Raster of land-cover classes."""
     cover_vector: CoverVector | None = None
-    """a vector file of land-cover classes."""
+    """Vector file of land-cover classes."""
     cover: tuple[CoverPolygon, ...] = ()
-    """polygons of other materials."""
+    """Polygons of other materials."""
 
 
 class MaterialParameters(Table):
@@ -78,4 +80,4 @@ class StageParameters(Table):
     """A stage of the receiver, by its name."""
 
     stage: str
-    """what it is called."""
+    """Name of the receiver stage."""

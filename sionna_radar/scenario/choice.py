@@ -46,7 +46,7 @@ class ChosenBy:
         else:
             return base.model_validate(value)
         if name is None:
-            raise refuse(self.tag, "required, but not given; add it")
+            raise refuse(self.tag, f"missing; give one of {', '.join(self.registry.known())}")
         if not isinstance(name, str) or name not in self.registry:
             raise refuse(self.tag, self.registry.unknown(name))
         entry = self.registry.entry(name)
@@ -63,7 +63,7 @@ class ChosenBy:
     def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
         """Add a table's names to its schema; required unless one is the default or implied."""
         names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
-        schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table."}
+        schema["properties"][self.tag] = {"enum": names, "description": f"Kind of {self.registry.kind}."}
         if self.default not in names and not set(self.implied.values()) & set(names):
             schema["required"] = [self.tag, *(key for key in schema.get("required", []) if key != self.tag)]
 

@@ -13,30 +13,30 @@ class MaterialField(Table):
     """A rectangle of another material on the terrain."""
 
     centre_m: Point2
-    """of the rectangle: east and north."""
+    """Centre of the rectangle: east and north."""
     size_m: tuple[Positive, Positive]
-    """of the rectangle along east and north."""
+    """Size of the rectangle along east and north."""
     material: str
-    """on it; a name of the scenario's materials."""
+    """Material of the rectangle; a name of the scenario's materials."""
 
 
 class CoverPolygon(Table):
     """A polygon of another material on the terrain, by its corners in local metres."""
 
     polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)]
-    """corners of the polygon in their order, each in the coordinates of the scenario."""
+    """Corners of the polygon in order, each in the coordinates of the scenario."""
     material: str
-    """on it; a name of the scenario's materials."""
+    """Material of the polygon; a name of the scenario's materials."""
 
 
 class CoverRaster(Table):
     """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid."""
 
     path: InputPath
-    """the raster."""
+    """Raster file of land-cover classes."""
     classes: dict[str, str]
-    """material by class value; ground of any other class keeps `terrain.material`. Over synthetic ground the raster's
-    own coordinates are the local metres, and it has no CRS."""
+    """Material of each class value; ground of any other class keeps `terrain.material`. Over synthetic ground the
+    raster's own coordinates are the local metres, and it has no CRS."""
 
     def _conflicts(self) -> Conflicts:
         if not self.classes:
@@ -59,13 +59,13 @@ class CoverVector(Table):
     """
 
     path: InputPath
-    """the vector file."""
+    """Vector file of land-cover classes."""
     attribute: Annotated[str, Field(min_length=1)]
-    """that which holds the class."""
+    """Attribute of the vector file that holds the class."""
     classes: dict[str, str]
-    """material by class; ground of any other class, and beyond all polygons, keeps `terrain.material`."""
+    """Material of each class; ground of any other class, and beyond all polygons, keeps `terrain.material`."""
     layer: str | None = None
-    """of a GeoPackage with several."""
+    """Layer of a GeoPackage that has several."""
 
     def _conflicts(self) -> Conflicts:
         if not self.classes:
@@ -81,23 +81,24 @@ class VegetationTable(Table):
     """
 
     polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)] | None = None
-    """its outline on the map: corners in their order, each in the coordinates of the scenario; where stands overlap the
-    last one counts. With path it may be left out: all of the raster."""
+    """Outline of the stand on the map: corners in order, each in the coordinates of the scenario. Where stands overlap
+    the last one counts. With `path` it may be omitted: the stand then covers the whole raster."""
     height_m: Annotated[Positive, Field(le=100)] | None = None
-    """of its top over the ground."""
+    """Height of the top of the stand above the ground."""
     path: InputPath | None = None
-    """instead of it, a raster of such heights in metres: a canopy-height model, as lidar gives it; or a point cloud,
-    LAS or LAZ, whose highest points over the ground they are. One without a CRS is in local metres about its middle."""
+    """File of canopy heights, instead of `height_m`: a raster in metres above the ground (a canopy-height model, as
+    from lidar), or a point cloud, LAS or LAZ, whose highest points above the ground are taken. A file without a CRS is
+    in local metres about its middle."""
     classes: Annotated[tuple[Annotated[int, Field(strict=True, ge=0, le=255)], ...], Field(min_length=1)] = (3, 4, 5)
-    """of a point cloud's plants."""
+    """Classes of the point cloud that are vegetation."""
     cloud_spacing_m: Annotated[Real, Field(ge=0.05, le=100)] = 1.0
-    """of the cells in which the highest of its points is taken."""
+    """Size of the cells in which the highest point of the cloud is taken."""
     least_height_m: Positive = 0.5
-    """where that is lower, nothing stands."""
+    """Least height of vegetation; where the canopy is lower, there is none."""
     extinction_db_per_m: Annotated[Real, Field(ge=0, le=100)]
-    """of power, one way."""
+    """One-way attenuation of power, in dB per metre of path."""
     backscatter_db_per_m: Annotated[Real, Field(ge=-100, le=30)]
-    """radar cross-section of a cubic metre, in dB over a square metre."""
+    """Radar cross-section per cubic metre, in dB over a square metre."""
 
     def _conflicts(self) -> Conflicts:
         if (self.height_m is None) == (self.path is None):

@@ -16,7 +16,7 @@ from pydantic_core import PydanticSerializationError
 
 from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import is_address, regular_file, shown, why_not
-from sionna_radar.scenario.overrides import apply_overrides, give_way, read_toml, resolve_paths
+from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, read_toml, resolve_paths
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario
@@ -74,7 +74,7 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     data = read_toml(path, "scenario", "give a TOML file")
     apply_overrides(data, overrides)
     if path in shipped_scenarios().values():
-        give_way(data, overrides)
+        drop_conflicting_keys(data, overrides)
     resolve_paths(data, path.parent)
     return parse_scenario(data, source=shown(Path(path_or_name)))
 
@@ -155,7 +155,7 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
     try:
         return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True) if defaults else scenario.differing())
     except (PydanticSerializationError, ValueError) as error:
-        raise TypeError(f"the scenario holds a value that TOML cannot: {error}") from error
+        raise TypeError(f"the scenario contains a value that TOML cannot represent: {error}") from error
 
 
 # Tables of a scenario by the ending of the file that they name.

@@ -27,17 +27,17 @@ class Soil(Table):
 
     kind: Literal["soil"] = "soil"
     temperature_c: Real
-    """of the soil."""
+    """Temperature of the soil."""
     sand_percent: Percent
-    """by weight, of the dry soil."""
+    """Sand content of the dry soil, by weight."""
     clay_percent: Percent
-    """by weight, of the dry soil."""
+    """Clay content of the dry soil, by weight."""
     water_fraction: Fraction
-    """by volume."""
+    """Volumetric water content of the soil, 0 to 1."""
     specific_gravity: Positive
-    """of the dry grains."""
+    """Specific gravity of the dry grains, relative to water."""
     bulk_density_g_cm3: Positive | None = None
-    """of the dry soil; without it that which its composition has."""
+    """Bulk density of the dry soil. Default: computed from its composition."""
 
 
 class Water(Table):
@@ -45,7 +45,7 @@ class Water(Table):
 
     kind: Literal["water"] = "water"
     temperature_c: Real
-    """of the water."""
+    """Temperature of the water."""
 
 
 class Ice(Table):
@@ -53,7 +53,7 @@ class Ice(Table):
 
     kind: Literal["ice"] = "ice"
     temperature_c: Real
-    """of the ice."""
+    """Temperature of the ice."""
 
 
 class DrySnow(Table):
@@ -61,9 +61,9 @@ class DrySnow(Table):
 
     kind: Literal["dry_snow"] = "dry_snow"
     temperature_c: Real
-    """of the snow."""
+    """Temperature of the snow."""
     density_g_cm3: Positive
-    """of the snow."""
+    """Density of the snow."""
 
 
 class WetSnow(Table):
@@ -71,11 +71,11 @@ class WetSnow(Table):
 
     kind: Literal["wet_snow"] = "wet_snow"
     temperature_c: Real
-    """of the snow."""
+    """Temperature of the snow."""
     dry_density_g_cm3: Positive
-    """without its liquid water."""
+    """Density of the snow without its liquid water."""
     liquid_fraction: Fraction
-    """by volume."""
+    """Liquid water content of the snow by volume, 0 to 1."""
 
 
 class Vegetation(Table):
@@ -83,9 +83,9 @@ class Vegetation(Table):
 
     kind: Literal["vegetation"] = "vegetation"
     temperature_c: Real
-    """of the leaves."""
+    """Temperature of the leaves."""
     water_fraction: NonNegative
-    """by mass."""
+    """Gravimetric water content of the leaves."""
 
 
 class Asphalt(Table):
@@ -93,7 +93,7 @@ class Asphalt(Table):
 
     kind: Literal["asphalt"] = "asphalt"
     mix: Literal["AC11DS", "SMA8S", "SMA11S"]
-    """asphalt concrete or stone mastic, with the largest grain in millimetres."""
+    """Asphalt mix: asphalt concrete (AC) or stone mastic (SMA), with the largest grain in millimetres."""
 
 
 class BuildingMedium(Table):
@@ -135,25 +135,25 @@ TERRAIN_CLASSES = {
 
 
 class SurfaceTable(MaterialParameters):
-    """What all materials share."""
+    """Keys common to all backscatter models."""
 
     cross_polar_db: Annotated[Real, Field(ge=-100, le=0)] | None = None
-    """cross-polar sigma0 over the co-polar one, the weaker of V and H. Without it a linear antenna meets none, and a
-    circular one a typical one."""
+    """Cross-polar sigma0 over the co-polar one, the weaker of V and H. Default: none for a linear antenna, and a
+    typical ratio for a circular one."""
     copolar_correlation: Annotated[Real, Field(ge=0, le=1)] | None = None
-    """of VV and HH from 20 deg off nadir on, for circular waves; without it that of a surface alike from all sides
-    about the line of sight, 1 - 2 cross-polar ratio: 0.8 at -10 dB."""
+    """Correlation of VV and HH from 20 deg off nadir on, for circular waves. Default: that of a surface with azimuthal
+    symmetry about the line of sight, 1 - 2 cross-polar ratio: 0.8 at -10 dB."""
     specular: bool = Field(default=False, strict=True)
-    """also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone."""
+    """Whether plane facets that are large against the Fresnel zone also reflect as a mirror, at normal incidence."""
     permittivity: tuple[Annotated[Real, Field(ge=1)], NonNegative] | None = None
-    """[real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from."""
+    """Relative permittivity [eps', eps''] of eps' - j eps''; or give a `medium` to compute it from."""
     medium: Medium | None = None
-    """what the surface is made of, for a permittivity by a published formula; instead of one given."""
+    """Medium of the surface, for a permittivity by a published formula; alternative to `permittivity`."""
     motion: Literal["still", "plants", "water"] = "still"
-    """what `weather.wind_mps` moves: plants, each scatterer with a Doppler shift of its own, which shows where speckle
-    persists, or water, by its waves."""
+    """Motion by `weather.wind_mps`: "plants" give each scatterer a Doppler shift of its own, which shows where speckle
+    persists; "water" moves by its waves."""
     fetch_m: Annotated[Real, Field(ge=1, le=1e6)] = 1000.0
-    """of water, along which the wind has blown over it."""
+    """Fetch: length of water over which the wind has blown."""
 
     def _conflicts(self) -> Conflicts:
         if self.motion != "water" and self.fetch_m != SurfaceTable.model_fields["fetch_m"].default:
@@ -168,10 +168,10 @@ class SurfaceTable(MaterialParameters):
 
 
 class EmpiricalTable(SurfaceTable):
-    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it."""
+    """A model of the diffuse return alone; the roughness and medium of a mirror reflection are separate keys."""
 
     rms_height_m: NonNegative | None = None
-    """roughness of the mirror; 0 for a smooth one."""
+    """RMS height of the mirror's roughness; 0 for a smooth one."""
 
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
@@ -189,9 +189,9 @@ class ConstantGamma(EmpiricalTable):
 
     model: Literal["constant_gamma"] = "constant_gamma"
     terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
-    """a class of the paper's Table 1."""
+    """Terrain class of the paper's Table 1, which sets gamma."""
     gamma_db: Level | None = None
-    """the value itself, instead of a class."""
+    """Gamma, as an alternative to `terrain_class`."""
 
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
@@ -212,7 +212,7 @@ class Lambertian(EmpiricalTable):
 
     model: Literal["lambertian"] = "lambertian"
     nadir_sigma0_db: Level
-    """sigma0 at normal incidence."""
+    """Sigma0 at normal incidence."""
 
 
 class UlabyDobson(EmpiricalTable):
@@ -223,23 +223,23 @@ class UlabyDobson(EmpiricalTable):
 
     model: Literal["ulaby_dobson"] = "ulaby_dobson"
     p1: Real
-    """level in dB."""
+    """Parameter p1, the level in dB."""
     p2: Real
-    """in dB."""
+    """Parameter p2, in dB."""
     p3: Real
-    """per radian."""
+    """Parameter p3, per radian."""
     p4: Real
-    """in dB."""
+    """Parameter p4, in dB."""
     p5: Real
-    """without unit."""
+    """Parameter p5, without unit."""
     p6: Real
-    """in radians."""
+    """Parameter p6, in radians."""
     min_incidence_deg: Incidence
-    """from which on the parameters are valid."""
+    """Least incidence at which the parameters are valid."""
     max_incidence_deg: Incidence
-    """up to which the parameters are valid."""
+    """Greatest incidence at which the parameters are valid."""
     source: Annotated[str, Field(min_length=1)]
-    """of the parameters: document, band, polarization."""
+    """Source of the parameters: document, band, polarization."""
 
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
@@ -257,18 +257,18 @@ class MeasuredTable(EmpiricalTable):
 
     model: Literal["table"] = "table"
     path: InputPath
-    """the CSV file."""
+    """CSV file of the measured sigma0."""
 
 
 class RoughTable(SurfaceTable):
     """A randomly rough surface of a homogeneous medium."""
 
     rms_height_m: Positive
-    """standard deviation of the surface's height."""
+    """RMS height of the surface."""
     correlation_length_m: Positive
-    """over which heights are alike."""
+    """Correlation length of the surface's height."""
     correlation: Literal["gaussian", "exponential"] = "gaussian"
-    """shape of the correlation function."""
+    """Shape of the correlation function."""
 
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
@@ -307,7 +307,8 @@ class IntegralEquation(RoughTable):
 
     model: Literal["integral_equation"] = "integral_equation"
     fresnel_angle: Literal["transition", "incidence", "nadir"] = "transition"
-    """where the reflection coefficient is taken."""
+    """Angle at which the Fresnel reflection coefficient is taken: "nadir", the local "incidence", or a "transition"
+    between both by roughness."""
 
 
 class SionnaItu(MaterialParameters):
@@ -319,13 +320,13 @@ class SionnaItu(MaterialParameters):
 
     model: Literal["sionna_itu"] = "sionna_itu"
     itu_type: str
-    """material of ITU-R P.2040, as Sionna RT names it."""
+    """Material of ITU-R P.2040, as Sionna RT names it."""
     scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
-    """share of the reflected field that scatters."""
+    """Fraction of the reflected field that is scattered."""
     xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0
-    """share of the scattered power that is cross-polarized."""
+    """Fraction of the scattered power that is cross-polarized."""
     thickness_m: Positive = 0.1
-    """of the slab."""
+    """Thickness of the slab."""
 
     @field_validator("itu_type")
     @classmethod

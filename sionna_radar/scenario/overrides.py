@@ -1,7 +1,7 @@
 """Overrides of a scenario file: read from `KEY=VALUE` or a file, and merged into the file's tables.
 
 A key is dotted, with numbers for the entries of a list. The value None removes a key, a table replaces the whole
-table. Conflicting keys not written by the user are removed: see `give_way`.
+table. Conflicting keys not written by the user are removed: see `drop_conflicting_keys`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,23 +28,23 @@ UNSET_WORD = "none"
 LONGEST_ASSIGNMENT = 100_000
 
 # Keys replaced by the log of a recorded flight.
-PLANNED_KEYS = (
+PLAN_KEYS = (
     *("altitude_m", "speed_mps", "start_m", "heading_deg", "length_m", "waypoints_m", "height", "profile"),
     *("bank_deg", "turn_radius_m", "wind", "lines"),
 )
 # Pairs of mutually exclusive sets of keys.
-EITHER_OR = (
+EXCLUSIVE_KEYS = (
     (("radar.transmit_power_dbm", "radar.noise_figure_db"), ("radar.snr_db",)),
     (("radar.receiver.amplifiers",), ("radar.noise_figure_db", "radar.snr_db")),
     (("platform.waypoints_m",), ("platform.start_m", "platform.length_m", "platform.heading_deg")),
     (("platform.lines",), ("platform.start_m", "platform.length_m", "platform.waypoints_m")),
     (("platform.bank_deg",), ("platform.turn_radius_m",)),
-    (("platform.log",), tuple(f"platform.{key}" for key in PLANNED_KEYS)),
+    (("platform.log",), tuple(f"platform.{key}" for key in PLAN_KEYS)),
     (("weather.fog",), ("weather.liquid_water_g_per_m3", "weather.fog_visibility_m")),
 )
-EITHER_OR_OF_A_MATERIAL = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))
+EXCLUSIVE_MATERIAL_KEYS = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))
 # Keys without effect, by key and value.
-MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
+IGNORED_WITH: dict[tuple[str, object], tuple[str, ...]] = {
     ("weather.gases", False): ("weather.dry_pressure_hpa", "weather.vapour_g_per_m3"),
     ("radar.sweep", "triangular"): ("processing.echoes",),
     ("tracing.engine", "path_solver"): ("tracing.speckle",),
@@ -115,7 +115,7 @@ def read_toml(path: Path, name: str, remedy: str) -> dict[str, Any]:
     try:
         return parse_toml(text)
     except ValueError as error:
-        raise InputFileError(f"{shown(path)}: not valid TOML: {error}; correct the file at that place") from error
+        raise InputFileError(f"{shown(path)}: not valid TOML: {error}; correct the file there") from error
 
 
 def read_overrides(path: Path) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     for key, value in overrides.items():
         _set_dotted(data, key, value)
     for key, (place, registry) in NAMED.items():
-        beside = _at(data, place)
+        beside = _lookup(data, place)
         if key in overrides and isinstance(beside, dict):
             allowed = _fields_of_part(registry, overrides[key])
             _drop(data, overrides, [f"{place}.{name}" for name in beside if name not in allowed])
@@ -172,7 +172,7 @@ def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:
         else:
             node[int(final)] = value
     elif not isinstance(node, dict):
-        problem = Problem(shown(key)[1:-1], "passes through a value that is not a table; check the key")
+        problem = Problem(shown(key)[1:-1], "leads through a value that is not a table; check the key")
         raise ScenarioError([problem], "overrides")
     elif value is None:
         node.pop(final, None)
@@ -184,66 +184,68 @@ def _list_item(node: Any, name: str, key: str) -> Any:
     try:
         return node[int(name)]
     except (ValueError, IndexError, TypeError) as error:
-        raise ScenarioError.of(shown(key)[1:-1], f"{shown(name)} is not an entry there", "overrides") from error
+        raise ScenarioError.of(
+            shown(key)[1:-1], f"{shown(name)} is not an index of an entry; check the key", "overrides"
+        ) from error
 
 
-def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
+def drop_conflicting_keys(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     """Remove keys of a shipped scenario that conflict with user overrides already applied to it.
 
     For example, a transmit power for `hills` removes the scenario's `snr_db`.
     """
-    for side_1, side_2 in EITHER_OR:
-        _drop_contradicted(data, overrides, side_1, side_2)
+    for side_1, side_2 in EXCLUSIVE_KEYS:
+        _drop_excluded(data, overrides, side_1, side_2)
     materials = data.get("materials")
     for name in materials if isinstance(materials, dict) else ():
-        for side_1, side_2 in EITHER_OR_OF_A_MATERIAL:
+        for side_1, side_2 in EXCLUSIVE_MATERIAL_KEYS:
             keys = ([f"materials.{name}.{key}" for key in side] for side in (side_1, side_2))
-            _drop_contradicted(data, overrides, *keys)
-    for (key, value), meaningless in MEANINGLESS_BESIDE.items():
+            _drop_excluded(data, overrides, *keys)
+    for (key, value), meaningless in IGNORED_WITH.items():
         if key in overrides and overrides[key] == value:
             _drop(data, overrides, meaningless)
     antennas = [kind for antenna_key, kind in IMPLIED_ANTENNAS.items() if f"radar.antenna.{antenna_key}" in overrides]
     if antennas:
         _drop(data, overrides, ["radar.antenna.kind"])
     for key, value in [*(("radar.antenna.kind", kind) for kind in antennas), *overrides.items()]:
-        allowed = _keys_beside(key, value)
-        table = _at(data, key.rpartition(".")[0])
+        allowed = _keys_of_kind(key, value)
+        table = _lookup(data, key.rpartition(".")[0])
         if allowed and isinstance(table, dict):
             foreign = [f"{key.rpartition('.')[0]}.{name}" for name in table if name not in allowed]
             _drop(data, overrides, foreign)
 
 
-def _drop_contradicted(
+def _drop_excluded(
     data: dict[str, Any], overrides: Mapping[str, Any], side_1: Iterable[str], side_2: Iterable[str]
 ) -> None:
     side_1, side_2 = list(side_1), list(side_2)
     for written, contradicted in ((side_1, side_2), (side_2, side_1)):
-        if any(_at(data, key) is not None and _wrote(overrides, key) for key in written):
+        if any(_lookup(data, key) is not None and _is_set(overrides, key) for key in written):
             _drop(data, overrides, contradicted)
 
 
 def _drop(data: dict[str, Any], overrides: Mapping[str, Any], keys: Iterable[str]) -> None:
     for key in keys:
-        if not _wrote(overrides, key):
-            table = _at(data, key.rpartition(".")[0])
+        if not _is_set(overrides, key):
+            table = _lookup(data, key.rpartition(".")[0])
             if isinstance(table, dict):
                 table.pop(key.rpartition(".")[2], None)
 
 
-def _wrote(overrides: Mapping[str, Any], key: str) -> bool:
+def _is_set(overrides: Mapping[str, Any], key: str) -> bool:
     """Whether the user wrote a key, a part of it, or its table."""
     return any(
         key == override or key.startswith(f"{override}.") or override.startswith(f"{key}.") for override in overrides
     )
 
 
-def _at(data: Any, key: str) -> Any:
+def _lookup(data: Any, key: str) -> Any:
     for name in key.split("."):
         data = data.get(name) if isinstance(data, dict) else None
     return data
 
 
-def _keys_beside(key: str, value: Any) -> set[str]:
+def _keys_of_kind(key: str, value: Any) -> set[str]:
     """Return the keys allowed in a table of the kind selected by a key's value; none for any other key."""
     parts = key.split(".")
     if key in TAGS:

@@ -1,4 +1,4 @@
-"""Tables of the platform and of its navigation."""
+"""Tables `[platform]` (flight path, log, wind) and `[platform.navigation]` (errors of the measured pose)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, field_validator
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import NavigationParameters, Offset
 from sionna_radar.scenario.choice import ChosenBy
-from sionna_radar.scenario.overrides import PLANNED_KEYS
+from sionna_radar.scenario.overrides import PLAN_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
@@ -23,19 +23,19 @@ class LoggedErrorsTable(NavigationParameters):
     """Errors as large as the log of the flight states: `navigation = "from_log"`.
 
     Standard deviations come from the covariance of the log's filter, or else from its innovations; what errs in the
-    flight is a first-order Gauss-Markov process of that size, drawn from the seed. A part of the pose that the
-    log says nothing of is known exactly.
+    flight is a first-order Gauss-Markov process of that size, drawn from the seed. Components of the pose without
+    stated errors are known exactly.
     """
 
     kind: Literal["from_log"] = "from_log"
     correlation_s: tuple[Positive, Positive, Positive] = (60.0, 10.0, 60.0)
-    """correlation times of position, velocity and attitude; those of `NavigationTable`."""
+    """Correlation times of the errors of position, velocity and attitude, as in `NavigationTable`."""
 
 
 class NavigationTable(NavigationParameters):
     """Errors of the measured pose; one number for all three axes, or one for each.
 
-    Position and velocity count east, north, up; attitude counts roll, pitch, heading. A part named markov is a
+    Position and velocity count east, north, up; attitude counts roll, pitch, heading. A key named markov is a
     first-order Gauss-Markov process with a correlation time. The lever arm leads from the navigation system to
     the antenna (nose, right, down) and is believed to be longer by its error; the mount of the antenna is
     believed to be turned by boresight_error_deg about the same axes.
@@ -43,35 +43,35 @@ class NavigationTable(NavigationParameters):
 
     kind: Literal["errors"] = "errors"
     position_constant_m: Axes = 0.0
-    """constant error of the position."""
+    """Constant error of the position."""
     position_white_m: SpreadAxes = 0.0
-    """standard deviation from chirp to chirp."""
+    """Standard deviation of the position's white noise, from chirp to chirp."""
     position_markov_m: SpreadAxes = 0.0
-    """standard deviation of its Gauss-Markov part."""
+    """Standard deviation of the position's Gauss-Markov error."""
     position_correlation_s: Positive = 60.0
-    """correlation time of that part."""
+    """Correlation time of the position's Gauss-Markov error."""
     velocity_constant_mps: Axes = 0.0
-    """constant error of the velocity."""
+    """Constant error of the velocity."""
     velocity_white_mps: SpreadAxes = 0.0
-    """standard deviation from chirp to chirp."""
+    """Standard deviation of the velocity's white noise, from chirp to chirp."""
     velocity_markov_mps: SpreadAxes = 0.0
-    """standard deviation of its Gauss-Markov part."""
+    """Standard deviation of the velocity's Gauss-Markov error."""
     velocity_correlation_s: Positive = 10.0
-    """correlation time of that part."""
+    """Correlation time of the velocity's Gauss-Markov error."""
     attitude_constant_deg: Axes = 0.0
-    """constant error of the attitude."""
+    """Constant error of the attitude."""
     attitude_white_deg: SpreadAxes = 0.0
-    """standard deviation from chirp to chirp."""
+    """Standard deviation of the attitude's white noise, from chirp to chirp."""
     attitude_markov_deg: SpreadAxes = 0.0
-    """standard deviation of its Gauss-Markov part."""
+    """Standard deviation of the attitude's Gauss-Markov error."""
     attitude_correlation_s: Positive = 60.0
-    """correlation time of that part."""
+    """Correlation time of the attitude's Gauss-Markov error."""
     time_offset_s: Offset = 0.0
-    """lag of the report behind the radar's clock."""
+    """Lag of the reported pose behind the radar's clock."""
     lever_arm_error_m: Axes = 0.0
-    """nose, right, down."""
+    """Error of the lever arm, believed minus true: nose, right, down."""
     boresight_error_deg: Axes = 0.0
-    """about the nose, right and down axes."""
+    """Error of the antenna's mounting angles, believed minus true, about the nose, right and down axes."""
 
     @property
     def has_errors(self) -> bool:
@@ -83,11 +83,11 @@ class NavigationTable(NavigationParameters):
         return any(np.any(np.asarray(value) != 0) for value in values)
 
 
-WORDS_OR_NUMBERS = {
+ACCEPTED_VALUES = {
     "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
     "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
 }
-OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns", "log_crs")
+LOG_KEYS = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns", "log_crs")
 Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
 
 
@@ -99,18 +99,18 @@ class WindTable(Table):
     """
 
     speed_mps: Annotated[NonNegative, Field(le=100.0)] = 0.0
-    """mean wind."""
+    """Mean wind speed."""
     from_deg: Real = 0.0
-    """where it comes from, clockwise from grid north."""
+    """Direction that the wind comes from, clockwise from grid north."""
     gust_mps: Annotated[NonNegative, Field(le=50.0)] | None = None
-    """standard deviation of the vertical gusts; without it a tenth of the wind at 20 feet (MIL-F-8785C), taken as the
-    mean wind. Horizontal ones follow from the height."""
+    """Standard deviation of the vertical gusts; that of the horizontal ones follows from the height. Default: a tenth
+    of the wind at 20 feet (MIL-F-8785C), taken as the mean wind."""
     crab: bool = Field(default=True, strict=True)
-    """whether the nose points along the motion through the air."""
+    """Whether the nose points along the motion through the air."""
     attitude_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 0.5
-    """time constant with which the attitude follows the angle of the gusts."""
+    """Time constant with which the attitude follows the angle of the gusts."""
     position_response_s: Annotated[Positive, Field(ge=0.05, le=100.0)] = 1.0
-    """period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns."""
+    """Period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns."""
 
 
 class LinesTable(Table):
@@ -121,17 +121,17 @@ class LinesTable(Table):
     """
 
     count: Annotated[int, Field(strict=True, ge=1, le=1000)]
-    """of the lines."""
+    """Number of lines."""
     spacing_m: Positive
-    """between them."""
+    """Distance between neighbouring lines."""
     length_m: Positive
-    """of each."""
+    """Length of each line."""
     centre_m: Point2 | None = None
-    """middle of the area; without it the local origin."""
+    """Middle of the area, east and north. Default: the local origin."""
     crossing: bool = Field(default=False, strict=True)
-    """a second set, at right angles to the first, is flown after it."""
+    """Whether a second set of lines, at right angles, is flown after the first."""
     transmit_in_turns: bool = Field(default=False, strict=True)
-    """the radar also transmits on the way from one line to the next."""
+    """Whether the radar also transmits on the way from one line to the next."""
 
 
 class Platform(Table):
@@ -145,76 +145,79 @@ class Platform(Table):
     """
 
     log: InputPath | None = None
-    """PX4 ULog, ArduPilot DataFlash or telemetry log, SBET, GPX, CSV or HELIOS++ trajectory; see
-    `sionna_radar.readers.logs.csv_log`."""
+    """Flight log to fly along: PX4 ULog, ArduPilot DataFlash or telemetry log, SBET, GPX, CSV or HELIOS++ trajectory;
+    see `sionna_radar.readers.logs.csv_log`."""
     altitude_m: Annotated[Positive, Field(le=1e5)] | None = None
-    """height above the ground under the start."""
+    """Height above the ground under the start."""
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
-    """over the ground."""
+    """Ground speed."""
     start_m: Point2 | None = None
-    """east and north of the start; without it the track is centred on the local origin."""
+    """Start of the track: east and north. Default: the track is centred on the local origin."""
     heading_deg: Real = 90.0
-    """of the track, clockwise from grid north."""
+    """Heading of the track, clockwise from grid north."""
     length_m: Positive = 100.0
-    """of the track."""
+    """Length of the track."""
     waypoints_m: tuple[Point2, ...] = ()
-    """corners of the track, instead of start, heading and length."""
+    """Waypoints of the track, instead of start, heading and length."""
     height: Literal["level", "terrain_following", "sensed"] = "level"
-    """level, or at altitude_m above the ground under the track: "terrain_following" by a DEM, smoothed and known ahead;
-    "sensed" by the height above the ground below, as an altimeter without error reads it, which is followed late."""
+    """Height profile: "level", or at `altitude_m` above the ground under the track. "terrain_following" knows a DEM
+    ahead, and smooths it; "sensed" follows, with a delay, the height above the ground below as an altimeter without
+    error reads it."""
     follow_length_m: Positive = 50.0
-    """over which the ground is smoothed that the flight follows by a DEM."""
+    """Length over which a terrain-following flight smooths the DEM."""
     height_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 1.0
-    """time constant of the first-order response of the flight to a sensed height: over a slope it is off by what it
-    climbs in that time."""
+    """Time constant of the first-order response of the flight to a sensed height: over a slope the height lags by what
+    the ground rises in that time."""
     profile: Literal["cruise", "full"] = "cruise"
-    """the cruise alone, or with take-off and landing."""
+    """Phases of the flight: the cruise alone, or with take-off and landing."""
     climb_rate_mps: Positive = 2.0
-    """of the take-off."""
+    """Climb rate of the take-off."""
     descent_rate_mps: Positive = 2.0
-    """of the landing."""
+    """Descent rate of the landing."""
     acceleration_mps2: Positive = 2.0
-    """of take-off, climb, descent and landing."""
+    """Acceleration of take-off, climb, descent and landing."""
     takeoff_height_m: Positive = 5.0
-    """over the ground, where the take-off ends and the climb begins."""
+    """Height above the ground at which the take-off ends and the climb begins."""
     bank_deg: Annotated[Positive, Field(le=80.0)] | None = None
-    """of the turns at waypoints, which are arcs then; without it or a radius they are instantaneous."""
+    """Bank angle of the turns at waypoints, which are then arcs. Default: without it or `turn_radius_m`, turns are
+    instantaneous."""
     turn_radius_m: Positive | None = None
-    """of the turns, instead of a bank."""
+    """Radius of the turns, instead of `bank_deg`."""
     roll_in_s: Annotated[NonNegative, Field(le=60.0)] = 1.0
-    """how long the aircraft takes to roll into a turn, and out of it."""
+    """Time that the aircraft takes to roll into a turn, and out of it."""
     wind: WindTable | None = None
-    """wind and gusts."""
+    """Wind and gusts."""
     lines: LinesTable | None = None
-    """parallel lines over an area, instead of one track."""
+    """Parallel lines over an area, instead of a single track."""
     log_start_s: NonNegative = 0.0
-    """where the part of it begins that is flown, from its first position."""
+    """Start of the flown stretch of the log, counted from its first position."""
     log_stop_s: Positive | None = None
-    """where it ends; without it with the log."""
+    """End of the flown stretch of the log, counted from its first position. Default: the end of the log."""
     log_shift: Literal["none", "to_terrain"] | tuple[Shift, Shift, Shift] = "none"
-    """"to_terrain" moves its middle to the local origin; or metres east, north and up."""
+    """Horizontal and vertical shift of the log: "to_terrain" moves its middle to the local origin; or metres east,
+    north and up."""
     log_height: Literal["datum", "above_takeoff"] | Annotated[Positive, Field(le=1e5)] | None = None
-    """what heights are taken for. "datum": heights in the vertical datum of the terrain, without any change of datum
-    (metres of a log that is on no map: local ones); "above_takeoff": above the ground under the first position of the
-    log; a number: the first position that is flown is this high above the ground. Without it "above_takeoff" for a log
+    """Reference of the log's heights. "datum": heights in the vertical datum of the terrain, without any change of
+    datum (local metres for a log that is on no map). "above_takeoff": above the ground under the first position of the
+    log. A number: the first position that is flown is this high above the ground. Default: "above_takeoff" for a log
     that is moved to the terrain, or whose heights count from its take-off, and "datum" otherwise."""
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
-    """longest time without a position or an attitude that is interpolated."""
+    """Longest time without a position or an attitude that is interpolated."""
     log_columns: dict[str, str] = {}
-    """columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }."""
+    """Columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }."""
     log_crs: str | None = None
-    """coordinate reference system, such as "EPSG:25832", of a CSV log in map coordinates: easting_m, northing_m,
+    """Coordinate reference system, such as "EPSG:25832", of a CSV log in map coordinates: easting_m, northing_m,
     elevation_m or x, y, z. Its headings count from grid north there; its heights keep their datum."""
     navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors", by_name=True)] = (
         NavigationTable()
     )
-    """errors of the measured pose, or from_log."""
+    """Errors of the measured pose, or "from_log" for errors as large as the log states."""
 
     @field_validator("altitude_m", "speed_mps")
     @classmethod
     def _planned_or_recorded(cls, value: float | None, info: Any) -> float | None:
         if value is None and "log" in info.data and info.data["log"] is None:
-            raise refuse("", "required, but not given; add it, or the log of a flight")
+            raise refuse("", "missing; add it, or platform.log of a recorded flight")
         return value
 
     @field_validator("log_shift", "log_height", mode="wrap")
@@ -224,14 +227,14 @@ class Platform(Table):
         try:
             return check(value)
         except ValidationError as error:
-            raise refuse("", f"{shown(value)} is refused: give {WORDS_OR_NUMBERS[info.field_name]}") from error
+            raise refuse("", f"must be {ACCEPTED_VALUES[info.field_name]}, not {shown(value)}") from error
 
     def _conflicts(self) -> Conflicts:
-        planned, recorded = self.changed(*PLANNED_KEYS), self.changed(*OF_A_LOG)
+        planned, recorded = self.changed(*PLAN_KEYS), self.changed(*LOG_KEYS)
         if self.log is not None and planned:
             yield "log", f"contradicts {', '.join(planned)}; give the one or the other"
         if self.log is None and recorded:
-            yield recorded[0], "means nothing without log; remove it"
+            yield recorded[0], "has no effect without platform.log; remove it"
         if self.log_stop_s is not None and self.log_stop_s <= self.log_start_s:
             yield "log_stop_s", f"{self.log_stop_s:g} is not after log_start_s = {self.log_start_s:g}; raise it"
         yield from self._conflicts_of_tracks()
@@ -244,7 +247,7 @@ class Platform(Table):
         if self.lines is not None and line_conflicts:
             yield "lines", f"contradicts {', '.join(line_conflicts)}; give the one or the other"
         if len(self.waypoints_m) == 1:
-            yield "waypoints_m", "one point makes no leg; give at least two"
+            yield "waypoints_m", "a single waypoint; give at least two"
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
             if a == b:
                 yield "waypoints_m", f"{a} follows itself; remove the repeated point"

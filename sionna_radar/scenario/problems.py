@@ -8,32 +8,33 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sionna_radar.foundation.errors import Problem
-from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.input_file import compact, shown
 
 # By the type of pydantic's error; the fields are those of its context.
 WORDS = {
-    "greater_than": "must be > {gt:g}",
-    "greater_than_equal": "must be >= {ge:g}",
-    "less_than": "must be < {lt:g}",
-    "less_than_equal": "must be <= {le:g}",
-    "finite_number": "give a finite number",
-    "float_type": "give a number, without quotes",
-    "float_parsing": "give a number, without quotes",
-    "int_type": "give a whole number",
-    "int_from_float": "give a whole number",
-    "int_parsing": "give a whole number",
-    "int_parsing_size": "give a smaller whole number",
-    "bool_type": "give true or false",
-    "bool_parsing": "give true or false",
-    "string_type": "give text in quotes",
-    "string_unicode": "it holds characters that no text can; write it in UTF-8",
-    "string_too_short": "it is empty; write something",
-    "path_type": "give a path in quotes",
-    "tuple_type": "give a list, such as [1.0, 2.0]",
-    "list_type": "give a list, such as [1.0, 2.0]",
-    "too_short": "it has {actual_length} entries and needs at least {min_length}",
-    "too_long": "it has {actual_length} entries and may have at most {max_length}",
+    "greater_than": "must be greater than {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be at most {le}",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number without quotes",
+    "float_parsing": "must be a number without quotes",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_parsing_size": "must be a smaller whole number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "string_type": "must be text in quotes",
+    "string_unicode": "must be text in UTF-8",
+    "string_too_short": "must be text that is not empty",
+    "path_type": "must be a path in quotes",
+    "tuple_type": "must be a list such as [1.0, 2.0]",
+    "list_type": "must be a list such as [1.0, 2.0]",
+    "too_short": "must have at least {min_length} entries",
+    "too_long": "must have at most {max_length} entries",
 }
+MISSING = "missing; add it"
 TABLE_TYPES = ("model_type", "model_attributes_type", "dict_type", "dataclass_type")
 # Location entries that pydantic adds for a key with several kinds of value.
 KINDS_OF_VALUE = ("float", "int", "constrained-float", "constrained-int")
@@ -89,24 +90,30 @@ def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
         case "extra_forbidden":
             return Problem(".".join(key), f"unknown key; remove it or correct its spelling.{_other_key(error, model)}")
         case "missing":
-            return Problem(".".join(key), "required, but not given; add it")
+            return Problem(".".join(key), MISSING)
         case "union_tag_not_found":
             tag = context["discriminator"].strip("'")
-            return Problem(".".join([*key, *([] if tag.endswith("()") else [tag])]), "required, but not given; add it")
+            names = [str(name) for table in _tables_at(error["loc"], model) for name in _tag_values(table, tag)]
+            message = f"missing; give one of {', '.join(dict.fromkeys(names))}" if names else MISSING
+            return Problem(".".join([*key, *([] if tag.endswith("()") else [tag])]), message)
         case "union_tag_invalid":
             options = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
             tag = context["discriminator"].strip("'")
             return Problem(".".join([*key, tag]), unknown(context["tag"], options))
         case "literal_error":
-            remedy = f"give one of {context['expected'].replace(' or ', ', ')}"
             options = [word.strip(" '") for word in context["expected"].replace(" or ", ",").split(",")]
-            remedy += f".{nearest(value, options)}" if isinstance(value, str) else ""
+            requirement = f"must be {'one of ' * (len(options) > 1)}{context['expected'].replace(' or ', ', ')}"
+            suggestion = nearest(value, options) if isinstance(value, str) else ""
+            return Problem(".".join(key), f"{requirement}, not {shown(value)}{'.' if suggestion else ''}{suggestion}")
         case _ if kind in TABLE_TYPES:
             name = ".".join(key)
-            remedy = f"give a table: [{name}] with its keys below" if name else "give tables of keys"
+            requirement = f"must be a table, [{name}] with its keys below" if name else "must be tables of keys"
+        case _ if kind in WORDS:
+            bounds = {name: compact(bound) for name, bound in context.items() if isinstance(bound, int | float)}
+            requirement = WORDS[kind].format(**context | bounds)
         case _:
-            remedy = WORDS[kind].format(**context) if kind in WORDS else error["msg"].lower()
-    return Problem(".".join(key), f"{shown(value)} is refused: {remedy}")
+            requirement = error["msg"].lower()
+    return Problem(".".join(key), f"{requirement}, not {shown(value)}")
 
 
 def _key(location: Sequence[str | int]) -> list[str]:
@@ -123,11 +130,7 @@ def _key(location: Sequence[str | int]) -> list[str]:
 def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
     """Return a question that suggests the intended key for a misspelt or misplaced one; empty without a match."""
     *parents, wrong_key = error["loc"]
-    tables: list[type[BaseModel]] = [model]
-    for part in parents:
-        fields = [_allowed(t.model_fields[part]) for t in tables if part in t.model_fields]
-        tagged = [t for t in tables if part in _tag_values(t, "kind", "model")]
-        tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
+    tables = _tables_at(parents, model)
     full_key = ".".join(map(str, error["loc"]))
     owners = [t for t in tables if wrong_key in t.model_fields and _tag_values(t, "kind", "mode")]
     if owners:  # of another part that may stand in the same place
@@ -139,6 +142,16 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
     return nearest(str(wrong_key), [name for table in tables for name in table.model_fields if name != wrong_key])
+
+
+def _tables_at(location: Sequence[str | int], model: type[BaseModel]) -> list[type[BaseModel]]:
+    """Return the tables that may stand at a location of the file."""
+    tables: list[type[BaseModel]] = [model]
+    for part in location:
+        fields = [_allowed(table.model_fields[part]) for table in tables if part in table.model_fields]
+        tagged = [table for table in tables if part in _tag_values(table, "kind", "model")]
+        tables = [table for allowed in fields for table in allowed] if fields else tagged or tables
+    return tables
 
 
 def _tag_values(table: type[BaseModel], *tags: str) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""Tables `[processing]` and `[dem]`."""
+"""Tables `[processing]` (beat signals to ranges) and `[dem]` (echoes to heights)."""
 
 from typing import Annotated, Literal
 
@@ -19,19 +19,19 @@ GUARD_CELLS, TRAINING_CELLS = 48, 32
 
 
 class CfarTable(Table):
-    """Constant false-alarm rate detection; guard and training count range cells on each side."""
+    """Constant false-alarm rate (CFAR) detection; guard and training count range cells on each side."""
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
-    """cell averaging, greatest of, smallest of, or ordered statistic."""
+    """CFAR variant: cell averaging (CA), greatest of (GO), smallest of (SO), or ordered statistic (OS)."""
     guard: Annotated[int, Field(strict=True, ge=0, le=4096)] | None = None
-    """range cells next to the cell under test that are left out, on each side; without it 48, or three fifths of what
-    fits on a side of short spectra."""
+    """Guard cells on each side of the cell under test. Default: 48, or three fifths of what fits on a side of short
+    spectra."""
     training: Annotated[int, Field(strict=True, ge=1, le=512)] | None = None
-    """range cells whose power is the noise, on each side; without it 32, or the rest of what fits."""
+    """Training cells on each side, whose power estimates the noise. Default: 32, or the rest of what fits."""
     rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
-    """of an ordered statistic, as a share of the training cells."""
+    """Rank of the ordered statistic, as a fraction of the training cells."""
     false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
-    """in one cell."""
+    """False-alarm probability in one range cell."""
 
     def _conflicts(self) -> Conflicts:
         training = self.training or TRAINING_CELLS
@@ -67,15 +67,15 @@ class CfarTable(Table):
 
 
 class AverageTable(Table):
-    """Several chirps in a row that make one pulse, measured in their middle."""
+    """Averaging of successive chirps to one pulse, at their mean time."""
 
     chirps: Annotated[int, Field(strict=True, ge=1, le=32)] = 1
-    """of a pulse. The pulse rate is radar.chirp_rate_hz over it."""
+    """Number of chirps averaged to one pulse; the pulse rate is radar.chirp_rate_hz divided by it."""
     mode: Literal["coherent", "incoherent"] = "coherent"
-    """"coherent" takes the mean of the beat signals, each turned by what the measured velocity changes the range of
-    still ground on the beam's axis: noise falls by the number of chirps, and so does ground whose Doppler shifts differ
-    by more than one over the burst's duration. "incoherent" takes the mean of the power spectra, which steadies noise,
-    and speckle as far as it changes from chirp to chirp."""
+    """Kind of average. "coherent" takes the mean of the beat signals, each phase-shifted by the range change that the
+    measured velocity gives stationary ground on the beam's axis: noise falls by the number of chirps, and so does
+    ground whose Doppler shifts differ by more than one over the burst's duration. "incoherent" takes the mean of the
+    power spectra, which steadies noise, and speckle as far as it changes from chirp to chirp."""
 
     @property
     def powers(self) -> int:
@@ -84,61 +84,62 @@ class AverageTable(Table):
 
 
 class ExpectedGroundTable(Table):
-    """Where the ground is expected, so that echoes from elsewhere are none: rain, birds, the far side of a valley."""
+    """Expected heights of the ground; echoes from elsewhere (rain, birds, the far side of a valley) are rejected."""
 
     path: InputPath | None = None
-    """a rough DEM in metres, in the terrain's vertical datum; without it level ground `platform.altitude_m` below the
+    """Rough DEM in metres, in the terrain's vertical datum. Default: level ground `platform.altitude_m` below the
     platform, as an altimeter reports it."""
     tolerance_m: Positive
-    """by how much the ground may lie above or below."""
+    """Largest height of the ground above or below the expected ground."""
 
 
 class VolumeTable(Table):
-    """How the ground behind an echo that fills the beam (rain, snowfall, dust) is told from it."""
+    """Detection of the ground behind volume clutter: rain, snowfall or dust that fills the beam."""
 
     estimation_rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 2
-    """so often the volume's mean echo and the ground are learned from each other."""
+    """Iterations between the estimates of the volume's mean echo and of the ground, which depend on each other."""
     smoothed_cells: Annotated[int, Field(strict=True, ge=1, le=1000)] = 8
-    """range cells, each way, over which the volume's mean echo is smoothed."""
+    """Half-width, in range cells, of the smoothing of the volume's mean echo."""
     cells_before: Annotated[int, Field(strict=True, ge=0, le=1000)] = 16
-    """range cells between those that hold the volume alone and the ground, besides `widths_before`."""
+    """Range cells between those that hold the volume alone and the ground, in addition to `widths_before`."""
     widths_before: NonNegative = 5.0
-    """widths of the echo of level ground between them, besides `cells_before`."""
+    """Widths of the echo of level ground between the cells of the volume alone and the ground, in addition to
+    `cells_before`."""
     floor_share: Annotated[Real, Field(gt=0, lt=1)] = 0.01
-    """lowest mean behind the ground, over the volume's there: side lobes and double bounces."""
+    """Lowest mean power behind the ground, as a fraction of the volume's there: side lobes and double bounces."""
     width_spread_nepers: Positive = 0.25
-    """uncertainty of the width of an echo on ground of a known slope: the beam is as wide across, and ground is
-    curved."""
+    """Uncertainty of the width of an echo on ground of a known slope: the beam has an extent across the slope, and
+    ground is curved."""
     height_step_cells: Positive = 1.0
-    """between the heights that neighbouring pulses are compared by."""
+    """Step between the heights at which neighbouring pulses are compared."""
     rain_rate_mm_per_h: Annotated[Real, Field(gt=0, le=300)] | None = None
-    """as a weather service would say it: how fast the drops are expected to fall. Their Doppler moves the end of the
-    rain, and with it ranges of ground that is fainter than the rain. Without it the strength of the rain's own echo
-    tells it where the transmitted power is known, and 5 mm/h are expected where it is not."""
+    """Expected rain rate, as from a weather service. It sets how fast the drops are expected to fall: their Doppler
+    shift moves the end of the rain, and with it ranges of ground that is fainter than the rain. Default: estimated from
+    the strength of the rain's own echo where the transmitted power is known, and 5 mm/h otherwise."""
 
 
 class CalibrationTable(Table):
-    """Errors of the instrument that recordings are processed without: what is believed minus what is true.
+    """Known errors of the instrument, believed minus true, which are removed from recordings.
 
     `sionna-radar calibrate` estimates them. A simulated flight has its errors in `platform.navigation` instead.
     """
 
     mounting_deg: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)
-    """by how much the mount is believed to be turned about nose, right and down."""
+    """Error of the mounting angles, believed minus true, about nose, right and down."""
     squint_deg: Turn = 0.0
-    """by how much the beam is believed to be turned about the antenna's upward axis."""
+    """Error of the beam's direction about the antenna's upward axis, believed minus true."""
     lever_arm_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    """by how much the lever arm is believed to be longer: nose, right, down."""
+    """Error of the lever arm, believed minus true: nose, right, down."""
     datum_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    """positions minus those in the datum of the reference: east, north, up."""
+    """Offset of the positions from the datum of the reference: east, north, up."""
     velocity_mps: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    """constant error of the velocity: east, north, up."""
+    """Constant error of the velocity: east, north, up."""
     range_bias_m: Offset = 0.0
-    """range that is read at range zero."""
+    """Range reading at range zero."""
     range_scale_ppm: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
-    """by how much ranges are read longer, for each metre."""
+    """Range scale error: excess of the range reading per metre."""
     time_offset_s: Annotated[Real, Field(ge=-10, le=10)] = 0.0
-    """lag of the reported poses behind the radar's clock."""
+    """Lag of the reported poses behind the radar's clock."""
 
 
 class TrackerTable(Table):
@@ -150,68 +151,69 @@ class TrackerTable(Table):
     """
 
     time_constant_s: Positive = 0.1
-    """of the loop."""
+    """Time constant of the loop."""
     follows: Literal["threshold", "leading_edge", "centroid", "peak"] = "threshold"
-    """what is read of each pulse; see `ranging`."""
+    """Range of each pulse that the loop follows; see `ranging`."""
 
 
 class ProcessingTable(Table):
-    """From beat signals to ranges."""
+    """Processing of beat signals to ranges: window, detection, ranging, angle of arrival."""
 
     window: str = "hann"
-    """of `scipy.signal.get_window`."""
+    """Window of the range FFT, as `scipy.signal.get_window` names it."""
     zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
-    """bins of the spectrum in a range cell."""
+    """Zero-padding factor: bins of the spectrum per range cell."""
     cfar: CfarTable = CfarTable()
-    """detection."""
+    """Detection threshold (CFAR)."""
     echoes: Literal["first", "strongest", "all"] = "strongest"
-    """which echoes of a pulse are kept; without it "all" where dem.method is "stepped"."""
+    """Echoes of a pulse that are kept. Default: "all" where dem.method is "stepped", else "strongest"."""
     merge_gap_m: NonNegative = 3.0
-    """detected cells no farther apart are one echo."""
+    """Largest gap between detected cells of one echo."""
     dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
-    """echoes this far under the strongest of their pulse are dropped."""
+    """Dynamic range of a pulse: echoes weaker than the strongest by more than this are dropped."""
     ranging: Annotated[str, NameIn(RANGE_ESTIMATORS)] = "centroid"
-    """"peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises, moved to its
-    middle, "threshold" where it rises to half of its amplitude, "model_fit" the range, slope and power of the plane
-    whose echo fits best; "tracker" smooths the ranges of pulses by a first-order loop, as altimeters do. Behind a
-    volume that is not far below the ground it is the range that the whole scan line makes most probable instead. Custom
-    range estimators are named here as well."""
+    """Range estimator. "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" the rising
+    edge, moved to the echo's middle, "threshold" the rise to half of its amplitude, "model_fit" the range, slope and
+    power of the plane whose echo fits best; "tracker" smooths the ranges of pulses by a first-order loop, as altimeters
+    do. Behind a volume that is not far below the ground it is the range that the whole scan line makes most probable
+    instead. Custom range estimators are named here as well."""
     ranging_parameters: Annotated[Table | None, ParametersOf("ranging", RANGE_ESTIMATORS)] = None
-    """of "tracker", or of a custom range estimator that has some."""
+    """Parameters of "tracker", or of a custom range estimator."""
     min_range_m: NonNegative = 3.0
-    """nothing nearer is detected."""
+    """Least range of a detection."""
     volume_clutter: Literal["auto", "off"] = "auto"
-    """"auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there is one, for
-    the ground that ends it; "off" takes rain for ground where it is the stronger."""
+    """Detection behind volume clutter. "auto" looks in the survey for an echo that fills the beam (rain, snowfall,
+    dust) and, where there is one, for the ground that ends it; "off" takes rain for ground where it is the stronger."""
     volume: VolumeTable = VolumeTable()
-    """detection behind it."""
+    """Detection of the ground behind volume clutter."""
     expected_ground: ExpectedGroundTable | None = None
-    """ranges in which the ground of a pulse may lie; without it all."""
+    """Ranges in which the ground of a pulse may lie. Default: all."""
     angle: Literal["off", "interferometric", "monopulse", "row"] = "off"
-    """angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
-    receivers, "monopulse" from the ratio of difference and sum, "row" by MUSIC from a row of receivers, which tells two
-    surfaces in one range cell apart; each echo becomes a series of points, one for each stretch of its ranges. "off"
+    """Angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
+    receivers, "monopulse" from the ratio of difference and sum, "row" by MUSIC from a row of receivers, which separates
+    two surfaces in one range cell; each echo becomes a series of points, one for each interval of its ranges. "off"
     places an echo on the beam's axis."""
     angle_length_m: Positive | None = None
-    """slant range that is averaged into one point; without it as much as leaves the resolution on the ground to the
+    """Slant range that is averaged into one point. Default: as much as leaves the resolution on the ground to the
     beam's width across."""
     leakage: Literal["keep", "subtract"] = "keep"
-    """"subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
-    transmitter is the same in all of them, echoes of ground are not. "keep" leaves it."""
+    """Treatment of transmitter leakage. "subtract" removes the mean of some chirps, spread over the survey, from every
+    chirp: leakage is the same in all of them, echoes of ground are not. "keep" leaves it."""
     interference: Literal["keep", "zeroing"] = "keep"
-    """"zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars."""
+    """Treatment of interference. "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts
+    of other radars; "keep" leaves them."""
     average: AverageTable = AverageTable()
-    """chirps that are averaged to one pulse."""
+    """Averaging of several chirps to one pulse."""
     calibration: CalibrationTable | None = None
-    """known errors of the instrument, of recordings."""
+    """Known errors of the instrument that made a recording."""
     doppler_correction: bool = Field(default=True, strict=True)
-    """whether the measured velocity takes the Doppler shift of still ground out of the ranges."""
+    """Whether ranges are corrected for the Doppler shift of stationary ground, by the measured velocity."""
 
     def _conflicts(self) -> Conflicts:
         if self.angle == "off" and self.angle_length_m is not None:
             yield "angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle"
         if self.angle != "off" and self.leakage == "subtract":
-            yield "leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it"
+            yield "leakage", "'subtract' supports the first receiver only; set angle = 'off', or leakage = 'keep'"
 
     @field_validator("window")
     @classmethod
@@ -225,37 +227,38 @@ class ProcessingTable(Table):
 
 
 class DemTable(Table):
-    """The elevation model: its grid, and how the echoes become heights."""
+    """The digital elevation model (DEM): its grid, and the mapping method."""
 
     method: Annotated[str, NameIn(DEM_METHODS, ("auto",))] = "auto"
-    """"auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air holds nothing
-    that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two footprints, and
-    "linear" elsewhere. "linear" interpolates between the located echoes. "smooth" lays the most probable surface
-    through the mean ranges of the whole echoes (or through the points, without range profiles), each weighted by its
-    uncertainty, under a covariance that is learned from them. "refined" goes on from there: it predicts every echo from
-    the surface and the known beam, and moves the surface to where the measured echoes are most likely. "stepped" is for
-    built-up ground: it first finds where the surface breaks, from what all echoes say for and against every height, and
-    maps each level by itself. Custom methods are named here as well."""
+    """Mapping method. "auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air
+    holds nothing that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two
+    footprints, and "linear" elsewhere. "linear" interpolates between the located echoes. "smooth" fits the most
+    probable surface to the mean ranges of the whole echoes (or to the points, without range profiles), each weighted by
+    its uncertainty, under a covariance that is estimated from them. "refined" starts from there: it predicts every echo
+    from the surface and the known beam, and moves the surface to where the measured echoes are most likely. "stepped"
+    is for built-up ground: it first finds where the surface breaks, from the likelihood of every height given all
+    echoes, and maps each level by itself. Custom methods are named here as well."""
     method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
-    """of a custom method that has some."""
+    """Parameters of the mapping method."""
     spacing_m: Positive = 1.0
-    """size of a cell."""
+    """Cell size of the DEM."""
     max_gap_m: Positive | None = None
-    """farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on level
-    ground, and no less than two cells."""
+    """Largest distance of a filled cell from a measured one. Default: the distance between neighbouring beams on level
+    ground, and at least two cells."""
     microrelief_m: NonNegative | None = None
-    """RMS difference of heights 1 m apart that microrelief adds to the landforms: fractal, and hardly constrained by
-    echoes. It is part of the terrain model of every map and of its `dem_sigma.tif`. Without it 0.03 m over terrain from
-    a file and in recordings of real radars, as fields and forest floors have, and 0 over synthetic terrain, which is
-    smooth."""
+    """RMS height difference over 1 m that microrelief adds to the landforms: fractal, and hardly constrained by echoes.
+    It is part of the terrain model of every map and of its `dem_sigma.tif`. Default: 0.03 m over terrain from a file
+    and in recordings of real radars, as of fields and forest floors, and 0 over synthetic terrain, which is smooth."""
     min_confidence_m: Positive | None = None
-    """cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is."""
+    """Largest standard deviation (`dem_sigma.tif`) of a filled cell; cells above it are left empty. Default: no
+    limit."""
     cover: Literal["unknown", "known"] = "unknown"
-    """whether a map of whole echoes knows the land cover, as from a map of it: "known" takes the scenario's covers and
-    the backscatter of their materials, so that of a beam over two covers the brighter part tells its own height.
-    "linear" does not use it, nor does "smooth" through rain. A survey warns where unknown covers move its heights."""
+    """Whether a map of whole echoes knows the land cover, as from a map of it: "known" takes the scenario's covers and
+    the backscatter of their materials, so that in a beam over two covers the brighter one determines the height it is
+    assigned. "linear" does not use it, nor does "smooth" through rain. A survey warns where unknown covers move its
+    heights."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
-    """surfaces seen at a greater incidence count as shadow."""
+    """Incidence above which a surface counts as radar shadow."""
 
     @property
     def map_method(self) -> str:

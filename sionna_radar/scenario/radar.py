@@ -1,7 +1,4 @@
-"""The radar, with its antenna and the scan that moves it: `[radar]`; and the conditions of `processing.average`.
-
-`processing.average` sets conditions on the rest of a scenario, which are checked here.
-"""
+"""Tables `[radar]`, `[radar.antenna]` and `[radar.scan]`, and consistency checks of radar and processing."""
 
 from __future__ import annotations
 
@@ -33,11 +30,11 @@ class AntennaTable(AntennaParameters):
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
-    """half-power, one way; or [azimuth, elevation]."""
+    """One-way half-power beamwidth; or [azimuth, elevation]."""
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
-    """nearest side lobes under the peak, one way."""
+    """One-way level of the nearest side lobes, relative to the peak."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
-    """major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's."""
+    """Axial ratio of a circular antenna's ellipse, 0 for a perfect one; its major axis is V."""
 
     def _conflicts(self) -> Conflicts:
         if self.axial_ratio_db > 0 and self.polarization in ("V", "H"):
@@ -59,19 +56,18 @@ class PatternAntennaTable(AntennaParameters):
 
     kind: Literal["pattern"] = "pattern"
     pattern: InputPath
-    """a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left and up) or
-    theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt, .ffs). In dBi
-    or relative: the directivity is the pattern's own integral."""
+    """Antenna pattern file: a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left
+    and up) or theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt,
+    .ffs). Levels are in dBi or relative: the directivity is the pattern's own integral."""
     receive_pattern: InputPath | None = None
-    """another one for reception; without it the same."""
+    """Antenna pattern file for reception. Default: that of transmission."""
     boresight: Literal["z", "x"] = "z"
-    """in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and the y
-    axis up; for "x" the y axis is left and the z axis up. Also "x" for MSI Planet files whose vertical angles count
-    from the zenith."""
+    """Boresight axis in files of theta and phi. For "z" the x axis is left of it and the y axis up; for "x" the y axis
+    is left and the z axis up. Take "x" also for MSI Planet files whose vertical angles count from the zenith."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
-    """gain over directivity, each way."""
+    """One-way gain relative to directivity."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
-    """see `AntennaTable`."""
+    """Axial ratio of a circular antenna's ellipse, 0 for a perfect one; its major axis is V."""
 
 
 Spacing = Annotated[Real, Field(ge=0.05, le=20)]
@@ -79,28 +75,29 @@ Elements = Annotated[int, Field(strict=True, ge=1, le=1024)]
 
 
 class ArrayAntennaTable(AntennaParameters):
-    """A planar array, by its elements."""
+    """A planar array, given by its elements."""
 
     kind: Literal["array"] = "array"
     elements: tuple[Elements, Elements] | None = None
-    """number of columns (left) and rows (up) of a rectangular array."""
+    """Number of columns (left) and rows (up) of a rectangular array."""
     spacing_wavelengths: Spacing | tuple[Spacing, Spacing] = 0.5
-    """between them; or [columns, rows]."""
+    """Spacing of the elements; or [columns, rows]."""
     taper_db: Annotated[Real, Field(ge=-50, le=-15)] | None = None
-    """side lobes of a Taylor taper over both; without it the weights are uniform."""
+    """Side-lobe level of a Taylor taper over rows and columns. Default: uniform weights."""
     path: InputPath | None = None
-    """instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
-    phase_deg: one row an element."""
+    """CSV file of the elements, instead of `elements`, `spacing_wavelengths` and `taper_db`, with the columns
+    left_wavelengths,up_wavelengths and optionally amplitude_db and phase_deg: one row an element."""
     element_exponent: Annotated[Real, Field(ge=0, le=100)] = 1.0
-    """power of the cosine of the angle from an element's axis that its power pattern follows."""
+    """Exponent of the element's power pattern, a power of the cosine of the angle from its axis."""
     element_pattern: InputPath | None = None
-    """instead of it, a file as in `PatternAntennaTable`."""
+    """Pattern file of an element, instead of `element_exponent`, as in `PatternAntennaTable`."""
     element_boresight: Literal["z", "x"] = "z"
-    """see boresight there."""
+    """Boresight axis in the element's pattern file; see `boresight` of `PatternAntennaTable`."""
     steer_deg: tuple[Annotated[Real, Field(ge=-80, le=80)], Annotated[Real, Field(ge=-80, le=80)]] = (0.0, 0.0)
-    """of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic"."""
+    """Steering angles of the beam from the normal of the face, to the left and up; not with a scan of mode =
+    "electronic"."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
-    """gain over directivity, each way."""
+    """One-way gain relative to directivity."""
 
     def _conflicts(self) -> Conflicts:
         if (self.elements is None) == (self.path is None):
@@ -117,15 +114,15 @@ class ElectronicScanTable(ScanParameters):
 
     mode: Literal["electronic"] = "electronic"
     look: Literal["forward", "left", "right"] = "forward"
-    """where the array's face looks: along the track, or to a side of it."""
+    """Direction that the array's face looks: along the track, or to a side of it."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
-    """of the face's normal from nadir."""
+    """Angle of the face's normal from nadir."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=75)] = 40.0
-    """of the outermost ones from the face's normal."""
+    """Angle of the outermost beams from the face's normal."""
     beams: Annotated[int, Field(strict=True, ge=2, le=256)] = 41
-    """directions of a scan."""
+    """Number of beam directions of a scan."""
     scans_per_s: Annotated[Real, Field(ge=1e-3, le=1e6)] = 4.0
-    """from left to right; the beam goes back at once."""
+    """Scan rate; the beam moves from left to right and returns at once."""
 
 
 class ScanTable(ScanParameters):
@@ -136,24 +133,24 @@ class ScanTable(ScanParameters):
     """
 
     mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
-    """whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
-    still."""
+    """Scan motion: "whisk_broom" turns about the direction of flight, "conical" about the vertical; "fixed" and
+    "side_looking" stand still."""
     side: Literal["left", "right"] = "right"
-    """to which a side-looking antenna looks."""
+    """Side to which a side-looking antenna looks."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
-    """of the beam from nadir in the middle of the scan."""
+    """Angle of the beam from nadir in the middle of the scan."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
-    """of the sector in which the radar transmits, to either side of its middle; 180 for all around."""
+    """Half-width of the sector in which the radar transmits; 180 for all around."""
     rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 120.0
-    """of the antenna."""
+    """Rotation rate of the antenna."""
     start_deg: Real = 0.0
-    """scan angle at the start of the flight."""
+    """Scan angle at the start of the flight."""
 
     def _conflicts(self) -> Conflicts:
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
             yield (
                 "half_swath_deg",
-                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90"),
+                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan must stay below 90"),
             )
         if self.side == "left" and self.mode != "side_looking":
             yield "side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'"
@@ -169,46 +166,48 @@ class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
     preset: Annotated[str, one_of(PRESETS)] | None = None
-    """a published radar, whose figures stand where none are given; `sionna-radar presets` lists them."""
+    """Published radar whose values are used for keys that are not given; `sionna-radar presets` lists them."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
-    """frequency in the middle of the sweep."""
+    """Frequency in the middle of the sweep."""
     bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
-    """of the sweep: the range cell is c over twice it."""
+    """Bandwidth of the sweep; the range cell is c over twice it."""
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
-    """chirps a second, each as long as its period; of a triangle, pairs of sweeps a second."""
+    """Number of chirps a second, each as long as its period; of a triangular sweep, pairs of sweeps a second."""
     stagger: Annotated[Real, Field(ge=0, le=1)] = 0.0
-    """how much longer than a chirp the radar waits before every second one, over its duration: range-Doppler maps then
-    tell range rates apart that even intervals leave ambiguous. 0.5 tells twice as many, 0.25 four times."""
+    """Extra wait before every second chirp, relative to a chirp's duration: range-Doppler maps then resolve range rates
+    that even intervals leave ambiguous. 0.5 doubles the unambiguous interval, 0.25 quadruples it."""
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**18)] = 1024
-    """of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as many."""
+    """Number of samples of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as
+    many."""
     sweep: Literal["up", "down", "triangular"] = "up"
-    """rising, falling, or one after the other."""
+    """Direction of the sweep: rising, falling, or one after the other."""
     sampling: Literal["real", "iq"] = "real"
-    """real, or in phase and quadrature."""
+    """Sampling of the beat signal: real, or in phase and quadrature."""
     gate_delay_us: Annotated[Real, Field(ge=0, le=LONGEST_GATE_US)] = 0.0
-    """range gate: how much later than the transmitted sweep the one begins that echoes are mixed with, and the samples.
+    """Range gate: delay of the sweep that echoes are mixed with, and of the samples, after the transmitted sweep.
     Ranges begin at c / 2 times it (150 m a microsecond); nearer echoes have negative beats. A pulse's time is that of
     the middle of its samples."""
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
-    """of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers."""
+    """Signal-to-noise ratio of one sample over level ground in the middle of the scan (alternative to transmit power
+    and noise figure)."""
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
-    """at the antenna."""
+    """Transmit power at the antenna."""
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
-    """of the receiver."""
+    """Noise figure of the receiver."""
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
-    """of the noise that the figure counts from."""
+    """Reference temperature of the noise figure."""
     receiver: ReceiverTable = ReceiverTable()
-    """between antenna and samples."""
+    """Receiver between antenna and samples."""
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
-    """its beam and polarization."""
+    """Beam and polarization of the antenna."""
     second_receiver: SecondReceiverTable | None = None
-    """one that tells the angle of arrival inside the beam; without it there is none."""
+    """Further receivers that measure the angle of arrival inside the beam. Default: none."""
     array: ArrayTable | None = None
-    """the elements of a module, for sensor = "mimo"; without it there is one of each kind."""
+    """Transmitters and receivers of a MIMO module, for sensor = "mimo". Default: one of each."""
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
-    """how the beam moves."""
+    """Motion of the beam."""
 
     @model_validator(mode="before")
     @classmethod
@@ -222,8 +221,9 @@ class RadarTable(Table):
         if isinstance(scan, ElectronicScanTable) and scan.beams * scan.scans_per_s > self.chirp_rate_hz * (1 + 1e-9):
             yield (
                 "scan.scans_per_s",
-                f"{scan.beams} beams {scan.scans_per_s:g} times a second are more than {self.chirp_rate_hz:g} chirps, "
-                f"so that some get none; lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
+                f"{scan.beams} beams {scan.scans_per_s:g} times a second exceed the {self.chirp_rate_hz:g} chirps a "
+                "second; "
+                f"lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
             )
         if self.bandwidth_hz >= 0.5 * self.carrier_hz:
             yield (
@@ -247,7 +247,7 @@ class RadarTable(Table):
         if self.snr_db is None and self.transmit_power_dbm is None:
             yield "snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db"
         if self.snr_db is None and self.system_noise_figure_db is None:
-            yield "noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10"
+            yield "noise_figure_db", "missing, but required with transmit_power_dbm; add it, for example 10"
 
     def _conflicts_of_receiver(self, highest_hz: float) -> Conflicts:
         """Yield figures of the receiver that conflict with the sampling or the description of the noise."""
@@ -255,7 +255,7 @@ class RadarTable(Table):
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")
             if 0 < corner_hz < MIN_CORNER * highest_hz:
-                message = f"{corner_hz:g} is nothing beside the highest beat, {highest_hz:g}; raise it, or set 0"
+                message = f"{corner_hz:g} is negligible against the highest beat, {highest_hz:g}; raise it, or set 0"
                 yield f"receiver.{kind}_corner_hz", message
         if receiver.anti_alias_corner_hz > 4 * highest_hz:
             message = f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it"
@@ -265,7 +265,10 @@ class RadarTable(Table):
             message = f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"
             yield "receiver.range_gain.from_hz", message
         if receiver.converter.imbalanced and self.sampling == "real":
-            yield "receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'"
+            yield (
+                "receiver.converter.iq_gain_db",
+                "real samples have no quadrature component; set radar.sampling = 'iq'",
+            )
         if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
             yield "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
         if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
@@ -314,13 +317,13 @@ def conflicts_of_average(
     if sensor != "radar":
         yield key, f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
     if radar.sweep == "triangular":
-        yield key, f"{average.chirps} is not for pairs of sweeps; set 1, or radar.sweep = 'up'"
+        yield key, f"{average.chirps} is not supported with pairs of sweeps; set 1, or radar.sweep = 'up'"
     if radar.stagger > 0:
         yield key, f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{average.chirps} is not for a beam that is steered anew for each chirp; set 1"
+        yield key, f"{average.chirps} is not supported with a beam that is steered anew for each chirp; set 1"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{average.chirps} does not tell rain, snow or dust from ground; set 1, or remove the weather"
+        yield key, f"{average.chirps} is not supported together with rain, snow or dust; set 1, or remove the weather"
     if average.mode == "coherent":
         if tracing.speckle == "per_pulse":
             message = "'coherent' needs the same scatterers in all chirps; set tracing.speckle = 'persistent'"
@@ -330,10 +333,10 @@ def conflicts_of_average(
         message = f"{processing.cfar.kind!r} has no false-alarm rate in closed form over averaged powers; set 'CA'"
         yield "processing.cfar.kind", message
     if processing.angle != "off":
-        message = "an angle needs phases, which averaged powers have lost; set 'coherent'"
+        message = "the angle of arrival needs phases, which averaged powers do not have; set 'coherent'"
         yield "processing.average.mode", message
     if whole_echoes is not None:
-        message = f"{whole_echoes!r} knows the likelihood of single chirps alone; set 'linear'"
+        message = f"{whole_echoes!r} models the likelihood of single chirps only; set 'linear'"
         yield "dem.method", f"{message}, or processing.average.mode = 'coherent'"
 
 
@@ -341,7 +344,9 @@ def conflicts_of_gate(processing: ProcessingTable, radar: RadarTable, weather: W
     """Yield what a range gate contradicts in the rest of a scenario."""
     in_air = weather.falling or weather.dust_visibility_m is not None
     if radar.gate_delay_us > 0 and in_air and processing.volume_clutter != "off":
-        message = f"'auto' tells rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
+        message = (
+            f"'auto' recognises rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
+        )
         yield "processing.volume_clutter", f"{message}set 'off', or remove the weather or the gate"
 
 
@@ -353,26 +358,35 @@ def conflicts_of_squint(
     if value == 0:
         return
     if processing.angle != "off":
-        yield key, f"{value:g} is not for several receivers; set 0, or processing.angle = 'off'"
+        yield key, f"{value:g} is not supported with several receivers; set 0, or processing.angle = 'off'"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{value:g} is not for beams steered electronically; set 0, or another radar.scan.mode"
+        yield key, f"{value:g} is not supported with electronically steered beams; set 0, or another radar.scan.mode"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{value:g} is not for rain, snow or dust, whose echoes are those of the whole beam; set 0"
+        yield (
+            key,
+            f"{value:g} is not supported with rain, snow or dust, whose echoes are those of the whole beam; set 0",
+        )
     if tracing.bounces > 1:
-        yield key, f"{value:g} is not for ways that leave and arrive at different angles; set 0, or tracing.bounces = 1"
+        yield (
+            key,
+            f"{value:g} is not supported for paths that leave and arrive at different angles; set 0, or "
+            "tracing.bounces = 1",
+        )
 
 
 def refuse_gate(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
     if radar.gate_delay_us > 0:
-        message = f"{radar.gate_delay_us:g}: {what} takes ranges from zero on; set 0, and more samples_per_chirp"
+        message = f"{radar.gate_delay_us:g}: {what} assumes ranges from zero on; set 0, and raise samples_per_chirp"
         raise ScenarioError.of("radar.gate_delay_us", message)
 
 
 def refuse_squint(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a beam that squints where `what` needs one that stands still over a sweep."""
     if radar.antenna.squint_deg_per_ghz != 0:
-        message = f"{radar.antenna.squint_deg_per_ghz:g}: {what} takes a beam that stands still over a sweep; set 0"
+        message = (
+            f"{radar.antenna.squint_deg_per_ghz:g}: {what} assumes a beam that does not move during a sweep; set 0"
+        )
         raise ScenarioError.of("radar.antenna.squint_deg_per_ghz", message)
 
 
@@ -384,7 +398,7 @@ def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
 def refuse_average(processing: ProcessingTable, what: str) -> None:
     """Raise ScenarioError for averaged chirps where `what` needs single ones."""
     if processing.average.chirps > 1:
-        message = f"{processing.average.chirps}: {what} knows single chirps alone; set 1"
+        message = f"{processing.average.chirps}: {what} supports single chirps only; set 1"
         raise ScenarioError.of("processing.average.chirps", message)
 
 
@@ -403,13 +417,13 @@ def conflicts_of_angle(
     if radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]:
         yield key, f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
     if radar.sweep == "triangular":
-        yield key, f"{angle!r} is not for pairs of sweeps; set radar.sweep = 'up'"
+        yield key, f"{angle!r} is not supported with pairs of sweeps; set radar.sweep = 'up'"
     if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{angle!r} is not for beams steered electronically; set another radar.scan.mode"
+        yield key, f"{angle!r} is not supported with electronically steered beams; set another radar.scan.mode"
     if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{angle!r} does not tell rain, snow or dust from ground; remove the weather"
+        yield key, f"{angle!r} is not supported together with rain, snow or dust; remove the weather"
     if whole_echoes is not None:
-        message = f"{whole_echoes!r} models whole echoes, and processing.angle = {angle!r} gives points; "
+        message = f"{whole_echoes!r} needs range profiles, and processing.angle = {angle!r} gives points; "
         yield "dem.method", message + "set 'linear' or 'smooth'"
 
 
@@ -421,26 +435,29 @@ def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: 
             yield "radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it"
         return
     if radar.gate_delay_us > 0:
-        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not for frames of an array; set 0"
+        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not supported with frames of an array; set 0"
     if (squint := radar.antenna.squint_deg_per_ghz) != 0:
-        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not for frames of an array; set 0"
+        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not supported with frames of an array; set 0"
     if array is None:
-        yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that has some"
+        yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that defines them"
         return
     if radar.sweep == "triangular":
-        yield "radar.sweep", "'triangular' is not for frames of an array; set 'up'"
+        yield "radar.sweep", "'triangular' is not supported with frames of an array; set 'up'"
     if radar.stagger > 0:
-        yield "radar.stagger", f"{radar.stagger:g} is not for frames of an array; set 0"
+        yield "radar.stagger", f"{radar.stagger:g} is not supported with frames of an array; set 0"
     if radar.scan.mode not in ("fixed", "side_looking"):
-        yield "radar.scan.mode", f"{radar.scan.mode!r} moves the array within its frames; set 'fixed'"
+        yield "radar.scan.mode", f"{radar.scan.mode!r} would move the array during a frame; set 'fixed'"
     if processing.angle != "off":
-        yield "processing.angle", f"{processing.angle!r} is of a second receiver; set 'off'"
+        yield (
+            "processing.angle",
+            f"{processing.angle!r} needs a second receiver, which sensor = 'mimo' does not have; set 'off'",
+        )
     if processing.average.chirps > 1:
-        yield "processing.average.chirps", "frames of an array are no averages; set 1, and radar.array.chirps"
+        yield "processing.average.chirps", "is not supported with frames of an array; set 1, and radar.array.chirps"
     if tracing.speckle == "per_pulse":
         yield "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
     if receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
-        yield "radar.receiver", "an array's receivers are ideal but for noise and radar.array; remove the others"
+        yield "radar.receiver", "an array's receivers support thermal noise and radar.array only; remove the other keys"
     frame_s = array.chirps_per_frame / radar.chirp_rate_hz
     if frame_s * array.frame_rate_hz > 1 + 1e-9:
         message = f"{array.frame_rate_hz:g} frames of {1e3 * frame_s:.3g} ms do not fit into a second; lower it to "

@@ -64,38 +64,39 @@ Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=Tr
 
 
 class OscillatorTable(Table):
-    """What the frequency of the sweep is besides ideal: echoes are mixed with the same sweep, which has gone on since.
+    """Errors of the oscillator: phase noise, frequency errors of the sweep, and drift.
 
-    Errors of frequency are those of the transmitted wave.
+    Frequency errors are those of the transmitted wave; echoes are mixed with the same sweep, which has advanced since.
     """
 
     phase_noise_dbc_hz: tuple[Offset, ...] = ()
-    """pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between them decibels are
-    linear in the logarithm of the offset, below the first they go on as between the first two, beyond the last they
-    stay."""
+    """Phase noise: pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Decibels are
+    linear in the logarithm of the offset; below the first pair they are extrapolated from the first two, beyond the
+    last they stay."""
     phase_noise_preset: Annotated[str, one_of(PHASE_NOISE)] | None = None
-    """instead of it, that of a published oscillator."""
+    """Phase noise of a published oscillator, instead of `phase_noise_dbc_hz`."""
     quadratic_hz: Real = 0.0
-    """error of frequency at both ends of the sweep that grows with the square of the time from its middle."""
+    """Quadratic frequency error: its value at both ends of the sweep, growing with the square of the time from its
+    middle."""
     cubic_hz: Real = 0.0
-    """error at the end of the sweep that grows with the cube, the negative at its start."""
+    """Cubic frequency error: its value at the end of the sweep, and the negative at its start."""
     sinusoidal_hz: Real = 0.0
-    """amplitude of an error that repeats itself."""
+    """Amplitude of a sinusoidal frequency error."""
     sinusoidal_periods: Annotated[Real, Field(gt=0, le=1e4)] = 1.0
-    """how often in a sweep."""
+    """Periods of the sinusoidal frequency error in a sweep."""
     settling_hz: Real = 0.0
-    """error at the start of the sweep that dies away exponentially."""
+    """Frequency error at the start of the sweep that decays exponentially."""
     settling_time_s: Positive | None = None
-    """in which it falls to 1/e."""
+    """Time in which the settling error falls to 1/e."""
     sweep_error: InputPath | None = None
-    """a CSV with the columns time_s, from the start of the sweep, and error_hz, added to these."""
+    """CSV file of a further frequency error, with the columns time_s, from the start of the sweep, and error_hz."""
     drift_ppm_per_k: Annotated[Real, Field(ge=-1e4, le=1e4)] = 0.0
-    """of the reference that slope, carrier and sampling follow, for each kelvin."""
+    """Temperature drift of the frequency reference that slope, carrier and sampling follow, per kelvin."""
     warmer_k: Annotated[Real, Field(ge=-200, le=200)] = 0.0
-    """temperature over that at which the reference was measured."""
+    """Temperature above that at which the reference was measured."""
     used_window: tuple[Annotated[Real, Field(ge=0, le=1)], Annotated[Real, Field(ge=0, le=1)]] = (0.0, 1.0)
-    """the shares of the sweep between which samples are used: fewer samples of less bandwidth, at the same rate. The
-    time of a pulse is that of their middle."""
+    """First and last fraction of the sweep between which samples are used: fewer samples of less bandwidth, at the same
+    rate. The time of a pulse is that of their middle."""
 
     def _conflicts(self) -> Conflicts:
         offsets = [offset for offset, _ in self.phase_noise_dbc_hz]
@@ -130,42 +131,43 @@ class OscillatorTable(Table):
 
 
 class LeakageTable(Table):
-    """A way of the transmitted wave into the receiver that never changes: between the antennas, off a radome."""
+    """A constant leakage path from transmitter to receiver: between the antennas, off a radome."""
 
     delay_ns: Annotated[Real, Field(ge=0, le=1e6)]
-    """from transmitter to receiver."""
+    """Delay from transmitter to receiver."""
     level_db: Annotated[Real, Field(ge=-250, le=0)]
-    """of what arrives, over the transmitted power."""
+    """Leakage power, relative to the transmitted power."""
 
 
 class AmplifierTable(Table):
-    """A stage of amplification, or with a negative gain of loss, in front of the converter."""
+    """An amplifier stage in front of the converter; a negative gain is a loss."""
 
     gain_db: Annotated[Real, Field(ge=-100, le=150)]
-    """of power."""
+    """Power gain; negative for a loss."""
     noise_figure_db: Annotated[Real, Field(ge=0, le=100)]
-    """of the stage alone; that of a passive one is its loss."""
+    """Noise figure of the stage alone; that of a passive stage is its loss."""
 
 
 class ConverterTable(Table):
-    """The analogue-to-digital converter and what is in front of it; each part of I/Q samples has one."""
+    """The analogue-to-digital converter and its gain; each component of I/Q samples has one."""
 
     bits: Annotated[int, Field(strict=True, ge=1, le=24)] | None = None
-    """of a sample; without them it is not rounded."""
+    """Number of bits of a sample. Default: samples are not rounded."""
     full_scale_dbm: Annotated[Real, Field(ge=-200, le=60)] | None = None
-    """power of the sine that just fills the converter, at its input."""
+    """Full-scale power: that of the sine that just fills the converter, at its input."""
     full_scale_over_noise_db: Annotated[Real, Field(ge=0, le=250)] | None = None
-    """instead of it, over the thermal noise of a sample."""
+    """Full scale relative to the thermal noise of a sample, instead of `full_scale_dbm`."""
     gain_db: Annotated[Real, Field(ge=-100, le=200)] = 0.0
-    """fixed gain between antenna and converter, beside that of the amplifiers."""
+    """Fixed gain between antenna and converter, in addition to that of the amplifiers."""
     agc_headroom_db: Annotated[Real, Field(ge=0, le=60)] | None = None
-    """instead of a fixed gain, one for each sweep that puts its strongest sample so far under full scale."""
+    """Headroom of an automatic gain control, instead of a fixed gain: each sweep's gain puts its strongest sample this
+    far below full scale."""
     dc_offset_db: Annotated[Real, Field(ge=-250, le=0)] | None = None
-    """of an offset of the converter, in both parts of I/Q samples: its amplitude over full scale."""
+    """DC offset of the converter, in both components of I/Q samples: its amplitude relative to full scale."""
     iq_gain_db: Annotated[Real, Field(ge=-10, le=10)] = 0.0
-    """amplification of the quadrature part over that of the other."""
+    """Gain imbalance: gain of the quadrature component relative to the in-phase one."""
     iq_phase_deg: Annotated[Real, Field(ge=-45, le=45)] = 0.0
-    """by which the quadrature part lags behind a quarter of a turn."""
+    """Phase imbalance: lag of the quadrature component behind 90 deg."""
 
     def _conflicts(self) -> Conflicts:
         scales = {
@@ -196,16 +198,16 @@ class ConverterTable(Table):
 class RangeGainTable(Table):
     """A gain that rises with the beat frequency, and so with range: the sensitivity time control of an FMCW radar.
 
-    Behind the mixer and before the converter. Echoes beyond to_hz keep the receiver's gain, nearer ones lose some: from
-    from_hz to to_hz it rises by 6 dB an octave for each order, below it is even. Spectra are calibrated for it.
+    It acts between mixer and converter. Echoes beyond to_hz keep the receiver's gain, nearer ones are attenuated: from
+    from_hz to to_hz the gain rises by 6 dB an octave for each order, below it is flat. Spectra are calibrated for it.
     """
 
     from_hz: Positive
-    """beat frequency at which the gain begins to rise."""
+    """Beat frequency at which the gain begins to rise."""
     to_hz: Positive
-    """at which it ends."""
+    """Beat frequency at which the gain ceases to rise."""
     order: Order = 2
-    """1 against the spreading of a volume that fills the beam, 2 against that of points."""
+    """Order of the rise: 1 compensates the spreading of a volume that fills the beam, 2 that of points."""
 
     def _conflicts(self) -> Conflicts:
         if self.to_hz <= self.from_hz:
@@ -213,30 +215,30 @@ class RangeGainTable(Table):
 
 
 class ReceiverTable(Table):
-    """The receiver between antenna and samples; what is not given is ideal."""
+    """The receiver between antenna and samples; without these keys it is ideal."""
 
     high_pass_corner_hz: NonNegative = 0.0
-    """of a Butterworth high-pass on the beat signal; 0 for none."""
+    """Corner frequency of a Butterworth high-pass on the beat signal; 0 for none."""
     high_pass_order: Order = 2
-    """of that filter."""
+    """Order of the high-pass."""
     range_gain: RangeGainTable | None = None
-    """over beat frequency, beside the high-pass; without it even."""
+    """Gain over beat frequency, in addition to the high-pass. Default: flat."""
     anti_alias_corner_hz: NonNegative = 0.0
-    """of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the sampled band. With I/Q
-    samples it counts from the middle of their band."""
+    """Corner frequency of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the
+    sampled band. With I/Q samples it counts from the middle of their band."""
     anti_alias_order: Annotated[int, Field(strict=True, ge=1, le=8)] = 4
-    """of that filter."""
+    """Order of the anti-alias low-pass."""
     oscillator: OscillatorTable = OscillatorTable()
-    """phase noise, a sweep that is not straight, drift."""
+    """Phase noise, sweep nonlinearity and drift."""
     leakage: tuple[LeakageTable, ...] = ()
-    """ways of the transmitted wave into the receiver."""
+    """Leakage paths from transmitter to receiver."""
     amplifiers: tuple[AmplifierTable, ...] = ()
-    """gains and noise figures from the antenna on, instead of `radar.noise_figure_db`."""
+    """Gains and noise figures from the antenna on, instead of `radar.noise_figure_db`."""
     converter: ConverterTable = ConverterTable()
-    """bits, full scale, and errors of I/Q samples."""
+    """Bits, full scale, and errors of I/Q samples."""
     stages: dict[Place, Stage] = {}
-    """stages of the receiver that custom ones replace, by their names: leakage, mixer, interference, noise, filters,
-    converter."""
+    """Custom stages of the receiver by the name of the stage that they replace: leakage, mixer, interference, noise,
+    filters, converter."""
 
     def _conflicts(self) -> Conflicts:
         for kind in ("high_pass", "anti_alias"):
@@ -247,12 +249,15 @@ class ReceiverTable(Table):
         excess_db = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
         if excess_db is not None:
             message = (
-                f"their gains come to {excess_db:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
+                f"their total gain of {excess_db:g} dB exceeds {MAX_GAIN_DB} dB in magnitude; give fewer "
+                "amplifiers, or lower gains"
             )
             yield "amplifiers", message
         for slot, stage in self.stages.items():
             if stage.stage != slot and stage.stage in get_args(Place):
-                message = f"{stage.stage!r} is the program's own, of another place; name one of a plug-in, or remove it"
+                message = (
+                    f"{stage.stage!r} is a built-in stage of another position; name a plug-in's stage, or remove it"
+                )
                 yield f"stages.{slot}", message
 
     @property
@@ -276,25 +281,25 @@ class Interferer(Table):
     """Another radar, in the line of sight of ours, whose waves our antenna receives directly."""
 
     kind: Literal["fmcw", "cw"] = "fmcw"
-    """a linear sweep, or a steady carrier."""
+    """Waveform of the interferer: a linear sweep, or a steady carrier."""
     position_m: Point2
-    """east and north."""
+    """Position: east and north."""
     height_m: NonNegative = 0.0
-    """above the ground."""
+    """Height above the ground."""
     power_dbm: Annotated[Real, Field(ge=-100, le=90)]
-    """transmitted."""
+    """Transmit power."""
     antenna_gain_db: Annotated[Real, Field(ge=-100, le=80)] = 0.0
-    """of its antenna toward ours, dBi, less what its polarization loses."""
+    """Gain of the interferer's antenna toward ours in dBi, less its polarization loss."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
-    """in the middle of its sweep."""
+    """Frequency in the middle of the interferer's sweep."""
     bandwidth_hz: Annotated[Real, Field(ge=0, le=1e11)] | None = None
-    """of its sweep."""
+    """Bandwidth of the interferer's sweep."""
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] | None = None
-    """its sweeps a second, each as long as its period."""
+    """Number of the interferer's sweeps a second, each as long as its period."""
     sweep: Literal["up", "down"] = "up"
-    """rising or falling."""
+    """Direction of the interferer's sweep: rising or falling."""
     offset_s: Annotated[Real, Field(ge=-1e6, le=1e6)] = 0.0
-    """when a sweep of its begins, after the start of the survey."""
+    """Time after the start of the survey at which one of the interferer's sweeps begins."""
 
     def _conflicts(self) -> Conflicts:
         sweep = {"bandwidth_hz": self.bandwidth_hz, "chirp_rate_hz": self.chirp_rate_hz}
@@ -302,33 +307,34 @@ class Interferer(Table):
             if self.kind == "fmcw" and value is None:
                 yield key, "missing; give it, or kind = 'cw'"
             if self.kind == "cw" and value is not None:
-                yield key, "a steady carrier has none; remove it, or set kind = 'fmcw'"
+                yield key, "does not apply to a steady carrier; remove it, or set kind = 'fmcw'"
 
 
 class SecondReceiverTable(Table):
-    """What a second receiver sees beside the first, which stays as it is; both have the noise of one."""
+    """Further receivers beside the first, for the angle of arrival; each has the noise of one."""
 
     kind: Literal["interferometer", "monopulse", "row"] = "interferometer"
-    """"interferometer" has the antenna's pattern and a phase centre of its own; "monopulse" the difference of the
-    antenna's two halves, its sum being the first receiver's; "row" stands for several like an interferometer's, evenly
-    spaced with the first: receivers, or virtual ones of a MIMO radar that tells its transmitters apart."""
+    """Kind of the second receiver. An "interferometer" has the antenna's pattern and a phase centre of its own;
+    "monopulse" is the difference of the antenna's two halves, whose sum is the first receiver; a "row" is several
+    receivers like an interferometer's, evenly spaced with the first: real ones, or virtual ones of a MIMO radar that
+    separates its transmitters."""
     receivers: Annotated[int, Field(strict=True, ge=3, le=32)] | None = None
-    """of a row, with the first."""
+    """Number of receivers of a row, the first included."""
     axis: Literal["elevation", "azimuth", "both"] = "both"
-    """along which its phase centre lies, or the halves do: the antenna's elevation (up) or azimuth (left); "both" adds
-    a third receiver, so that each axis has its own; a row then lies along the elevation, with one receiver beside
-    it."""
+    """Axis along which the phase centre or the halves lie: the antenna's elevation (up) or azimuth (left). With "both"
+    a third receiver gives each axis its own; a row then lies along the elevation, with one receiver beside it."""
     baseline_wavelengths: Annotated[Real, Field(ge=0.05, le=1000)] | None = None
-    """between the phase centres of an interferometer; without it such that the phase scatters by a quarter of a radian
-    over the two-way beam. Between neighbours in a row; without it half of the longest that is unambiguous."""
+    """Distance between the phase centres of an interferometer, or between neighbours in a row. Default: for an
+    interferometer such that the phase scatters by a quarter of a radian over the two-way beam, in a row half of the
+    longest that is unambiguous."""
     baseline_error_wavelengths: Annotated[Real, Field(ge=-1, le=1)] = 0.0
-    """by how much the phase centre lies farther out than processing believes."""
+    """Error of the baseline: excess of the true distance over the one that processing assumes."""
     phase_error_deg: Annotated[Real, Field(ge=-180, le=180)] = 0.0
-    """of a second receiver against the first, not calibrated out; not for "monopulse"."""
+    """Uncalibrated phase of a second receiver relative to the first; not for "monopulse"."""
 
     def _conflicts(self) -> Conflicts:
         if self.kind == "row" and self.receivers is None:
-            yield "receivers", "missing; give how many a row has, for example 8"
+            yield "receivers", "missing; give the number of receivers of the row, for example 8"
         if self.kind != "row" and self.receivers is not None:
             yield "receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'"
         for name in self.changed("baseline_wavelengths", "baseline_error_wavelengths", "phase_error_deg"):
@@ -343,41 +349,41 @@ SAME_WAVELENGTHS = 1e-3
 
 
 class ArrayTable(Table):
-    """Transmitters and receivers of a module that maps without turning: sensor = "mimo".
+    """Transmitters and receivers of a MIMO module that maps without rotating: sensor = "mimo".
 
     The antenna's pattern is that of each element.
     """
 
     transmitters_wavelengths: tuple[Place2, ...]
-    """where the transmitters are: [left, up] of the antenna's middle."""
+    """Positions of the transmitters: [left, up] of the antenna's middle."""
     receivers_wavelengths: tuple[Place2, ...]
-    """where the receivers are."""
+    """Positions of the receivers: [left, up] of the antenna's middle."""
     multiplexing: Literal["tdm", "ddm", "bpm"] = "tdm"
-    """how transmitters are told apart: they take turns, or all send at once, with Doppler frequencies or binary phases
-    of their own."""
+    """Separation of the transmitters: in turn ("tdm"), or all at once with different Doppler frequencies ("ddm") or
+    binary phases ("bpm")."""
     chirps: Annotated[int, Field(strict=True, ge=8, le=4096)] = 64
-    """of each transmitter in a frame; with "bpm" blocks of a power of two."""
+    """Number of chirps of each transmitter in a frame; with "bpm" blocks of a power of two."""
     frame_rate_hz: Annotated[Real, Field(gt=0, le=1e5)] = 10.0
-    """frames a second; between them the module is silent."""
+    """Number of frames a second; between them the module is silent."""
     gain_error_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
-    """standard deviation of what calibration leaves of the gain of each transmitter and receiver."""
+    """Standard deviation of the residual gain error of each transmitter and receiver after calibration."""
     phase_error_deg: Annotated[Real, Field(ge=0, le=180)] = 0.0
-    """the same of the phase."""
+    """Standard deviation of the residual phase error of each transmitter and receiver after calibration."""
     coupling_db: Annotated[Real, Field(ge=-100, le=-3)] | None = None
-    """what a receiver half a wavelength away couples over; less over longer ways. Without it there is none."""
+    """Mutual coupling between receivers half a wavelength apart; it falls with distance. Default: none."""
     half_view_deg: Annotated[Real, Field(gt=0, lt=90)] = 50.0
-    """directions farther from the antenna's axis are left out."""
+    """Largest angle of a direction from the antenna's axis; directions beyond are left out."""
     rate_window: Literal["hann", "hamming", "blackman", "blackmanharris"] = "hann"
-    """over the chirps of a frame."""
+    """Window of the Doppler FFT over the chirps of a frame."""
     average_cells: tuple[
         Annotated[int, Field(strict=True, ge=1, le=64)], Annotated[int, Field(strict=True, ge=1, le=64)]
     ] = (
         2,
         2,
     )
-    """cells of range rate and of range that are averaged to a point."""
+    """Number of range-rate and of range cells that are averaged to a point."""
     max_sigma_m: Positive = 2.0
-    """points of a larger standard deviation, along the ray or across it, are left out."""
+    """Largest standard deviation of a point, along the ray or across it; points above it are left out."""
 
     def _conflicts(self) -> Conflicts:
         limits = {"transmitters_wavelengths": MAX_TRANSMITTERS, "receivers_wavelengths": MAX_RECEIVERS}
@@ -404,31 +410,33 @@ class ArrayTable(Table):
 class LidarTable(Table):
     """A range sensor on the radar's scan: the range along the beam axis, exact but for white noise.
 
-    Without wavelength_nm it sees through everything. With it the weather's extinction and echoes act on its pulses.
+    Without wavelength_nm it ignores the weather. With it the weather's extinction and echoes act on its pulses.
     """
 
     range_noise_m: NonNegative = 0.0
-    """standard deviation of a range."""
+    """Standard deviation of a range."""
     wavelength_nm: Literal[905, 1550] | None = None
-    """of the light."""
+    """Wavelength of the light."""
     clear_range_m: Annotated[Real, Field(ge=1, le=1e5)] = 200.0
-    """in clear air, of a Lambertian target of 10 % at right angles: what sets the receiver's threshold."""
+    """Maximum range in clear air to a Lambertian target of 10 % at normal incidence; it sets the receiver's
+    threshold."""
     least_reflectivity: Annotated[Real, Field(ge=0, le=1)] = 0.001
-    """of the weakest target that is reported, however near it is."""
+    """Reflectivity of the weakest target that is reported, however near it is."""
     returns: Literal["first", "last"] = "first"
-    """the first or the last one of a pulse is its range."""
+    """Return of a pulse that gives its range: the first or the last one."""
     pulse_ns: Annotated[Real, Field(ge=0.01, le=1000)] = 5.0
-    """length of the pulse."""
+    """Length of the pulse."""
     divergence_mrad: Annotated[Real, Field(ge=0, le=100)] = 1.0
-    """full width of the beam."""
+    """Full width of the beam."""
     aperture_mm: Annotated[Real, Field(ge=1, le=1000)] = 20.0
-    """width of the beam at the lidar."""
+    """Width of the beam at the lidar."""
     near_range_m: Annotated[Real, Field(ge=0.1, le=1000)] = 1.0
-    """nothing closer is detected; from there on the receiver sees the whole beam."""
+    """Least range of a detection, from which on the receiver sees the whole beam."""
     ground_reflectivity: Annotated[Real, Field(gt=0, le=1)] = 0.3
-    """Lambertian, of the ground at the wavelength."""
+    """Lambertian reflectivity of the ground at the wavelength."""
     reflectivities: dict[str, Annotated[Real, Field(ge=0, le=1)]] = {}
-    """of other surfaces, by the names of their materials; 0 for calm water, which mirrors the light away."""
+    """Reflectivities of other surfaces by the names of their materials; 0 for calm water, which mirrors the light
+    away."""
 
     def _conflicts(self) -> Conflicts:
         changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))

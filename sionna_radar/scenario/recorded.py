@@ -1,4 +1,4 @@
-"""Adjustable settings for the processing of recorded beat signals, and the radar of a recording."""
+"""Tables of recordings: the description of foreign samples, and the settings with which they are processed."""
 
 from __future__ import annotations
 
@@ -25,146 +25,148 @@ from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Posit
 
 # Adjustable tables of any recording; additional ones of a recording without a scenario.
 OPEN = ("processing", "dem")
-OPEN_BESIDES = ("radar.antenna", "radar.receiver", "radar.array", "radar.conjugate")
+RADAR_KEYS = ("radar.antenna", "radar.receiver", "radar.array", "radar.conjugate")
 SLOWEST_WAVE_MPS = 1e6
 
 
 class RecordedRadar(Table):
-    """The radar of a recording, by the attributes of its variable `radar`."""
+    """The radar of a recording; attributes of the netCDF variable `radar`."""
 
     carrier_hz: Annotated[Real, Field(ge=1e6, le=1e12)]
-    """the frequency in the middle of the recorded samples."""
+    """Frequency in the middle of the recorded samples."""
     bandwidth_hz: Annotated[Real, Field(ge=1e3, le=1e12)]
-    """swept during the recorded samples: slope times samples over the sampling rate."""
+    """Bandwidth swept during the recorded samples: slope times samples over the sampling rate."""
     sampling_rate_hz: Annotated[Real, Field(ge=1.0, le=1e12)]
-    """of the recorded samples."""
+    """Sampling rate of the recorded samples."""
     sweep: Literal["up", "down", "triangular"] = "up"
-    """"triangular" for an up- and a down-sweep in each pulse."""
+    """Direction of the sweep; "triangular" for an up- and a down-sweep in each pulse."""
     gate_delay_us: Annotated[Real, Field(ge=0, le=LONGEST_GATE_US)] = 0.0
-    """delay of the sweep that echoes were mixed with, and of the samples, after the transmitted sweep; see
+    """Delay of the sweep that echoes were mixed with, and of the samples, after the transmitted sweep; see
     `radar.gate_delay_us`."""
     propagation_mps: Annotated[Real, Field(ge=SLOWEST_WAVE_MPS, le=speed_of_light)] = speed_of_light
-    """speed of the wave, c / sqrt(permittivity) in a medium such as ice."""
+    """Speed of the wave, c / sqrt(permittivity) in a medium such as ice."""
     chirp_period_s: Positive | None = None
-    """from chirp to chirp within the frames of an array."""
+    """Time from chirp to chirp within the frames of an array."""
     transmit_power_w: Positive | None = None
-    """of a simulated radar."""
+    """Transmit power of a simulated radar."""
     noise_power_w: NonNegative | None = None
-    """of a sample of a simulated radar."""
+    """Noise power in a sample of a simulated radar."""
 
     def _conflicts(self) -> Conflicts:
         if self.bandwidth_hz >= 2 * self.carrier_hz:
-            yield "bandwidth_hz", f"{self.bandwidth_hz:g} reaches below 0 Hz about carrier_hz; give the carrier"
+            yield "bandwidth_hz", f"{self.bandwidth_hz:g} extends below 0 Hz around carrier_hz; correct the carrier"
 
 
 class RecordedReception(Table):
-    """What the processing of a real recording must be told of its radar."""
+    """Properties of the radar that the processing of a real recording needs."""
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
-    """its beam."""
+    """Beam of the antenna."""
     receiver: ReceiverTable = ReceiverTable()
-    """its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
+    """High-pass and range gain of the receiver, which calibrated spectra divide out; all else has happened to the
     samples."""
     array: ArrayTable | None = None
-    """its transmitters and receivers; a pulse is then a frame of all their chirps."""
+    """Transmitters and receivers of the array; a pulse is then a frame of all their chirps."""
     conjugate: bool = False
-    """whether the Q samples have the other sign, so that echoes have negative beats."""
+    """Whether the Q samples have the other sign, so that echoes have negative beats."""
 
     def _conflicts(self) -> Conflicts:
         unsupported = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
         if unsupported:
             yield (
                 f"receiver.{unsupported[0]}",
-                ("has no effect on samples that are recorded already; only high-pass and range gain have"),
+                ("has no effect on recorded samples; only high-pass and range gain apply"),
             )
 
 
 class RecordedSettings(Table):
-    """How a recording without a scenario is processed: the tables of a scenario that apply."""
+    """Processing settings of a recording without a scenario: the tables of a scenario that apply."""
 
     radar: RecordedReception = RecordedReception()
-    """what must be known of the radar."""
+    """Properties of the radar that processing needs."""
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
-    """how beat signals are turned into ranges."""
+    """Processing of beat signals to ranges."""
     dem: DemTable = Field(default_factory=DemTable)
-    """how echoes are turned into heights."""
+    """Mapping of echoes to heights."""
 
 
 class ReadingsTable(Table):
-    """Ranges that a radar or a laser read by itself, as an altimeter does."""
+    """Range readings of an altimeter, which processes its own signals."""
 
     file: InputPath
-    """a CSV file, .npz or netCDF (.nc) with time_s, range_m (empty or nan without a reading) and, if known, sigma_m."""
+    """File of range readings: CSV, .npz or netCDF (.nc) with time_s, range_m (empty or nan without a reading) and
+    optionally sigma_m."""
     columns: dict[Literal["time_s", "range_m", "sigma_m"], str] = {}
-    """names in the file, by ours."""
+    """Names of the columns or variables in the file, by ours."""
     range_cell_m: Annotated[Positive, Field(le=1e4)] = 1.0
-    """length of a range cell of the radar: neighbouring readings share errors of the map within some of them."""
+    """Length of a range cell of the radar: neighbouring readings share errors of the map within some of them."""
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
-    """range that is read at range zero: cables, filters, internal delay."""
+    """Range reading at range zero: cables, filters, internal delay."""
 
 
 class RecordingTable(Table):
-    """The samples of a recording, and what is to be done to them before they are processed."""
+    """The samples of a recording, and their preprocessing."""
 
     samples: InputPath
-    """a .npy, .npz or netCDF (.nc) array, or the raw capture (.bin) of TI's DCA1000 card."""
+    """Sample file: a .npy, .npz or netCDF (.nc) array, or the raw capture (.bin) of TI's DCA1000 card."""
     variable: str = "samples"
-    """name of the array in a .npz or netCDF file."""
+    """Name of the array in a .npz or netCDF file."""
     axes: tuple[Literal["pulse", "receiver", "sample", "range", "iq"], ...] = ("pulse", "sample")
-    """what the axes of an array are, the slowest first: "sample" of beat signals, or "range" of range profiles; "iq"
-    holds I and Q, unless values are complex."""
+    """Axes of the array, the slowest first: "sample" of beat signals, or "range" of range profiles; "iq" holds I and Q,
+    unless values are complex."""
     values: Literal["complex", "power", "power_db"] = "complex"
-    """of range profiles: complex, mean powers (of any number of chirps), or these in dB."""
+    """Values of range profiles: complex, mean powers (of any number of chirps), or these in dB."""
     config: InputPath | None = None
-    """chirp configuration of a capture: a .cfg file, or mmWave Studio's .mmwave.json."""
+    """Chirp configuration of a capture: a .cfg file, or mmWave Studio's .mmwave.json."""
     lanes: Literal[2, 4] = 2
     """LVDS lanes of a capture: 2 for xWR16xx, xWR18xx and xWR68xx, 4 for xWR12xx and xWR14xx."""
     receiver: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
-    """which one is processed, counted from 1."""
+    """Number of the receiver that is processed, counted from 1."""
     transmitter: Annotated[int, Field(strict=True, ge=1, le=16)] = 1
-    """whose chirps are processed, of transmitters in turn, counted from 1."""
+    """Number of the transmitter whose chirps are processed, counted from 1, for transmitters in turn."""
     used_samples: tuple[int, int] | None = None
-    """first sample and the one after the last, where those at the ends of a sweep are dead."""
+    """First used sample and the one after the last, where samples at the ends of a sweep are dead."""
     background: InputPath | None = None
-    """a recording of the sky or an absorber in the same form; its mean sweep is subtracted from each, and leakage with
-    it; of powers, what its mean exceeds its median over the ranges by."""
+    """Recording of the sky or an absorber in the same form. Its mean sweep is subtracted from each, and leakage with
+    it; for powers, what its mean exceeds its median over the ranges by."""
     channel_gain_db: tuple[tuple[Annotated[Real, Field(ge=-60, le=60)], ...], ...] = ()
-    """measured gains of an array's channels, which are divided out: a row of receivers for each transmitter in turn, or
+    """Measured gains of an array's channels, which are divided out: a row of receivers for each transmitter in turn, or
     one row for all."""
     channel_phase_deg: tuple[tuple[Annotated[Real, Field(ge=-360, le=360)], ...], ...] = ()
-    """the same of their phases."""
+    """Measured phases of an array's channels, which are divided out: a row of receivers for each transmitter in turn,
+    or one row for all."""
     range_zero_m: Annotated[Real, Field(ge=-1e5, le=1e5)] = 0.0
-    """range that the radar reads at range zero: cables, filters, internal delay."""
+    """Range reading at range zero: cables, filters, internal delay."""
 
     def _conflicts(self) -> Conflicts:
         for key in sorted({"axes", "values", "variable"} & self.model_fields_set) if self.captured else ():
-            yield key, "is of arrays; the configuration of a capture says what it holds"
+            yield key, "applies to arrays only; the configuration of a capture defines its content"
         kinds = {"sample", "range"} & set(self.axes)
         if len(set(self.axes)) < len(self.axes) or "pulse" not in self.axes or len(kinds) != 1:
             yield "axes", f"{list(self.axes)}: name each axis once, pulse and either sample or range among them"
         if self.values != "complex" and (self.kind == "sample" or "iq" in self.axes):
-            yield "values", f"{self.values!r} is of range profiles; name their axis range, and no iq"
+            yield "values", f"{self.values!r} applies to range profiles only; name their axis range, and no iq"
         if self.kind == "range" and self.used_samples is not None:
-            yield "used_samples", "is of beat signals; of range profiles set processing.min_range_m"
+            yield "used_samples", "applies to beat signals only; for range profiles set processing.min_range_m"
 
     @property
     def captured(self) -> bool:
-        """Whether the samples are a raw capture."""
+        """Whether the samples are a raw capture of a DCA1000 card."""
         return Path(self.samples).suffix.lower() == ".bin"
 
     @property
     def kind(self) -> Literal["sample", "range"]:
-        """What the fast axis of an array holds."""
+        """Content of the fast axis of the array."""
         return "range" if "range" in self.axes else "sample"
 
 
 class SweepTable(RecordedRadar):
-    """The sweep of recorded samples, and how often it is sent."""
+    """The sweep of recorded samples, and the pulse rate."""
 
     pulse_rate_hz: Annotated[Positive, Field(le=1e9)]
-    """of the pulses that were recorded."""
+    """Rate of the recorded pulses."""
 
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
@@ -176,44 +178,47 @@ class PosesTable(Table):
     """The flight during a recording, from a log."""
 
     log: InputPath
-    """of the flight, in any format that `platform.log` takes."""
+    """Log of the flight, in any format that `platform.log` takes."""
     log_columns: dict[str, str] = {}
-    """as `platform.log_columns`."""
+    """Columns of a CSV log by our names; see `platform.log_columns`."""
     log_crs: str | None = None
-    """as `platform.log_crs`."""
+    """Coordinate reference system of a CSV log; see `platform.log_crs`."""
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
-    """as `platform.log_gap_s`."""
+    """Longest time without a position or an attitude that is interpolated; see `platform.log_gap_s`."""
     first_pulse_s: NonNegative = 0.0
-    """time of the first pulse in the log, from its first position."""
+    """Time of the first pulse in the log, counted from its first position."""
     incidence_deg: Annotated[Real, Field(ge=-180.0, le=180.0)] = 0.0
-    """of the antenna's boresight, from nadir toward `look`."""
+    """Angle of the antenna's boresight from nadir toward `look`."""
     look: Literal["forward", "left", "right"] = "forward"
-    """where the antenna looks: toward the nose, or to a side."""
+    """Direction that the antenna looks: toward the nose, or to a side."""
 
 
 class DescribedRecording(RecordedSettings):
-    """A recording of another program: the description beside its samples."""
+    """Description of a foreign recording, in a file beside its samples."""
 
     recording: RecordingTable | None = None
-    """the samples."""
+    """Samples of the recording."""
     readings: ReadingsTable | None = None
-    """ranges instead of samples."""
+    """Range readings, instead of samples."""
     sweep: SweepTable | None = None
-    """what the radar sent; a capture's configuration says it itself."""
+    """Transmitted sweep; the configuration of a capture describes it itself."""
     poses: PosesTable | None = None
-    """where the antenna was; without them there are ranges, and no map."""
+    """Poses of the antenna. Default: none; there are then ranges, and no map."""
 
     def _conflicts(self) -> Conflicts:
         if (self.recording is None) == (self.readings is None):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
         if self.sweep is not None and (self.recording is None or self.recording.captured):
-            yield "sweep", "is of arrays; readings have none, and the configuration of a capture says it"
+            yield (
+                "sweep",
+                "applies to arrays only; readings have no sweep, and the configuration of a capture defines it",
+            )
         for key in ("channel_gain_db", "channel_phase_deg") if self.recording and not self.radar.array else ():
             if getattr(self.recording, key):
-                yield f"recording.{key}", "is of the channels of an array; describe it in [radar.array]"
+                yield f"recording.{key}", "applies to the channels of an array; describe it in [radar.array]"
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings of its processing by dotted keys, those that are given."""
+        """Return the processing settings that the file contains, by dotted key."""
         given = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "readings", "sweep", "poses"})
         radar = given.pop("radar", {})
         return given | {f"radar.{key}": value for key, value in radar.items()}
@@ -227,12 +232,13 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
     _check_open(
         overrides,
         OPEN,
-        "is fixed by the recording: only processing, dem and radar.conjugate can be set; fly it again for more",
+        "cannot be changed for a recording; only processing, dem and radar.conjugate can be set; re-run the "
+        "simulation instead",
     )
     try:
         data = parse_toml(text)
     except ValueError as error:
-        raise ScenarioError.of("scenario", f"is not TOML: {error}; record it again", source) from error
+        raise ScenarioError.of("scenario", f"is not TOML: {error}; record the survey again", source) from error
     apply_overrides(data, overrides)
     return parse_scenario(data, source)
 
@@ -244,8 +250,8 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
     """
     _check_open(
         overrides,
-        OPEN + OPEN_BESIDES,
-        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(OPEN_BESIDES)}",
+        OPEN + RADAR_KEYS,
+        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(RADAR_KEYS)}",
     )
     data: dict[str, Any] = {}
     apply_overrides(data, overrides)

@@ -1,6 +1,6 @@
-"""The reference of all keys of a scenario, and its JSON Schema, made from its tables.
+"""JSON Schema and Markdown reference of all scenario keys, generated from the tables.
 
-With the schema, editors complete keys, show what they mean and mark misspelt ones.
+With the schema, editors complete keys, describe them and mark misspelt ones.
 """
 
 import ast
@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
+from sionna_radar.foundation.input_file import compact
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import LARGEST, summary, unit_of
 
@@ -24,7 +25,7 @@ BOUNDS = {"ge": "minimum", "le": "maximum", "gt": "exclusiveMinimum", "lt": "exc
 
 
 class _WithMeanings(GenerateJsonSchema):
-    """Adds the meanings of keys, and omits the implausibly large default bounds."""
+    """Add the descriptions of tables and keys, and omit the implausibly large default bounds."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         """Return the schema of a table with its description and those of its keys."""
@@ -34,8 +35,9 @@ class _WithMeanings(GenerateJsonSchema):
             json_schema["description"], meaning = summary(table), meanings(table)
             for name, entry in json_schema.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if told := entry.get("description") or meaning.get(name):
-                    entry["description"] = " ".join(told.split()) + unit
+                selects = json_schema["description"].partition("\n")[0] if name == "kind" else ""
+                if text := entry.get("description") or meaning.get(name) or selects:
+                    entry["description"] = " ".join(text.split()) + unit
                 entry.pop("title", None)
         return json_schema
 
@@ -46,8 +48,8 @@ class _WithMeanings(GenerateJsonSchema):
 
 
 def meanings(table: type[BaseModel]) -> dict[str, str]:
-    """Return the strings under the fields of a table, or under those of the tables it extends; none without source."""
-    found: dict[str, str] = {}
+    """Return the docstrings of the fields of a table and of the tables it extends; none without source code."""
+    by_name: dict[str, str] = {}
     for part in reversed(table.__mro__[: table.__mro__.index(BaseModel)]):
         try:
             body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
@@ -56,8 +58,8 @@ def meanings(table: type[BaseModel]) -> dict[str, str]:
         for field, text in pairwise(body):
             match field, text:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
-                    found[name] = meaning
-    return found
+                    by_name[name] = meaning
+    return by_name
 
 
 def scenario_schema() -> dict[str, Any]:
@@ -247,8 +249,8 @@ def _range(entry: Mapping[str, Any]) -> str:
     upper = entry.get("maximum", entry.get("exclusiveMaximum"))
     if lower is None and upper is None:
         return ""
-    lower_text = f"more than {lower:g}" if "exclusiveMinimum" in entry else f"{lower:g}" if lower is not None else ""
-    upper_text = f"less than {upper:g}" if "exclusiveMaximum" in entry else f"{upper:g}" if upper is not None else ""
+    lower_text = "" if lower is None else f"{'more than ' * ('exclusiveMinimum' in entry)}{compact(lower)}"
+    upper_text = "" if upper is None else f"{'less than ' * ('exclusiveMaximum' in entry)}{compact(upper)}"
     if not upper_text:
         return f", {lower_text}" if "exclusiveMinimum" in entry else f", at least {lower_text}"
     if not lower_text:

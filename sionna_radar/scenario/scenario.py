@@ -1,4 +1,4 @@
-"""The whole scenario, in user units (degrees, dB), and the consistency checks between its tables.
+"""The complete scenario, in user units (degrees, dB), and the consistency checks between its tables.
 
 Each table's own module checks its values and its internal consistency. Checks that need the terrain
 or the flight are made when the survey is prepared (`sionna_radar.survey.preparation`).
@@ -24,7 +24,7 @@ from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
-from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_paths
+from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, resolve_paths
 from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
@@ -145,7 +145,8 @@ def _with(tables: Mapping[str, Any], table: str, key: str, value: str) -> dict[s
 # In wider beams the nearest point of a plane may lie inside the beam rather than at its edge.
 WIDEST_FITTED_DEG = 30.0
 NO_PLACE_ON_THE_MAP = (
-    "needs terrain with a place on the map, and {!r} has none; set terrain.centre_lonlat_deg, or coordinates = 'local' "
+    "needs terrain with a place on the map, which {!r} does not have; set terrain.centre_lonlat_deg, or coordinates "
+    "= 'local' "
     "with positions in metres"
 )
 # Longer than any WKT of a CRS.
@@ -161,12 +162,12 @@ def _literal(text: str) -> str:
 
 def _known_version(version: Any) -> Any:
     if isinstance(version, int) and not isinstance(version, bool) and version > 1:
-        raise refuse("", f"{version} is newer than this program, which reads version 1; take a newer sionna-radar")
+        raise refuse("", f"{version} is newer than this program, which reads version 1; update sionna-radar")
     return version
 
 
 class Scenario(Table):
-    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
+    """A whole survey: scene, flight, radar, processing of the echoes, and DEM.
 
     Raises
     ------
@@ -186,51 +187,51 @@ class Scenario(Table):
     """
 
     version: Annotated[Literal[1], BeforeValidator(_known_version)] = 1
-    """of the format of this file; a program that does not know it refuses the file."""
+    """Version of the file format; a program that does not know it rejects the file."""
     description: Annotated[str, AfterValidator(_literal)] = ""
-    """in a line; it stands over tables and figures."""
+    """Description in one line; it heads tables and figures."""
     seed: Seed = 1
-    """of all random numbers."""
+    """Seed of all random streams."""
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
-    """what horizontal positions of the platform, cover polygons, buildings, objects, targets and vegetation are given
-    in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or
-    a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
+    """Coordinates of the horizontal positions of platform, cover polygons, buildings, objects, targets and vegetation:
+    "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
+    CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with a place on the map.
     Headings count from the grid north of the map."""
     sensor: Annotated[str, NameIn(SENSORS)] = "radar"
-    """what is flown: a radar, a lidar, or a custom sensor."""
+    """Sensor on the platform: a radar, a lidar, or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
-    """of a custom sensor that has some."""
+    """Parameters of a custom sensor."""
     terrain: Terrain
-    """the ground."""
+    """Ground surface."""
     buildings: tuple[Building, ...] = ()
-    """boxes on it."""
+    """Box-shaped buildings on the ground."""
     objects: tuple[MeshObject, ...] = ()
-    """meshes on it."""
+    """Meshes in the scene."""
     footprints: tuple[Footprints, ...] = ()
-    """buildings from a file of outlines."""
+    """Buildings from a file of outlines."""
     targets: tuple[PointTarget, ...] = ()
-    """points of a given radar cross-section."""
+    """Targets of given radar cross-section."""
     interferers: tuple[Interferer, ...] = ()
-    """other radars that transmit into ours."""
+    """Other radars that transmit into ours."""
     vegetation: tuple[VegetationTable, ...] = ()
-    """stands of plants."""
+    """Stands of plants."""
     materials: dict[str, Material] = {}
-    """by their names, which surfaces refer to."""
+    """Materials by name, as surfaces refer to them."""
     platform: Platform
-    """the flight."""
+    """Flight of the platform."""
     radar: RadarTable
-    """the radar."""
+    """Radar."""
     weather: WeatherTable = WeatherTable()
-    """what the air holds."""
+    """Weather along the wave's path."""
     lidar: LidarTable = LidarTable()
-    """the lidar."""
+    """Lidar."""
     # Their parameters are checked by the parts themselves, whose modules import this package.
     tracing: TracingTable = Field(default_factory=TracingTable)
-    """how the scene is turned into paths."""
+    """Tracing of the scene into paths."""
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
-    """how beat signals are turned into ranges."""
+    """Processing of beat signals to ranges."""
     dem: DemTable = Field(default_factory=DemTable)
-    """how echoes are turned into heights."""
+    """Mapping of echoes to heights."""
 
     @cached_property
     def source(self) -> str:
@@ -266,7 +267,7 @@ class Scenario(Table):
         # A copy: the caller's tables must not change.
         changes, data = copy.deepcopy(dict(changes)), self.model_dump(mode="json", exclude_none=True)
         apply_overrides(data, changes)
-        give_way(data, changes)
+        drop_conflicting_keys(data, changes)
         resolve_paths(data, Path())
         try:
             return Scenario.model_validate(data).read_from(self.source)
@@ -292,7 +293,8 @@ class Scenario(Table):
         if self.interferers and self.radar.transmit_power_dbm is None:
             yield (
                 "interferers",
-                "their powers count in watts, and radar.snr_db tells none; give radar.transmit_power_dbm and "
+                "their powers are absolute, and radar.snr_db gives no absolute power; give radar.transmit_power_dbm "
+                "and "
                 "radar.noise_figure_db instead",
             )
         start, stop = self.radar.used_samples
@@ -324,25 +326,28 @@ class Scenario(Table):
         if radar.sweep == "triangular" and processing.echoes == "all":
             yield (
                 "processing.echoes",
-                "'all' does not say which echoes of an up- and a down-sweep belong together; "
+                "'all' cannot pair the echoes of an up- and a down-sweep; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
         uneven = [k for k in ("rain_cell", "rain_field") if getattr(self.weather, k) is not None]
         if uneven and self.sensor == "lidar" and self.lidar.wavelength_nm is not None:
             yield (
                 f"weather.{uneven[0]}",
-                ("rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm"),
+                ("rain that varies from place to place is not modelled for a lidar; remove it, or lidar.wavelength_nm"),
             )
         profiles = DEM_METHODS.entry(method).facts.profiles
         if profiles == "required" and not SENSORS.entry(self.sensor).facts.provides_profiles:
             yield (
                 "dem.method",
-                (f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'"),
+                (
+                    f"{method!r} needs range profiles, which sensor = {self.sensor!r} does not provide; set "
+                    "'smooth' or 'linear'"
+                ),
             )
         if profiles == "required" and self.sensor == "radar" and radar.sweep == "triangular":
             yield (
                 "dem.method",
-                f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
+                f"{method!r} needs range profiles, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
                 "or radar.sweep = 'up'",
             )
         needing = method if profiles == "required" else None
@@ -369,7 +374,7 @@ class Scenario(Table):
             if radar.scan.mode not in ("fixed", "side_looking"):
                 yield (
                     "processing.ranging",
-                    f"'tracker' smooths over pulses, and {radar.scan.mode!r} turns between them; "
+                    f"'tracker' smooths over pulses of one direction, and {radar.scan.mode!r} turns between them; "
                     "set radar.scan.mode = 'fixed'",
                 )
 

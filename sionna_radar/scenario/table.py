@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.input_file import is_address, shown
+from sionna_radar.foundation.input_file import compact, is_address, shown
 from sionna_radar.scenario.problems import translate, unknown
 
 Made = TypeVar("Made")
@@ -37,7 +37,7 @@ def refuse(field: str, message: str) -> PydanticCustomError:
 
 def _not_vanishing(value: float) -> float:
     if value < SMALLEST:
-        raise refuse("", f"{value:g} is refused: must be >= {SMALLEST:g}")
+        raise refuse("", f"must be at least {compact(SMALLEST)}, not {compact(value)}")
     return value
 
 
@@ -179,6 +179,7 @@ UNITS = {
     "_mm_per_h": "mm/h",
     "_g_per_m3": "g/m³",
     "_g_cm3": "g/cm³",
+    "_db_per_m": "dB/m",
     "_per_m2": "1/m²",
     "_m2": "m²",
     "_nepers": "Np",

@@ -1,6 +1,6 @@
-"""The ground: `[terrain]`, selected by `kind`, and the mesh files of terrain and objects.
+"""Table `[terrain]`, one for each kind of ground, and the keys of mesh files.
 
-`[terrain]` of kind "mesh" and `[[objects]]` share a file of triangles, its axes, size and materials.
+`[terrain]` of kind "mesh" and `[[objects]]` share the keys of a mesh file: axes, size and materials.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ class MeshShape(Table):
     """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna."""
 
     path: InputPath
-    """the file."""
+    """Mesh file."""
     units: Unit = "m"
-    """of its coordinates."""
+    """Unit of the file's coordinates."""
     up: Literal["y", "z"] | None = None
-    """its axis that points up; without it y of GLB and glTF, whose standard says so, and z of all others."""
+    """Axis of the file that points up. Default: y for GLB and glTF, whose standard says so, and z for all others."""
     scale: Positive = 1.0
-    """what it is enlarged by besides."""
+    """Extra scale factor, in addition to `units`."""
     heading_deg: Real = 0.0
-    """clockwise turn of its y axis (of -z where y is up) from north; on a target from the target's front."""
+    """Clockwise turn of the mesh's y axis (of -z where y is up) from north; on a target, from the target's front."""
 
     @property
     def metres_per_unit(self) -> float:
@@ -50,16 +50,16 @@ class MeshShape(Table):
 
 
 class MeshFile(MeshShape):
-    """A file of triangles, with what it is made of."""
+    """A file of triangles, with its materials."""
 
     material: str = "building"
-    """of all of it but what `materials` names; a table is taken for `materials`."""
+    """Material of all parts that `materials` does not name; a table is taken for `materials`."""
     materials: dict[str, str] = {}
-    """materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of its
+    """Materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of its
     objects where these have no material."""
     centre: Literal["origin", "box"] = "origin"
-    """what of it stands at `position_m`: the file's origin, or the middle of its box in plan, at its lowest point, for
-    files whose coordinates are far from their origin."""
+    """Point of the mesh that stands at `position_m`: the file's origin, or the middle of its bounding box in plan at
+    its lowest point, for files whose coordinates are far from their origin."""
 
     @model_validator(mode="before")
     @classmethod
@@ -80,11 +80,11 @@ class FlatTerrain(CoveredTerrain):
 
     kind: Literal["flat"] = "flat"
     size_m: tuple[Positive, Positive] = (300.0, 300.0)
-    """along east and north."""
+    """Size along east and north."""
     spacing_m: Positive = 5.0
-    """of the posts."""
+    """Spacing of the posts."""
     fields: tuple[MaterialField, ...] = ()
-    """rectangles of other materials."""
+    """Rectangles of other materials."""
 
 
 class HillsTerrain(CoveredTerrain):
@@ -92,17 +92,17 @@ class HillsTerrain(CoveredTerrain):
 
     kind: Literal["hills"] = "hills"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
-    """along east and north."""
+    """Size along east and north."""
     spacing_m: Positive = 0.5
-    """of the posts."""
+    """Spacing of the posts."""
     filter_sigma_m: Positive = 25.0
-    """standard deviation of the Gaussian filter, over which heights are alike."""
+    """Standard deviation of the Gaussian filter; it sets the correlation length of the heights."""
     height_m: Positive = 8.0
-    """of the highest point over the lowest."""
+    """Height of the highest point above the lowest."""
     seed: Seed = 1
-    """of the surface."""
+    """Seed of the surface."""
     fields: tuple[MaterialField, ...] = ()
-    """rectangles of other materials."""
+    """Rectangles of other materials."""
 
 
 class FractalTerrain(CoveredTerrain):
@@ -110,17 +110,17 @@ class FractalTerrain(CoveredTerrain):
 
     kind: Literal["fractal"] = "fractal"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
-    """along east and north."""
+    """Size along east and north."""
     spacing_m: Positive = 0.5
-    """of the posts."""
+    """Spacing of the posts."""
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.8
-    """exponent: near 1 smooth, near 0 rough."""
+    """Hurst exponent: near 1 smooth, near 0 rough."""
     height_m: Positive = 10.0
-    """of the highest point over the lowest."""
+    """Height of the highest point above the lowest."""
     seed: Seed = 1
-    """of the surface."""
+    """Seed of the surface."""
     fields: tuple[MaterialField, ...] = ()
-    """rectangles of other materials."""
+    """Rectangles of other materials."""
 
 
 class SampleTerrain(CoveredTerrain):
@@ -128,18 +128,18 @@ class SampleTerrain(CoveredTerrain):
 
     kind: Literal["jacksboro"] = "jacksboro"
     spacing_m: Positive | None = None
-    """of the posts; without it the tile's."""
+    """Spacing of the posts. Default: that of the tile."""
 
 
 class Roughness(Table):
-    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square."""
+    """Seeded fractal detail below a file's spacing, by Hurst exponent and root mean square height."""
 
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.7
-    """exponent: near 1 smooth, near 0 rough."""
+    """Hurst exponent: near 1 smooth, near 0 rough."""
     rms_m: Annotated[Positive, Field(le=100)]
-    """root mean square of the detail."""
+    """Root mean square height of the detail."""
     seed: Seed = 1
-    """of the detail."""
+    """Seed of the detail."""
 
 
 class RasterTerrain(CoveredTerrain):
@@ -147,24 +147,24 @@ class RasterTerrain(CoveredTerrain):
 
     kind: Literal["raster"] = "raster"
     path: InputSource
-    """a file; or the address of a cloud-optimised GeoTIFF (https://, s3://, ...), read only with --allow-network."""
+    """Elevation file; or the address of a cloud-optimised GeoTIFF (https://, s3://, ...), read only with
+    --allow-network."""
     crs: str | None = None
-    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
-    what the file says, and metres where it says nothing of its heights."""
+    """Horizontal CRS of the file, such as "EPSG:2154". Default: as the file states."""
     vertical_crs: str | None = None
-    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
-    what the file says, and metres where it says nothing of its heights."""
+    """Vertical CRS of the file's heights, such as "EPSG:5703". Default: as the file states."""
     height_unit: Literal["m", "ft", "ftUS"] | None = None
-    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
-    what the file says, and metres where it says nothing of its heights."""
+    """Unit of the file's heights. Default: as the file states, or metres if it does not."""
     band: Annotated[int, Field(strict=True, ge=1, le=65535)] | None = None
-    """number of the file's band with the heights, from 1; without it the first, with a warning where there are more."""
+    """Number of the file's band with the heights, counted from 1. Default: the first, with a warning where there are
+    more."""
     spacing_m: Positive | None = None
-    """of the posts; without it the file's."""
+    """Spacing of the posts. Default: that of the file."""
     holes: Literal["keep", "fill", "refuse"] = "keep"
-    """cells without data are kept as holes, filled from around them, or refused."""
+    """Treatment of cells without data: kept as holes, filled from around them, or refused."""
     roughen: Roughness | None = None
-    """adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's."""
+    """Detail below the file's spacing that is added; the mesh is then as fine as spacing_m, or a tenth of the file's
+    spacing."""
 
 
 class PointsTerrain(CoveredTerrain):
@@ -172,23 +172,25 @@ class PointsTerrain(CoveredTerrain):
 
     kind: Literal["points"] = "points"
     path: InputPath
-    """the point cloud."""
+    """Point-cloud file."""
     points: Literal["first", "ground", "all"] = "first"
-    """the first return of each pulse, those classified as ground, or all; never noise or withheld ones."""
+    """Points that are used: the first return of each pulse, those classified as ground, or all; never noise or withheld
+    ones."""
     statistic: Literal["mean", "max", "percentile"] = "mean"
-    """height of a cell: the mean of its points, the highest, or a percentile of them."""
+    """Height of a cell: the mean of its points, the highest, or a percentile of them."""
     percentile: Annotated[Real, Field(ge=0, le=100)] = 50.0
-    """of the heights in a cell, where that is the statistic."""
+    """Percentile of the heights in a cell, if `statistic` is "percentile"."""
     spacing_m: Positive | None = None
-    """of the cells; without it, four points fall into one on average."""
+    """Spacing of the cells. Default: four points fall into one on average."""
     crs: str | None = None
-    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
+    """Horizontal CRS of the file, such as "EPSG:2154". Default: as the file states; a file without one is in local
+    metres, about its middle."""
     vertical_crs: str | None = None
-    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
+    """Vertical CRS of the file's heights, such as "EPSG:5703". Default: as the file states."""
     height_unit: Literal["m", "ft", "ftUS"] | None = None
-    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
+    """Unit of the file's heights. Default: as the file states, or metres if it does not."""
     holes: Literal["keep", "fill", "refuse"] = "fill"
-    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
+    """Treatment of cells without points: kept as holes, filled from around them, or refused."""
 
     def _conflicts(self) -> Conflicts:
         if self.statistic != "percentile" and self.changed("percentile"):
@@ -196,25 +198,28 @@ class PointsTerrain(CoveredTerrain):
 
 
 class MeshTerrain(CoveredTerrain, MeshFile):
-    """A mesh as the ground, with what stands on it: a site model, a photogrammetric mesh, a scene of Sionna.
+    """A mesh as the ground, with the objects on it: a site model, a photogrammetric mesh, a scene of Sionna.
 
-    The bare ground, that a flight's height counts from and objects stand on, is the lowest surface that faces up:
+    The bare ground, from which heights of flight count and on which objects stand, is the lowest surface that faces up:
     ground under a bridge, and not a bottom plate.
     """
 
     kind: Literal["mesh"] = "mesh"
     material: str = "ground"
-    """of the ground; a name of the scenario's materials."""
+    """Material of the ground; a name of the scenario's materials."""
     position_m: Point3 = (0.0, 0.0, 0.0)
-    """local place and height of the file's origin, or of the middle of its box at its lowest point."""
+    """Local position and height of the file's origin, or of the middle of its bounding box at its lowest point."""
     crs: str | None = None
-    """that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map. Land
+    """CRS of the file's coordinates, such as "EPSG:32632", easting first; they are then its place on the map. Land
     cover lies on the faces of `material`, not on those that `materials` names."""
 
     def _conflicts(self) -> Conflicts:
         placed = self.changed("position_m", "heading_deg", "scale", "centre")
         if self.crs is not None and placed:
-            yield placed[0], "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs"
+            yield (
+                placed[0],
+                "has no effect on a mesh with a CRS, whose coordinates are its position; remove it, or terrain.crs",
+            )
 
 
 class CityTerrain(TerrainParameters):
@@ -225,7 +230,7 @@ class CityTerrain(TerrainParameters):
 
     kind: Literal["sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"]
     materials: dict[str, str] = {}
-    """materials of the scenario, by the names of Sionna's."""
+    """Materials of the scenario by the names of Sionna's."""
 
     @property
     def city(self) -> str:

@@ -1,4 +1,4 @@
-"""The engine that traces the paths, and how many: `[tracing]`."""
+"""Table `[tracing]`: the ray-tracing engine, speckle, and the number of paths."""
 
 from __future__ import annotations
 
@@ -15,30 +15,31 @@ MAX_PATHS_PER_PULSE = 100_000
 
 
 class TracingTable(Table):
-    """How the scene is turned into paths."""
+    """Tracing of the scene into paths: engine, speckle, number of rays."""
 
     engine: Annotated[str, NameIn(ENGINES)] = "sionna"
-    """sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
-    path_solver (Sionna's stock solver, slow, for checks); or a custom one."""
+    """Tracing engine: "sionna" (Sionna RT's fields inside the beam), "gamma" (the paper's facet model, independent of
+    Sionna), "path_solver" (Sionna's stock solver, slow, for checks), or a custom one."""
     engine_parameters: Annotated[Table | None, ParametersOf("engine", ENGINES)] = None
-    """of a custom engine that has some."""
+    """Parameters of a custom engine."""
     speckle: Literal["per_pulse", "persistent"] = "persistent"
-    """persistent keeps scatterers on the surface, so that phase and speckle from chirp to chirp are those of a real
-    scene; per_pulse draws new ones each pulse, as over a surface that moves between chirps. persistent, but for engines
-    without it: path_solver draws new paths each pulse."""
+    """Speckle from pulse to pulse. "persistent" keeps scatterers on the surface, so that phase and speckle from chirp
+    to chirp are those of a real scene; "per_pulse" draws new ones each pulse, as over a surface that moves between
+    chirps. Default: persistent where the engine supports it; "path_solver" draws new paths each pulse."""
     scatterers_per_m2: Annotated[Real | None, Field(gt=0, le=10_000)] = None
-    """density of persistent scatterers of engine sionna; without it the beam's footprint decides, so that a pulse sees
-    some `paths_per_pulse`, and ten in a range cell."""
+    """Density of persistent scatterers of the engine "sionna". Default: set by the beam's footprint, so that a pulse
+    sees some `paths_per_pulse`, and ten in a range cell."""
     decorrelation_time_s: Annotated[Real | None, Field(gt=0, le=1e9)] = None
-    """after which a surface that moves, like grass in the wind, has lost so much of its phase that the correlation of
-    its echo's field with itself has fallen to 1/e; without it the surface stands still. It needs persistent speckle."""
+    """Time after which the correlation of the echo's field with itself has fallen to 1/e, over a surface that moves
+    like grass in the wind; it needs persistent speckle. Default: the surface stands still."""
     bounces: Annotated[int, Field(strict=True, ge=1, le=2)] = 1
-    """2 lets the wave meet a second surface on its way, with one of both, or both, a plane that reflects as a mirror
-    (`materials.NAME.specular`): the ground before a wall, a corner. Engine sionna."""
+    """Highest number of reflections. 2 lets the wave meet a second surface on its way, if one of both, or both, is a
+    plane that reflects as a mirror (`materials.NAME.specular`): the ground before a wall, a corner. Engine "sionna"
+    only."""
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
-    """rays inside the beam of a pulse, or scatterers."""
+    """Number of rays inside the beam of a pulse, or of scatterers."""
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
-    """share of them that look for side lobes."""
+    """Fraction of the rays that sample the side lobes."""
 
     @model_validator(mode="before")
     @classmethod
@@ -49,11 +50,14 @@ class TracingTable(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.decorrelation_time_s is not None and self.speckle == "per_pulse":
-            yield "decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one"
+            yield (
+                "decorrelation_time_s",
+                "has no effect with speckle = 'per_pulse', which redraws every pulse; remove one",
+            )
         if self.engine == "path_solver" and self.speckle == "persistent":
             yield "speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'"
         if self.bounces == 2 and self.engine != "sionna":
-            yield "bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'"
+            yield "bounces", f"engine = {self.engine!r} supports single bounces only; set engine = 'sionna'"
         if self.engine == "sionna" and self.paths_per_pulse > MAX_PATHS_PER_PULSE:
             yield (
                 "paths_per_pulse",

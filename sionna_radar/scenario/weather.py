@@ -22,68 +22,68 @@ class RainCellTable(Table):
     """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL)."""
 
     centre_m: Point2
-    """east and north."""
+    """Centre of the rain cell: east and north."""
     radius_m: Annotated[Positive, Field(ge=1)]
-    """over which the rate falls to 1/e."""
+    """Distance over which the rain rate falls to 1/e."""
     peak_mm_per_h: RainRate
-    """rate in its middle."""
+    """Rain rate in the middle of the cell."""
 
 
 class RainFieldTable(Table):
-    """Rain that differs from place to place: a seeded log-normal field, whose mean is `rain_rate_mm_per_h`."""
+    """Rain that varies from place to place: a seeded log-normal field, whose mean is `rain_rate_mm_per_h`."""
 
     correlation_m: Annotated[Positive, Field(ge=1)]
-    """distance at which the correlation of the rate in dB has fallen to 1/e."""
+    """Distance at which the correlation of the rate in dB has fallen to 1/e."""
     spread_db: Annotated[Real, Field(ge=0, le=10)]
-    """standard deviation of the rate in dB."""
+    """Standard deviation of the rate in dB."""
     seed: Seed = 1
-    """of the field."""
+    """Seed of the field."""
 
 
 class WetRadomeTable(Table):
-    """A spherical radome that rain wets; dry it is taken for perfectly clear."""
+    """A spherical radome with a water film in rain; a dry one does not attenuate."""
 
     radius_m: Annotated[Real, Field(ge=0.01, le=50)]
-    """of its curvature."""
+    """Radius of curvature of the radome."""
 
 
 class WeatherTable(Table):
     """The weather; the default is clear air without attenuation."""
 
     rain_rate_mm_per_h: RainRate = 0.0
-    """rain everywhere."""
+    """Uniform rain rate."""
     rain_cell: RainCellTable | None = None
-    """a shower."""
+    """A single rain cell."""
     rain_field: RainFieldTable | None = None
-    """rain that differs from place to place."""
+    """Rain that varies from place to place."""
     wet_radome: WetRadomeTable | None = None
-    """water on the radome."""
+    """Water film on the radome."""
     snowfall_mm_per_h: Snowfall = 0.0
-    """as water."""
+    """Snowfall rate as melted water."""
     snow: Literal["dry", "wet"] = "dry"
-    """whether snowfall is dry or wet."""
+    """Whether snowfall is dry or wet."""
     fog: Literal["none", "medium", "thick"] = "none"
-    """a class of fog."""
+    """Class of fog."""
     liquid_water_g_per_m3: Annotated[NoneOrSome, Field(le=10)] = 0.0
-    """of a fog."""
+    """Liquid water content of a fog."""
     fog_visibility_m: Visibility | None = None
-    """how far one sees through the fog alone; gives its liquid water too, unless that is given."""
+    """Visibility in the fog alone; it also gives its liquid water, unless that is given."""
     haze_visibility_m: Visibility | None = None
-    """how far one sees through the haze alone."""
+    """Visibility in the haze alone."""
     dust_visibility_m: Visibility | None = None
-    """how far one sees through the dust alone."""
+    """Visibility in the dust alone."""
     smoke_visibility_m: Visibility | None = None
-    """how far one sees through the smoke alone."""
+    """Visibility in the smoke alone."""
     wind_mps: Point3 = (0.0, 0.0, 0.0)
-    """toward east, north and up, the same everywhere; what falls and what hangs in the air moves with it."""
+    """Wind toward east, north and up, the same everywhere; precipitation and suspended particles move with it."""
     gases: bool = Field(default=False, strict=True)
-    """whether oxygen and water vapour attenuate."""
+    """Whether oxygen and water vapour attenuate the wave."""
     temperature_k: Annotated[Real, Field(ge=WATER_MIN_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
-    """of the air, and of fog and rain."""
+    """Temperature of the air, and of fog and rain."""
     dry_pressure_hpa: Annotated[Real, Field(gt=0, le=1100)] = 1013.25
-    """of the dry air."""
+    """Pressure of the dry air."""
     vapour_g_per_m3: Annotated[Real, Field(ge=0, le=60)] = 7.5
-    """density of the water vapour."""
+    """Density of the water vapour."""
 
     def _conflicts(self) -> Conflicts:
         if self.fog != "none" and self.liquid_water_g_per_m3 > 0:

@@ -165,7 +165,7 @@ class Ground:
 
 def build_ground(
     scenario: Scenario,
-    given: TerrainInputs,
+    inputs: TerrainInputs,
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
 ) -> Ground:
     """Return the ground of a scenario, or a custom one, with the objects on it.
@@ -173,15 +173,15 @@ def build_ground(
     Raises ScenarioError, InputFileError if it has no surface; a building is beyond it; an input file cannot be used.
     """
     if isinstance(terrain, Raster):
-        land = landscape_of_raster(terrain, scenario.terrain, given)
+        land = landscape_of_raster(terrain, scenario.terrain, inputs)
     else:
-        land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+        land = terrain(inputs) if terrain else build_landscape(scenario.terrain, inputs)
     require(land, Landscape, "terrain")
     if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
         message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
         raise ScenarioError.of("terrain", message)
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
-    standing = _objects(scenario, land) + _footprints(scenario, land, given) + boxes
+    standing = _objects(scenario, land) + _footprints(scenario, land, inputs) + boxes
     _check_heights(standing)
     surfaces = land.surfaces + standing
     bare = len(surfaces) == len(land.surfaces)
@@ -200,7 +200,7 @@ def _check_heights(standing: Iterable[Surface]) -> None:
         raise ScenarioError(problems)
 
 
-def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:
+def _ground_key(scenario: Scenario, inputs: TerrainInputs) -> str | None:
     """Return the content that the ground is built from, with the identity of files.
 
     The survey's window, carrier and channel are part of it where the terrain depends on them. None for a custom
@@ -213,7 +213,7 @@ def _ground_key(scenario: Scenario, given: TerrainInputs) -> str | None:
     fields = set(entry.facts.uses) | ({"window_m"} if scenario.footprints else set())
     return content_key(
         {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
-        | {name: getattr(given, name) for name in sorted(fields)}
+        | {name: getattr(inputs, name) for name in sorted(fields)}
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.local_frame import frame_of, map_part
+from sionna_radar.elevation.local_frame import frame_of, horizontal_crs_of
 from sionna_radar.elevation.placed_raster import cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -76,7 +76,7 @@ def _of_cloud(
             if crs is None or frame is None:
                 middle = _middle(cloud)
                 return x - middle[0], y - middle[1]
-            flat = map_part(crs)
+            flat = horizontal_crs_of(crs)
             if flat == frame.crs:
                 return x - frame.origin_m[0], y - frame.origin_m[1]
             return frame.local_of(flat, x, y)

@@ -19,7 +19,7 @@ from pyproj import CRS
 from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.elevation.placed_raster import horizontal_crs, reproject
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.scene.city_models import conversion_of
@@ -233,7 +233,7 @@ def _window_in(
     if crs is None or frame is None:
         return window_m
     x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
-    projected = reproject(frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
+    projected = reproject(frame.crs, horizontal_crs(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
     if not np.isfinite(projected).all() or (crs.is_geographic and np.ptp(projected[0]) > 180):
         return None
     (low_x, low_y), (high_x, high_y) = np.min(projected, axis=1), np.max(projected, axis=1)
@@ -300,7 +300,7 @@ def _transformed(
     if crs is None:
         message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
         raise ScenarioError.of(f"{key}.path", message)
-    file_crs = horizontal_part(crs)
+    file_crs = horizontal_crs(crs)
     if not (file_crs.is_projected or file_crs.is_geographic):
         message = f"{name} is in {file_crs.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"
         raise InputFileError(message)

@@ -18,7 +18,7 @@ from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.numerics import gauss_legendre
-from sionna_radar.foundation.threads import over_rows, parts
+from sionna_radar.foundation.threads import chunks, over_rows
 
 # Oversampling of the frequency grid, and width of the spreading function in points.
 OVERSAMPLING, WIDTH = 2.0, 10
@@ -56,7 +56,7 @@ def exponential_sums(
     def add(start: int, stop: int) -> None:
         grid = np.empty((min(stop - start, ROWS_AT_ONCE), points), dtype=np.complex128)
         padded = np.empty((2, points + WIDTH))
-        for low, high in parts(stop - start, ROWS_AT_ONCE):
+        for low, high in chunks(stop - start, ROWS_AT_ONCE):
             rows, used = slice(start + low, start + high), grid[: high - low]
             _spread(first[rows], last[rows], frequency, weight, pieces, *padded, used)
             transform = ifft(used, axis=1, overwrite_x=True, norm="forward")

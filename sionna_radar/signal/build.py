@@ -60,7 +60,7 @@ def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Cal
     >>> import dataclasses
     >>> from sionna_radar.scenario import StageParameters
     >>> @register_receiver_stage("deaf", StageParameters)
-    ... def deaf(parameters, given):
+    ... def deaf(parameters, inputs):
     ...     return lambda received: dataclasses.replace(received, noise=0.0 * received.samples)
     >>> load_scenario("hills", {"radar.receiver.stages.noise": "deaf"}).radar.receiver.stages["noise"].stage
     'deaf'
@@ -163,14 +163,14 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
     return Boltzmann * radar.temperature_k * from_db(figure_db) * bandwidth
 
 
-def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
+def build_noise_stage(_: StageParameters, inputs: StageInputs) -> ReceiverStage:
     """Return the stage that adds thermal noise: the same as without other stages."""
     return noisy
 
 
-def build_leakage(_: StageParameters, given: StageInputs) -> Leakage:
+def build_leakage(_: StageParameters, inputs: StageInputs) -> Leakage:
     """Return the leakage of a scenario's radar."""
-    table = given.radar.receiver.leakage
+    table = inputs.radar.receiver.leakage
     return Leakage(
         delay_s=np.array([1e-9 * entry.delay_ns for entry in table]),
         power=10.0 ** (np.array([entry.level_db for entry in table]) / 10),
@@ -181,12 +181,12 @@ def build_leakage(_: StageParameters, given: StageInputs) -> Leakage:
 MAX_SHIFTED = 0.1
 
 
-def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
+def build_mixer(_: StageParameters, inputs: StageInputs) -> Mixer:
     """Return the mixer of a scenario's radar.
 
     Raises ScenarioError for frequency errors that are large against the bandwidth.
     """
-    radar, chirp = given.radar, given.sweeps[0]
+    radar, chirp = inputs.radar, inputs.sweeps[0]
     first, last = radar.used_samples
     whole = radar.samples_per_chirp
     middle = first + (last - first) // 2 - whole // 2
@@ -202,14 +202,14 @@ def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
     return Mixer(oscillator)
 
 
-def build_filters(_: StageParameters, given: StageInputs) -> Filters:
+def build_filters(_: StageParameters, inputs: StageInputs) -> Filters:
     """Return the filters of a scenario's receiver."""
-    return Filters(high_pass=given.high_pass, anti_alias=given.anti_alias)
+    return Filters(high_pass=inputs.high_pass, anti_alias=inputs.anti_alias)
 
 
-def build_converter(_: StageParameters, given: StageInputs) -> Converter:
+def build_converter(_: StageParameters, inputs: StageInputs) -> Converter:
     """Return the converter of a scenario's radar."""
-    receiver = given.radar.receiver
+    receiver = inputs.radar.receiver
     table = receiver.converter
     gain = from_db(receiver.amplifier_gain_db + table.gain_db)
     return Converter(
@@ -242,9 +242,9 @@ def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
     return components * step**2 / 12 / receiver.noise_power_w
 
 
-def build_interference_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
+def build_interference_stage(_: StageParameters, inputs: StageInputs) -> ReceiverStage:
     """Return the stage that adds the interference of other radars."""
-    return given.interference or Interference()
+    return inputs.interference or Interference()
 
 
 def build_interference(

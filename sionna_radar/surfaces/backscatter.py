@@ -1,4 +1,4 @@
-"""Backscatter of surfaces: sigma0 against the local incidence angle, by simple laws, a fitted form, tables and levels.
+"""Backscatter models: sigma0 against local incidence by analytic laws, tables and measured levels.
 
 Measured backscatter comes as the handbook's fitted form, or as tables of sigma0 against incidence. The fitted form is
 that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech House, 1989). Its W-band
@@ -34,10 +34,10 @@ class Backscatter(Protocol):
 
 
 @runtime_checkable
-class ScatteredShare(Protocol):
+class HasScatteredFraction(Protocol):
     """A model with a scattering pattern in all directions, not only backward."""
 
-    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def scattered_fraction(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power of the co-polar field at incidence angles."""
 
 
@@ -62,7 +62,7 @@ class LambertianBackscatter:
         """Return the radar cross-section per unit of surface area."""
         return self.nadir_sigma0 * np.cos(incidence_rad) ** 2
 
-    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def scattered_fraction(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power: the albedo, 1 (and a nadir sigma0 of 4, 6 dB) at most in nature.
 
         Toward every direction sigma0 is 4 albedo cos(in) cos(out); over 4 pi cos(in), its integral is the albedo.

@@ -201,7 +201,7 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
     validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
     messages += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
-    share = material.scattered_share(np.deg2rad(angle_deg))
+    share = material.scattered_fraction(np.deg2rad(angle_deg))
     if share.max() > 1:
         exceeding_deg = angle_deg[share > 1]
         messages.append(

@@ -25,7 +25,7 @@ PEAK_ENHANCEMENT, PEAK_WIDTHS = 3.3, (0.07, 0.09)
 class SurfaceMotion:
     """Kind of a surface's motion in the wind.
 
-    fetch_m: of water.
+    fetch_m: length of water over which the wind has blown.
     """
 
     kind: Literal["plants", "water"]
@@ -41,34 +41,34 @@ class Windblown:
     MHz to 9.2 GHz with a velocity spread independent of frequency, and extrapolated here to the carrier.
     """
 
-    still_share: float
+    static_fraction: float
     mean_shift_hz: float
 
     @classmethod
     def of(cls, wind_mps: float, carrier_hz: float) -> "Windblown":
         """Return the motion for a wind and a carrier."""
         if wind_mps < CALM_MPS:
-            return cls(still_share=1.0, mean_shift_hz=0.0)
+            return cls(static_fraction=1.0, mean_shift_hz=0.0)
         miles_per_hour = wind_mps * 3600 / mile
         still_over_moving = 10 ** (
             (63.2 - 15.5 * math.log10(miles_per_hour) - 12.1 * math.log10(1e-6 * carrier_hz)) / 10
         )
         mean_mps = 0.1048 * (math.log10(miles_per_hour) + 0.4147)
         return cls(
-            still_share=still_over_moving / (1 + still_over_moving),
+            static_fraction=still_over_moving / (1 + still_over_moving),
             mean_shift_hz=2 * mean_mps * carrier_hz / speed_of_light,
         )
 
     def field_correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the autocorrelation of the echo's field at time lags."""
         moving = 1 / (1 + (2 * np.pi * self.mean_shift_hz * lag_s) ** 2)
-        return self.still_share + (1 - self.still_share) * moving
+        return self.static_fraction + (1 - self.static_fraction) * moving
 
     def shift_hz(self, number: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return Doppler shifts of scatterers, positive toward the radar, from two uniform numbers in [0, 1) each."""
         side = 2 * number[:, 1] - 1
         shift_hz = -np.sign(side) * np.log(np.maximum(1 - np.abs(side), 2.0**-60)) * self.mean_shift_hz
-        return np.where(number[:, 0] < self.still_share, 0.0, shift_hz)
+        return np.where(number[:, 0] < self.static_fraction, 0.0, shift_hz)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.numerics import from_db
-from sionna_radar.surfaces.backscatter import Backscatter, ScatteredShare
+from sionna_radar.surfaces.backscatter import Backscatter, HasScatteredFraction
 from sionna_radar.surfaces.rough_surface import coherent_power_factor, fresnel_reflection
 
 Channel = Literal["VV", "HH", "VH", "HV", "same", "opposite"]
@@ -71,7 +71,7 @@ class Mirror:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScatteringParts:
+class ScatteringAmplitudes:
     """The amplitudes of the matrix in the module docstring: a_v, a_h, d (on the diagonal) and x (off it)."""
 
     vertical: Float[np.ndarray, " n"]
@@ -117,26 +117,28 @@ class RadarMaterial:
 
         cross: which are received across the wave that was sent.
         """
-        parts, twice = self.parts(incidence_rad), 2 * polarization_rad
-        along = parts.vertical * np.cos(polarization_rad) ** 2 + parts.horizontal * np.sin(polarization_rad) ** 2
-        co = along**2 + (parts.opposed * np.cos(twice)) ** 2 + (parts.exchanged * np.sin(twice)) ** 2
-        across = (parts.vertical - parts.horizontal) ** 2 / 4 + parts.opposed**2
-        return np.where(cross, across * np.sin(twice) ** 2 + (parts.exchanged * np.cos(twice)) ** 2, co)
+        amplitudes, twice = self.amplitudes(incidence_rad), 2 * polarization_rad
+        along = (
+            amplitudes.vertical * np.cos(polarization_rad) ** 2 + amplitudes.horizontal * np.sin(polarization_rad) ** 2
+        )
+        co = along**2 + (amplitudes.opposed * np.cos(twice)) ** 2 + (amplitudes.exchanged * np.sin(twice)) ** 2
+        across = (amplitudes.vertical - amplitudes.horizontal) ** 2 / 4 + amplitudes.opposed**2
+        return np.where(cross, across * np.sin(twice) ** 2 + (amplitudes.exchanged * np.cos(twice)) ** 2, co)
 
     def _circular_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        parts = self.parts(incidence_rad)
+        amplitudes = self.amplitudes(incidence_rad)
         if self.channel == "opposite":
-            return (parts.vertical + parts.horizontal) ** 2 / 4
-        return (parts.vertical - parts.horizontal) ** 2 / 4 + parts.opposed**2 + parts.exchanged**2
+            return (amplitudes.vertical + amplitudes.horizontal) ** 2 / 4
+        return (amplitudes.vertical - amplitudes.horizontal) ** 2 / 4 + amplitudes.opposed**2 + amplitudes.exchanged**2
 
-    def parts(
+    def amplitudes(
         self, incidence_rad: Float[np.ndarray, " n"], spread: float | Float[np.ndarray, " n"] = 1.0
-    ) -> ScatteringParts:
+    ) -> ScatteringAmplitudes:
         """Return the amplitudes of the scattering matrix, whose squares are sigma0 over `spread`."""
         cross = self.cross_sigma0(incidence_rad) / spread
         vertical, horizontal = (m.sigma0(incidence_rad) / spread for m in (self.vertical, self.horizontal))
         opposed = self._opposed(vertical, horizontal, cross, incidence_rad)
-        return ScatteringParts(
+        return ScatteringAmplitudes(
             vertical=np.sqrt(np.maximum(vertical - opposed, 0.0)),
             horizontal=np.sqrt(np.maximum(horizontal - opposed, 0.0)),
             opposed=np.sqrt(opposed),
@@ -156,8 +158,8 @@ class RadarMaterial:
             return cross
         denominator = np.maximum(vertical + horizontal + 2 * rho * np.sqrt(vertical * horizontal), np.finfo(float).tiny)
         correlated = vertical * horizontal * (1 - rho**2) / denominator
-        share = np.minimum((np.sin(incidence_rad) / np.sin(CORRELATED_FROM_RAD)) ** 2, 1.0)
-        return cross + share * (correlated - cross)
+        weight = np.minimum((np.sin(incidence_rad) / np.sin(CORRELATED_FROM_RAD)) ** 2, 1.0)
+        return cross + weight * (correlated - cross)
 
     def cross_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the cross-polar cross-section per unit of surface area."""
@@ -171,28 +173,28 @@ class RadarMaterial:
             return replace(self, channel="opposite")
         return self.vertical if self.channel in ("VV", "HV") else self.horizontal
 
-    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def scattered_fraction(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power, mirror included, the larger of V and H transmitted.
 
-        A model may give its total scattering by a method `scattered_share`. Any other is assumed to re-radiate its
+        A model may provide its total scattering by `scattered_fraction`. Any other is assumed to re-radiate its
         field equally into every direction of the hemisphere, projected across the direction, as the ray tracer's
         material does: sigma0 / (4 pi cos) times the effective solid angle 4 pi / 3 after projection. The cross-polar
         field is added.
         """
         cosine = np.maximum(np.cos(incidence_rad), 1e-9)
-        shares = []
+        fractions = []
         for model in (self.vertical, self.horizontal):
-            if isinstance(model, ScatteredShare):
-                shares.append(model.scattered_share(incidence_rad) * (1 + self.cross_polar))
+            if isinstance(model, HasScatteredFraction):
+                fractions.append(model.scattered_fraction(incidence_rad) * (1 + self.cross_polar))
             else:
-                shares.append((model.sigma0(incidence_rad) + self.cross_sigma0(incidence_rad)) / (3 * cosine))
-        share: Float[np.ndarray, " n"] = np.maximum(*shares)
+                fractions.append((model.sigma0(incidence_rad) + self.cross_sigma0(incidence_rad)) / (3 * cosine))
+        fraction: Float[np.ndarray, " n"] = np.maximum(*fractions)
         if self.mirror is not None:
-            share = share + self._reflected_share(self.mirror, incidence_rad)
-        return share
+            fraction = fraction + self._reflectance(self.mirror, incidence_rad)
+        return fraction
 
     @staticmethod
-    def _reflected_share(mirror: Mirror, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def _reflectance(mirror: Mirror, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         cosine = np.cos(incidence_rad)
         strongest = np.maximum(*(np.abs(fresnel_reflection(mirror.permittivity, cosine, p)) ** 2 for p in ("V", "H")))
         phase = 4 * np.pi * mirror.frequency_hz / speed_of_light * mirror.rms_height_m * cosine

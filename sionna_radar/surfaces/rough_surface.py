@@ -326,9 +326,9 @@ class IntegralEquationModel:
                 return at_incidence
             case "nadir":
                 return at_nadir
-        return at_incidence + (at_nadir - at_incidence) * self._share_of_nadir(cosine)
+        return at_incidence + (at_nadir - at_incidence) * self._nadir_weight(cosine)
 
-    def _share_of_nadir(self, cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def _nadir_weight(self, cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return 1 - S / S0 of Wu and others (2001): 0 for a smooth surface or at grazing, 1 for a very rough one.
 
         S is the share of the complementary field in the backscatter when the coefficient is the nadir one, S0

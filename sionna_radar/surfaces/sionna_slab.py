@@ -42,9 +42,9 @@ class SlabBackscatter:
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
-        return 4 * self.scattered_share(incidence_rad) * np.cos(incidence_rad) ** 2
+        return 4 * self.scattered_fraction(incidence_rad) * np.cos(incidence_rad) ** 2
 
-    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def scattered_fraction(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power: Lambert's law with an albedo of (1 - K) S^2 R^2."""
         cosine = np.cos(incidence_rad)
         edge = fresnel_reflection(self.permittivity, np.maximum(cosine, 0.0), self.polarization)

@@ -8,7 +8,7 @@ from pyproj import CRS
 from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.elevation.placed_raster import horizontal_part
+from sionna_radar.elevation.placed_raster import horizontal_crs
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
@@ -78,7 +78,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
 
 def _crs(name: str) -> CRS:
     try:
-        crs = horizontal_part(CRS.from_user_input(4326 if name == "lonlat" else name))
+        crs = horizontal_crs(CRS.from_user_input(4326 if name == "lonlat" else name))
     except ProjError as error:
         message = f"{shown(name)} is not a coordinate reference system; give 'local', 'lonlat' or one like 'EPSG:32632'"
         raise ScenarioError.of("coordinates", message) from error

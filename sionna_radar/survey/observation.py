@@ -39,7 +39,7 @@ from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage, timed
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.threads import beside, cores, parts
+from sionna_radar.foundation.threads import chunks, cores, in_background
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
@@ -240,7 +240,7 @@ def observe(
     steps = {key_of(blocks): blocks[-1][1] - blocks[0][0] for blocks in segments}
     with stage(source.activity, len(source.flight)):
         if execution.distributed:
-            building = beside(source.build_sensor)
+            building = in_background(source.build_sensor)
             with timed("workers"):
                 found = _results(execution, tasks, work or segment_task, steps)
             sensor = building()
@@ -404,7 +404,7 @@ def navigation_sigma(
         )
         return sum(np.sum(np.einsum("ci,cei->ce", of_cells, each) ** 2, axis=1) for each in moved)
 
-    each = [variance(*bounds) for bounds in parts(len(nearest), PLACED_AT_ONCE)]
+    each = [variance(*bounds) for bounds in chunks(len(nearest), PLACED_AT_ONCE)]
     sigma = np.full(dem.grid.shape, np.nan)
     sigma[dem.filled] = np.sqrt(np.concatenate(each))
     return Raster(grid=dem.grid, height_m=sigma, quantity="standard deviation of the height")

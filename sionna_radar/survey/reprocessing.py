@@ -398,7 +398,7 @@ def _source(
         # No key of a scenario, whose own samples have the usual sign.
         conjugate = overrides.get(CONJUGATE, False)
         if not isinstance(conjugate, bool):
-            raise ScenarioError.of(CONJUGATE, f"{shown(conjugate)} is refused: give true or false", source)
+            raise ScenarioError.of(CONJUGATE, f"must be true or false, not {shown(conjugate)}", source)
         own = {key: value for key, value in overrides.items() if key != CONJUGATE}
         settings = recorded_scenario(file.scenario, own, source)
         sweeps = build_sweeps(settings.radar)

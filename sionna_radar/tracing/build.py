@@ -30,7 +30,7 @@ from sionna_radar.tracing.paths import Engine, SampledBeams, SteerableEngine
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_moving_ground
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
-from sionna_radar.weather.rain import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.rain import CombinedRain, RainCell, RainField, RainMap
 from sionna_radar.weather.validity import Precipitation
 
 
@@ -56,65 +56,67 @@ class EngineInputs:
     beams: tuple[Antenna, ...] = ()
 
 
-def sionna_engine(given: EngineInputs) -> Engine:
+def sionna_engine(inputs: EngineInputs) -> Engine:
     """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or persists on the surface."""
-    table = given.tracing
+    table = inputs.tracing
     if table.speckle == "persistent":
         from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 
         rays = max(1, round(table.paths_per_pulse * table.side_lobe_share))
         return PersistentEngine(
-            given.scene,
-            given.antenna,
-            given.chirp,
-            given.seed,
-            table.scatterers_per_m2 or _density(given, table.paths_per_pulse - rays),
-            given.region_m,
+            inputs.scene,
+            inputs.antenna,
+            inputs.chirp,
+            inputs.seed,
+            table.scatterers_per_m2 or _density(inputs, table.paths_per_pulse - rays),
+            inputs.region_m,
             outer_rays=rays,
             decorrelation_time_s=table.decorrelation_time_s,
-            caster=given.caster,
+            caster=inputs.caster,
             bounces=table.bounces,
         )
     from sionna_radar.tracing.engines.beam.beam import BeamEngine
 
     return BeamEngine(
-        given.scene,
-        given.antenna,
-        given.chirp,
-        given.seed,
+        inputs.scene,
+        inputs.antenna,
+        inputs.chirp,
+        inputs.seed,
         table.paths_per_pulse,
         table.side_lobe_share,
-        given.caster,
+        inputs.caster,
         table.bounces,
     )
 
 
-def _density(given: EngineInputs, scatterers: int) -> DensityMap:
-    beams = [filled_beam(antenna) for antenna in given.beams or (given.antenna,)]
-    looks = given.looks if given.beams else replace(given.looks, beam=np.zeros(len(given.looks), dtype=np.int64))
-    return footprint_density(looks, beams, given.chirp.range_resolution_m, scatterers)
+def _density(inputs: EngineInputs, scatterers: int) -> DensityMap:
+    beams = [filled_beam(antenna) for antenna in inputs.beams or (inputs.antenna,)]
+    looks = inputs.looks if inputs.beams else replace(inputs.looks, beam=np.zeros(len(inputs.looks), dtype=np.int64))
+    return footprint_density(looks, beams, inputs.chirp.range_resolution_m, scatterers)
 
 
-def gamma_engine(given: EngineInputs) -> Engine:
+def gamma_engine(inputs: EngineInputs) -> Engine:
     """Return the paper's facet model, which is independent of Sionna."""
     from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 
     return GammaEngine(
-        given.scene,
-        given.antenna,
-        given.chirp,
-        given.seed,
-        given.caster,
-        speckle=given.tracing.speckle,
-        decorrelation_time_s=given.tracing.decorrelation_time_s,
+        inputs.scene,
+        inputs.antenna,
+        inputs.chirp,
+        inputs.seed,
+        inputs.caster,
+        speckle=inputs.tracing.speckle,
+        decorrelation_time_s=inputs.tracing.decorrelation_time_s,
     )
 
 
-def stock_engine(given: EngineInputs) -> Engine:
+def stock_engine(inputs: EngineInputs) -> Engine:
     """Return Sionna's stock path solver, for checks."""
     from sionna_radar.tracing.engines.stock import PathSolverEngine
 
-    return PathSolverEngine(given.scene, given.antenna, given.chirp, given.seed, samples=given.tracing.paths_per_pulse)
+    return PathSolverEngine(
+        inputs.scene, inputs.antenna, inputs.chirp, inputs.seed, samples=inputs.tracing.paths_per_pulse
+    )
 
 
 @registers(ENGINES, "[tracing.engine_parameters]")
@@ -130,8 +132,8 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
     >>> from sionna_radar.tracing import Paths
     >>> @register_engine("one_ray")
     ... class OneRay:
-    ...     def __init__(self, given):
-    ...         self.caster = given.caster
+    ...     def __init__(self, inputs):
+    ...         self.caster = inputs.caster
     ...     def trace(self, pulses):
     ...         hits = self.caster.cast(pulses.true.position_m, pulses.true.boresight)
     ...         row = np.flatnonzero(hits.hit)
@@ -146,39 +148,39 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
     return ENGINES.register(name, parameters)
 
 
-def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
+def build_engine(table: TracingTable, inputs: EngineInputs) -> Engine:
     """Return the engine named in a scenario."""
-    return ENGINES.build(table.engine, Engine, table.engine_parameters, given)
+    return ENGINES.build(table.engine, Engine, table.engine_parameters, inputs)
 
 
-def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
+def build_tracer(engine: Engine, inputs: EngineInputs, weather: WeatherTable) -> Tracer:
     """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
-    plants = given.scene.vegetation
-    wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), given.chirp.carrier_hz)
+    plants = inputs.scene.vegetation
+    wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), inputs.chirp.carrier_hz)
     return Tracer(
         engine,
-        given.scene,
-        given.antenna,
-        given.chirp,
-        given.caster,
-        moving=build_moving_ground(given.scene, np.array(weather.wind_mps), given.chirp, given.seed),
-        canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
-        atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
-        seed=given.seed,
-        bounces=given.tracing.bounces,
+        inputs.scene,
+        inputs.antenna,
+        inputs.chirp,
+        inputs.caster,
+        moving=build_moving_ground(inputs.scene, np.array(weather.wind_mps), inputs.chirp, inputs.seed),
+        canopy=None if plants is None else Canopy(plants, inputs.scene, inputs.chirp, inputs.seed, wind),
+        atmosphere=build_atmosphere(weather, inputs.antenna, inputs.chirp, inputs.seed),
+        seed=inputs.seed,
+        bounces=inputs.tracing.bounces,
     )
 
 
-def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
-    """Return the tracer of all beams, with engines that share what they know of the scene.
+def build_steered_tracer(engine: Engine, inputs: EngineInputs, weather: WeatherTable) -> SteeredTracer:
+    """Return the tracer of all beams, with engines that share the scene.
 
     Raises ScenarioError for an engine that cannot change its antenna.
     """
     if not isinstance(engine, SteerableEngine):
         message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
         raise ScenarioError.of("tracing.engine", message)
-    each = [(engine.with_antenna(beam), replace(given, antenna=beam, beams=())) for beam in given.beams]
-    return SteeredTracer([build_tracer(own, inputs, weather) for own, inputs in each])
+    single_beams = [replace(inputs, antenna=beam, beams=()) for beam in inputs.beams]
+    return SteeredTracer([build_tracer(engine.with_antenna(beam.antenna), beam, weather) for beam in single_beams])
 
 
 def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:
@@ -217,7 +219,7 @@ def rain_map_of(table: WeatherTable) -> RainMap | None:
         parts.append(cell.to(RainCell))
     if not parts:
         return None
-    return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)
+    return CombinedRain(maps=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)
 
 
 def rcs_of_mesh(

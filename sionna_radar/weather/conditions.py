@@ -1,4 +1,4 @@
-"""The weather of a survey: attenuation and echo at one carrier, and where its volume reflects and falls."""
+"""The weather of a survey at one carrier: specific attenuation, reflectivity, and fall speeds of what is in the air."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,8 +17,8 @@ from sionna_radar.weather.scattering import Aerosol
 from sionna_radar.weather.snow import snow_attenuation_db_per_km, snow_reflectivity_per_m, snow_speeds
 from sionna_radar.weather.validity import Obscurant, Precipitation
 
-NONE_FALLS: Mapping[Precipitation, float] = {}
-NONE_HANGS: Mapping[Obscurant, float] = {}
+NO_PRECIPITATION: Mapping[Precipitation, float] = {}
+NO_OBSCURANTS: Mapping[Obscurant, float] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,9 +39,9 @@ class Weather:
     carrier_hz: float
     rain_rate_mm_per_h: float = 0.0
     rain_map: RainMap | None = None
-    snowfall_mm_per_h: Mapping[Precipitation, float] = field(default_factory=lambda: NONE_FALLS)
+    snowfall_mm_per_h: Mapping[Precipitation, float] = field(default_factory=lambda: NO_PRECIPITATION)
     liquid_water_g_per_m3: float = 0.0
-    visibility_m: Mapping[Obscurant, float] = field(default_factory=lambda: NONE_HANGS)
+    visibility_m: Mapping[Obscurant, float] = field(default_factory=lambda: NO_OBSCURANTS)
     air: Air | None = None
     temperature_k: float = 288.15
     wet_radome_m: float | None = None
@@ -94,8 +94,8 @@ class Weather:
         return aerosols
 
     @cached_property
-    def still_attenuation_db_per_km(self) -> float:
-        """One-way specific attenuation of everything but rain, the same in every direction."""
+    def static_attenuation_db_per_km(self) -> float:
+        """One-way specific attenuation of everything but rain, which is isotropic."""
         total = self.gas_attenuation_db_per_km + self.fog_attenuation_db_per_km
         for kind, aerosol in self._aerosols.items():
             if kind is not Obscurant.FOG:
@@ -111,7 +111,7 @@ class Weather:
 
         mix: as in `rain_attenuations_db_per_km`.
         """
-        still = self.still_attenuation_db_per_km
+        still = self.static_attenuation_db_per_km
         if self.rain_rate_mm_per_h == 0:
             return np.full(mix.shape, still)
         rain = rain_attenuations_db_per_km(self.carrier_hz, rain_rate_mm_per_h=self.rain_rate_mm_per_h, mix=mix)
@@ -147,7 +147,7 @@ class Weather:
         return drop_echo(self.carrier_hz, drops=drops, temperature_k=self.temperature_k)
 
     @cached_property
-    def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
+    def static_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
         """Reflectivity (m2/m3) and fall speeds of everything but rain that returns an echo."""
         snow = [
             (
@@ -185,15 +185,15 @@ class Volume(Protocol):
         """Return fall speeds at positions, by quantiles below 1 of the reflectivity."""
 
 
-class EvenVolume:
+class UniformVolume:
     """A uniform volume."""
 
     def __init__(self, weather: Weather) -> None:
         rain = [(weather.rain_reflectivity_per_m, weather.rain_speeds())] if weather.rain_rate_mm_per_h > 0 else []
-        kinds = [*rain, *weather.still_echoes]
+        kinds = [*rain, *weather.static_echoes]
         self.reflectivity_per_m = float(sum(reflectivity for reflectivity, _ in kinds))
-        share = tuple(reflectivity / self.reflectivity_per_m for reflectivity, _ in kinds)
-        self._speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in kinds])
+        fraction = tuple(reflectivity / self.reflectivity_per_m for reflectivity, _ in kinds)
+        self._speeds = SpeedMixture(fraction=fraction, kinds=[speeds for _, speeds in kinds])
 
     def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
         """Return ones."""
@@ -206,16 +206,16 @@ class EvenVolume:
         return self._speeds.at(quantile)
 
 
-class UnevenVolume:
+class NonUniformVolume:
     """Rain that varies with position, in an otherwise uniform volume."""
 
     def __init__(self, weather: Weather, rain: RainMap) -> None:
         self._weather, self._rain = weather, rain
         self._log_rate = np.linspace(np.log(MIN_MM_PER_H), np.log(MAX_MM_PER_H), RATES)
-        still = weather.still_echoes
+        still = weather.static_echoes
         self._still_per_m = float(sum(reflectivity for reflectivity, _ in still))
-        share = tuple(reflectivity / self._still_per_m for reflectivity, _ in still)
-        self._still_speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in still]) if still else None
+        fraction = tuple(reflectivity / self._still_per_m for reflectivity, _ in still)
+        self._still_speeds = SpeedMixture(fraction=fraction, kinds=[speeds for _, speeds in still]) if still else None
         self.reflectivity_per_m = weather.rain_echo(MAX_MM_PER_H)[0] + self._still_per_m
 
     @cached_property
@@ -239,17 +239,19 @@ class UnevenVolume:
     def fall_mps(
         self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
-        """Return fall speeds at positions: quantiles up to the rain's share are drops, larger ones other particles."""
+        """Return fall speeds at positions: drops up to the rain's fraction, other particles above."""
         rate = self._rain.rate_mm_per_h(position_m)
         rain_per_m = self._rain_per_m(rate)
         total = rain_per_m + self._still_per_m
-        share = np.divide(rain_per_m, total, out=np.ones_like(total), where=total > 0)
-        drops = quantile < share
+        rain_fraction = np.divide(rain_per_m, total, out=np.ones_like(total), where=total > 0)
+        drops = quantile < rain_fraction
         speed = np.empty_like(quantile)
-        speed[drops] = self._drop_mps(rate[drops], quantile[drops] / share[drops])
+        speed[drops] = self._drop_mps(rate[drops], quantile[drops] / rain_fraction[drops])
         if self._still_speeds is not None:
             others = ~drops
-            speed[others] = self._still_speeds.at((quantile[others] - share[others]) / (1 - share[others]))
+            speed[others] = self._still_speeds.at(
+                (quantile[others] - rain_fraction[others]) / (1 - rain_fraction[others])
+            )
         return speed
 
     def _drop_mps(
@@ -269,5 +271,5 @@ class UnevenVolume:
 def volume_of(weather: Weather) -> Volume | None:
     """Return the scattering volume; None if nothing in the air returns an echo."""
     if weather.rain_map is not None:
-        return UnevenVolume(weather, weather.rain_map)
-    return EvenVolume(weather) if weather.fills_the_beam else None
+        return NonUniformVolume(weather, weather.rain_map)
+    return UniformVolume(weather) if weather.fills_the_beam else None

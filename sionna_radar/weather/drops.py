@@ -225,26 +225,26 @@ def _canted(
 class EchoSpeeds:
     """Echo-weighted fall speeds of particles.
 
-    share: cumulative fraction of the reflectivity, from 0 to 1; speed_mps: the fall speed at this quantile.
+    cumulative: cumulative fraction of the reflectivity, from 0 to 1; speed_mps: the fall speed at this quantile.
     """
 
-    share: Float[np.ndarray, " node"]
+    cumulative: Float[np.ndarray, " node"]
     speed_mps: Float[np.ndarray, " node"]
 
     def at(self, quantile: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Return fall speeds at quantiles: uniform quantiles sample particles weighted by their echo."""
-        return np.interp(quantile, self.share, self.speed_mps)
+        return np.interp(quantile, self.cumulative, self.speed_mps)
 
 
 # Particles of some micrometres fall by centimetres per second.
-FLOATING = EchoSpeeds(share=np.array([0.0, 1.0]), speed_mps=np.zeros(2))
+FLOATING = EchoSpeeds(cumulative=np.array([0.0, 1.0]), speed_mps=np.zeros(2))
 
 
 def weighted_speeds(weight: Float[np.ndarray, " node"], speed_mps: Float[np.ndarray, " node"]) -> EchoSpeeds:
     """Return the fall speeds of particle sizes, weighted by the echo of each size."""
     cumulative = np.cumsum(weight) - weight / 2  # each node is in the middle of its weight
     return EchoSpeeds(
-        share=np.concatenate([[0.0], cumulative / weight.sum(), [1.0]]),
+        cumulative=np.concatenate([[0.0], cumulative / weight.sum(), [1.0]]),
         speed_mps=np.concatenate([speed_mps[:1], speed_mps, speed_mps[-1:]]),
     )
 
@@ -253,15 +253,15 @@ def weighted_speeds(weight: Float[np.ndarray, " node"], speed_mps: Float[np.ndar
 class SpeedMixture:
     """The fall speeds of several kinds of particles in one volume.
 
-    share: share of each kind in the reflectivity, summing to 1.
+    fraction: fraction of each kind in the reflectivity, summing to 1.
     """
 
-    share: tuple[float, ...]
+    fraction: tuple[float, ...]
     kinds: Sequence[EchoSpeeds]
 
     def at(self, quantile: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return fall speeds at quantiles below 1: one interval for each kind, spread over that kind's speeds."""
-        edges = np.concatenate([[0.0], np.cumsum(self.share)[:-1], [1.0]])
+        edges = np.concatenate([[0.0], np.cumsum(self.fraction)[:-1], [1.0]])
         kind = np.searchsorted(edges[1:-1], quantile, side="right")
         speed = np.empty_like(quantile)
         for index, speeds in enumerate(self.kinds):

@@ -270,15 +270,15 @@ class RainField:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RainTogether:
+class CombinedRain:
     """A shower within widespread rain: the rates add."""
 
-    parts: tuple[RainMap, ...]
+    maps: tuple[RainMap, ...]
     everywhere_mm_per_h: float = 0.0
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north, limited to the range of the models."""
         rate = np.full(position_m.shape[:-1], self.everywhere_mm_per_h)
-        for rain in self.parts:
+        for rain in self.maps:
             rate = rate + rain.rate_mm_per_h(position_m)
         return np.minimum(rate, MAX_MM_PER_H)

@@ -299,7 +299,7 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1,2,3\n", "line 1 reads '1,2,3', and should name columns; give"),
+        ("1,2,3\n", "line 1 reads '1,2,3', and is not a header of column names; give"),
         ("x,y\n1,2\n", "with the columns x, y, z"),
         ("x,y,z\n0,0,1\n0,1,high\n", "line 3 reads '0,1,high'; give finite numbers"),
         ("x,y,z\n0,0\n", "line 2 reads '0,0'"),

@@ -209,7 +209,7 @@ BAD = {
     "crs on one side": ({"crs": "EPSG:32633"}, 5.0, "is not georeferenced"),
     "elsewhere": ({"west_m": 5000.0}, 5.0, "does not overlap the survey"),
     "no heights": ({"height": np.nan}, 5.0, "has no heights under the survey"),
-    "no tolerance": ({}, 0.0, "must be > 0"),
+    "no tolerance": ({}, 0.0, "must be greater than 0"),
 }
 
 

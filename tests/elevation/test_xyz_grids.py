@@ -73,12 +73,12 @@ def test_rounded_distances_do_not_add_up(tmp_path):
 @pytest.mark.parametrize(("text", "words"), [
     ("1 2 3\n2 2 x\n", "line 2 or after reads '2 2 x'"),
     ("1 2 3\n2 2\n", "line 2 or after reads '2 2'"),
-    ("1 2 3\n2 2 3\n", "all points have one y"),
-    ("0 0 1\n1 0 1\n2.4 1 1\n3.1 1 1\n", "the points are on no grid: x = "),
-    ("0 0 1\n1 1 1\n1e9 0 1\n", "on no grid"),
+    ("1 2 3\n2 2 3\n", "all points have the same y"),
+    ("0 0 1\n1 0 1\n2.4 1 1\n3.1 1 1\n", "the points do not form a grid: x = "),
+    ("0 0 1\n1 1 1\n1e9 0 1\n", "do not form a grid"),
     ("0 0 1\n1 1 1\n50000 90000 1\n", "spans 50,001 x 90,001 cells"),
-    ("0 0 1\nnan 1 1\n", "a coordinate is no finite number"),
-    ("", "all points have one x"),
+    ("0 0 1\nnan 1 1\n", "a coordinate is not a finite number"),
+    ("", "all points have the same x"),
 ])  # fmt: skip
 def test_what_is_no_grid_is_one_error(tmp_path, text, words):
     path = tmp_path / "a.xyz"

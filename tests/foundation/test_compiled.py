@@ -22,7 +22,7 @@ def doubled(values):
 
 def test_without_a_folder_that_can_be_written_one_warning_says_so_and_the_code_runs(monkeypatch, caplog):
     monkeypatch.setattr(FunctionCache, "__init__", _without_a_folder)
-    module._say_once.cache_clear()
+    module._warn_once.cache_clear()
     functions = [compiled(doubled), compiled(doubled)]
     assert [function(np.array([1.5])) for function in functions] == [3.0, 3.0]
     assert len(caplog.records) == 1

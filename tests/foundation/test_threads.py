@@ -6,17 +6,17 @@ import pytest
 
 from sionna_radar.foundation import progress, threads
 from sionna_radar.foundation.progress import advance, progress_to, stage
-from sionna_radar.foundation.threads import beside, in_threads, several_at_once
+from sionna_radar.foundation.threads import in_background, in_threads, several_at_once
 
 
 @pytest.mark.parametrize("cores", [1, 2])
 def test_what_runs_beside_gives_its_result_or_its_error(monkeypatch, cores):
     monkeypatch.setattr(threads, "cores", lambda: cores)
-    first = beside(lambda: 3)
-    second = beside(lambda: threading.current_thread() is threading.main_thread())
+    first = in_background(lambda: 3)
+    second = in_background(lambda: threading.current_thread() is threading.main_thread())
     assert (first(), second()) == (3, cores == 1)
     with pytest.raises(ZeroDivisionError):
-        beside(lambda: 1 // 0)()
+        in_background(lambda: 1 // 0)()
 
 
 def test_loops_within_loops_do_not_wait_for_each_other(monkeypatch):

@@ -1,4 +1,4 @@
-"""Maps with steps: parts without ramps, planes of parts, and borders by the likelihood of whole profiles."""
+"""Maps with steps: regions without ramps, planes of regions, and borders by the likelihood of whole profiles."""
 
 import numpy as np
 import pytest
@@ -16,16 +16,16 @@ from sionna_radar.mapping.stepped.border_kernels import (
     cast,
 )
 from sionna_radar.mapping.stepped.borders import (
-    ALIKE,
+    NEIGHBOUR_GAIN_NEPERS,
     StepMap,
     _Block,
-    beside_borders,
+    assign_border_cells,
+    border_cells,
     contradicted_by_echoes,
-    nearer_elsewhere,
-    with_borders,
+    nearest_echo_off_level,
 )
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
-from sionna_radar.mapping.stepped.surface import moved_with, parts_of, to_border_m
+from sionna_radar.mapping.stepped.surface import distance_to_border_m, regions_of, sigma_after_reassignment
 
 ROOF_M = 8.0
 
@@ -44,7 +44,7 @@ def plainly(columns: CellColumns, origin: np.ndarray, ray: np.ndarray, farthest:
         inside = 0 <= row < columns.height.shape[0] and 0 <= column < columns.height.shape[1]
         if inside and z <= columns.height[row, column]:
             on_wall = columns.height[row, column] - z > 2e-3
-            return float(at), 2 * int(columns.part[row, column]) + int(on_wall)
+            return float(at), 2 * int(columns.region[row, column]) + int(on_wall)
     return np.inf, NOTHING
 
 
@@ -75,23 +75,23 @@ def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
     height = np.zeros((30, 40))
     height[8:20, 10:28] = ROOF_M
     height[14, 7:10] = [2.0, 4.0, 6.0]  # as steep as a step of 2.5 m a cell
-    part = parts_of(height, 2.5, 6)
-    assert len(np.unique(part)) == 2
-    assert part[10, 15] != part[2, 2]
-    np.testing.assert_array_equal(part[8:20, 10:28], part[10, 15])
+    region = regions_of(height, 2.5, 6)
+    assert len(np.unique(region)) == 2
+    assert region[10, 15] != region[2, 2]
+    np.testing.assert_array_equal(region[8:20, 10:28], region[10, 15])
 
 
 def test_gentle_ground_is_one_part():
     x, y = np.meshgrid(np.arange(50.0), np.arange(40.0))
-    assert np.all(parts_of(0.3 * x + 2 * np.sin(y / 6), 1.0, 6) == 0)
+    assert np.all(regions_of(0.3 * x + 2 * np.sin(y / 6), 1.0, 6) == 0)
 
 
 def test_distances_to_borders_are_euclidean():
-    part = np.zeros((21, 21), dtype=np.int64)
-    part[:, 12:] = 1
-    found = to_border_m(part, 0.5)
+    region = np.zeros((21, 21), dtype=np.int64)
+    region[:, 12:] = 1
+    found = distance_to_border_m(region, 0.5)
     np.testing.assert_allclose(found[5], 0.5 * np.minimum(np.abs(np.arange(21) - 11), np.abs(np.arange(21) - 12)))
-    assert np.all(np.isinf(to_border_m(np.zeros((4, 4), dtype=np.int64), 1.0)))
+    assert np.all(np.isinf(distance_to_border_m(np.zeros((4, 4), dtype=np.int64), 1.0)))
 
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
@@ -121,17 +121,17 @@ def block(seen):
 def test_cells_on_the_wrong_side_of_a_wall_go_over(seen):
     roof, true = on_box(MAP, 1.0), on_box(MAP)
     axis_m = seen.places(mean_ranges(seen).range_m)
-    found = with_borders(seen, axis_m, np.where(roof, TOP, 0.0), roof.astype(np.int64), ~roof, 1.0, MAP)
+    found = assign_border_cells(seen, axis_m, np.where(roof, TOP, 0.0), roof.astype(np.int64), ~roof, 1.0, MAP)
     in_view = found.expected > 0
-    wrong_before, wrong_after = (in_view & (part != true) for part in (roof, found.part == 1))
+    wrong_before, wrong_after = (in_view & (region != true) for region in (roof, found.region == 1))
     assert wrong_after.sum() < 0.65 * wrong_before.sum()
-    np.testing.assert_array_equal(found.height_m[in_view], np.where(found.part == 1, TOP, 0.0)[in_view])
+    np.testing.assert_array_equal(found.height_m[in_view], np.where(found.region == 1, TOP, 0.0)[in_view])
     kept = in_view & ~found.doubtful(*np.zeros((2, *MAP.shape), dtype=bool))
     assert (wrong_after & kept).sum() <= 0.3 * wrong_before.sum()
 
 
 def test_profiles_changed_ray_by_ray_are_those_predicted_anew(block):
-    wanted = np.flatnonzero(beside_borders(block._columns.part))
+    wanted = np.flatnonzero(border_cells(block._columns.region))
     ground, height = np.full(MAP.rows * MAP.columns, NOTHING), np.zeros(MAP.rows * MAP.columns)
     changed, margin = np.zeros(MAP.shape, dtype=bool), np.full(MAP.shape, np.inf)
     block._update(5)
@@ -151,26 +151,26 @@ def log_likelihood(block: _Block) -> float:
     block._cast(np.arange(len(block._echoes.first)))
     block._update(0)
     ratio = block._echoes.power / block._echoes.mean
-    unlikely = np.where(ratio > MAX_SPECKLE, MAX_SPECKLE + np.log(ratio / MAX_SPECKLE), ratio)
-    return float(-block._echoes.looks[0] * np.sum(unlikely + np.log(block._echoes.mean)))
+    speckle_loss = np.where(ratio > MAX_SPECKLE, MAX_SPECKLE + np.log(ratio / MAX_SPECKLE), ratio)
+    return float(-block._echoes.looks[0] * np.sum(speckle_loss + np.log(block._echoes.mean)))
 
 
 def test_what_a_cell_gains_is_the_likelihood_of_whole_profiles_predicted_anew(seen):
     rng, roof = np.random.default_rng(4), on_box(MAP)
-    cells = np.flatnonzero(beside_borders(roof.astype(np.int64)))
+    cells = np.flatnonzero(border_cells(roof.astype(np.int64)))
     ground, height = np.full(MAP.rows * MAP.columns, NOTHING), np.zeros(MAP.rows * MAP.columns)
     for cell in rng.choice(cells, 12, replace=False):
         block = _Block(seen, np.where(roof, TOP, 0.0), roof.astype(np.int64), MAP)
         block._update(10)
         row, column = np.unravel_index(cell, MAP.shape)
-        own, before = block._columns.part[row, column], log_likelihood(block)
+        own, before = block._columns.region[row, column], log_likelihood(block)
         top, a, b, number = candidate(block._columns, row, column, 1 - own)
         beside = candidate(block._columns, row, column, own)[3]
         changed, margin = np.zeros(MAP.shape, dtype=bool), np.full(MAP.shape, np.inf)
         block._sweep(np.array([cell]), block._crossing(), ground, height, changed, margin, 1.0)
-        block._columns.height[row, column], block._columns.part[row, column] = top, 1 - own
+        block._columns.height[row, column], block._columns.region[row, column] = top, 1 - own
         block._columns.slope_x[row, column], block._columns.slope_y[row, column] = a, b
-        gain = ALIKE * (number - beside) + log_likelihood(block) - before
+        gain = NEIGHBOUR_GAIN_NEPERS * (number - beside) + log_likelihood(block) - before
         assert margin[row, column] == pytest.approx(abs(gain), rel=1e-6, abs=1e-6)
         assert changed[row, column] == (gain > 0)
 
@@ -206,8 +206,8 @@ def test_a_hill_is_no_plane():
 
 def test_a_map_without_borders_stays_as_it_is(seen):
     axis_m = seen.places(mean_ranges(seen).range_m)
-    height, part = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
-    found = with_borders(seen, axis_m, height, part, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
+    height, region = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
+    found = assign_border_cells(seen, axis_m, height, region, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
     np.testing.assert_array_equal(found.height_m, height)
     assert not found.doubtful(*np.zeros((2, *MAP.shape), dtype=bool)).any()
 
@@ -218,13 +218,13 @@ def test_cells_whose_nearest_echo_is_a_step_away_are_doubtful_unless_profiles_ar
     roof = x > 5.5
     # The ground is heard up to x = 7, the roof from x = 10 on.
     echoes = np.array([[0.0, 1.0, 0.0], [3.0, 1.0, 0.1], [7.0, 1.0, 0.0], [10.0, 1.0, 6.0]])
-    elsewhere = nearer_elsewhere(np.where(roof, 6.0, 0.0), echoes, 1.0, grid)
+    elsewhere = nearest_echo_off_level(np.where(roof, 6.0, 0.0), echoes, 1.0, grid)
     np.testing.assert_array_equal(elsewhere, (x > 5.5) & (x < 8.5))
     margin = np.where(x == 7.0, 100.0, np.inf)
     found = StepMap(np.where(roof, 6.0, 0.0), roof.astype(int), np.ones(grid.shape), np.ones(grid.shape), margin)
     nowhere = np.zeros(grid.shape, dtype=bool)
     np.testing.assert_array_equal(found.doubtful(elsewhere, nowhere), (x == 6.0) | (x == 8.0))
-    assert not nearer_elsewhere(np.zeros(grid.shape), np.zeros((0, 3)), 1.0, grid).any()
+    assert not nearest_echo_off_level(np.zeros(grid.shape), np.zeros((0, 3)), 1.0, grid).any()
 
 
 def test_echoes_of_a_roof_that_is_no_part_of_the_map_leave_it_empty_and_a_stray_one_or_a_slope_does_not():
@@ -234,7 +234,7 @@ def test_echoes_of_a_roof_that_is_no_part_of_the_map_leave_it_empty_and_a_stray_
     place = rng.uniform(0, [23, 8], (200, 2))
     height = 1.5 * x  # of a slope so steep that the nearest echo is a step off the cell's height, not off the map
     echoes = np.column_stack([place, 1.5 * np.round(place[:, 0])])
-    assert nearer_elsewhere(height, echoes, 0.5, grid).any()
+    assert nearest_echo_off_level(height, echoes, 0.5, grid).any()
     assert not contradicted_by_echoes(height, echoes, 0.5, grid).any()
     stray, tip = np.array([[5.0, 4.0, 30.0]]), np.hypot(place[:, 0] - 17, place[:, 1] - 4) < 3
     assert not contradicted_by_echoes(height, np.vstack([echoes, stray]), 0.5, grid).any()
@@ -250,5 +250,5 @@ def test_echoes_of_a_roof_that_is_no_part_of_the_map_leave_it_empty_and_a_stray_
 
 def test_a_cell_that_changes_its_part_is_known_as_well_as_its_new_neighbours():
     before, after = np.array([[0, 0, 0, 1, 1]]), np.array([[0, 0, 1, 1, 1]])
-    sigma = moved_with(np.array([[0.1, 0.1, 0.1, 0.4, 0.5]]), before, after)
+    sigma = sigma_after_reassignment(np.array([[0.1, 0.1, 0.1, 0.4, 0.5]]), before, after)
     np.testing.assert_array_equal(sigma, [[0.1, 0.1, 0.4, 0.4, 0.5]])

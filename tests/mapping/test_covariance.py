@@ -7,7 +7,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
 
 from sionna_radar.mapping.terrain.covariance import (
-    ROUGHER,
+    PRIOR_NEPERS_SMOOTHNESS,
     TABLE,
     Covariance,
     CovarianceTable,
@@ -49,7 +49,7 @@ def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, smo
         terrain = Covariance(own, *np.exp(logs[:2]), microrelief_m).at(away, 1.2)
         noise = np.exp(logs[2]) * np.outer(measured.sigma_m, measured.sigma_m)
         gaussian = multivariate_normal(cov=terrain + noise * repeated(measured.order, measured.reach))
-        prior = logs[2] ** 2 / (2 * spread**2) + ROUGHER * np.log1p(min(own, 12.0))
+        prior = logs[2] ** 2 / (2 * spread**2) + PRIOR_NEPERS_SMOOTHNESS * np.log1p(min(own, 12.0))
         return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
 
     loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], microrelief_m, spread)
@@ -92,8 +92,8 @@ def test_a_table_gives_the_covariance_between_places(measured):
 def test_nothing_lies_beyond_a_groups_table(measured):
     group = Group.of(measured, np.arange(30))
     assert group.entry.max() == TABLE - 2
-    assert group.share.min() >= 0
-    assert group.share.max() <= 1
+    assert group.fraction.min() >= 0
+    assert group.fraction.max() <= 1
 
 
 def test_speckle_that_dense_pulses_share_does_not_pass_for_rough_ground():

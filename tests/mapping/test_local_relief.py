@@ -17,10 +17,10 @@ from sionna_radar.mapping.terrain.local_relief import (
     UNIFORM,
     DividedTables,
     LocalRelief,
+    _cross_line_errors,
     _modes,
-    _off_other_lines,
-    calm,
     local_relief,
+    low_relief_mask,
     misfit_between_lines,
 )
 from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
@@ -138,7 +138,7 @@ def test_a_pole_is_no_part_of_the_terrain(drawn):
     heights = drawn[0].rows(drawn[0].place_m[:, 0] < 60)
     pole = np.argmin(np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1))
     raised = replace(heights, height_m=heights.height_m + 12.0 * (np.arange(len(heights)) == pole))
-    calm_ground = calm(raised.above(np.zeros(3)))
+    calm_ground = low_relief_mask(raised.above(np.zeros(3)))
     assert not calm_ground[pole]
     assert calm_ground[np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1) > 25].mean() > 0.9
 
@@ -220,7 +220,7 @@ def test_lines_left_out_are_predicted_by_the_others(local):
     tables = DividedTables.of(measured, own[None], TERRAIN, local)
     # Beside it a window of one line alone, of which nothing is told.
     alone = np.argsort(np.hypot(*(heights.place_m - [20.0, 30.0]).T) + 100 * (heights.place_m[:, 0] != 20.0))[:40]
-    found = _off_other_lines(measured, np.array([alone, own]), FittedCovariance(TERRAIN, 1.0), local, tables)
+    found = _cross_line_errors(measured, np.array([alone, own]), FittedCovariance(TERRAIN, 1.0), local, tables)
     assert found == pytest.approx([plainly], rel=1e-3)
 
 
@@ -251,7 +251,7 @@ def test_chance_widens_one_map_in_thousands(monkeypatch):
     place = scanned(rng, walls_along=True).above(np.zeros(3))
 
     def told(factor, draws):
-        monkeypatch.setattr(local_relief_module, "_off_other_lines", lambda *_: factor * rng.standard_normal(184))
+        monkeypatch.setattr(local_relief_module, "_cross_line_errors", lambda *_: factor * rng.standard_normal(184))
         return np.mean([misfit_between_lines(place, terrain, None) > 1 for _ in range(draws)])
 
     assert told(1.0, 1500) < 2e-3

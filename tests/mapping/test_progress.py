@@ -31,8 +31,8 @@ class Silent:
 
     profiles = "optional"
 
-    def __call__(self, given) -> Raster:
-        return Raster(grid=given.grid, height_m=np.zeros(given.grid.shape))
+    def __call__(self, inputs) -> Raster:
+        return Raster(grid=inputs.grid, height_m=np.zeros(inputs.grid.shape))
 
 
 @pytest.fixture(scope="module")

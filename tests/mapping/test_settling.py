@@ -9,7 +9,7 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, spline_taps
-from sionna_radar.mapping.refined.refinement import SETTLED_M, Mixing, refine
+from sionna_radar.mapping.refined.refinement import CONVERGED_M, AndersonAcceleration, refine
 from sionna_radar.radar.chirp import Chirp
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -29,7 +29,7 @@ def some(surface):
 
 def test_mixed_steps_solve_a_system_in_which_plain_ones_swing():
     rate = np.array([0.3, 1.0, 2.5, 4.0])
-    place, mixing = np.zeros(4), Mixing()
+    place, mixing = np.zeros(4), AndersonAcceleration()
     for _ in range(8):
         place = mixing.next(place, 1 - rate * place, 1 - rate * place)
     np.testing.assert_allclose(place, 1 / rate, atol=1e-6)
@@ -59,4 +59,4 @@ def test_rounding_moves_no_map(some):
     shaken = np.random.default_rng(2).uniform(-1e-6, 1e-6, len(some.profiles.power)).astype(np.float32)
     profiles = replace(some.profiles, power=some.profiles.power * (1 + shaken))
     surfaces = [refine(sightings, PART).surface.height_m for sightings in (some, replace(some, profiles=profiles))]
-    assert np.sqrt(np.mean((surfaces[1] - surfaces[0]) ** 2)) < SETTLED_M
+    assert np.sqrt(np.mean((surfaces[1] - surfaces[0]) ** 2)) < CONVERGED_M

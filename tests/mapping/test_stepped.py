@@ -238,10 +238,10 @@ def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):
     echoes = mean_ranges(level)
     near = replace(echoes, range_m=np.where(np.arange(len(level)) % 5 == 2, 0.9, 1.0) * echoes.range_m)
     surfaces = _Surfaces(level, near, located(level), MAP, coarse, 1.2, STEPPED)
-    part = surfaces.whole_part(np.zeros(MAP.shape, dtype=int))
+    region = surfaces.whole_region(np.zeros(MAP.shape, dtype=int))
     inside = MAP.cell_of(level.places(near.range_m))[2]
-    assert part[inside].tolist() == np.where(near.range_m < echoes.range_m, -1, 0)[inside].tolist()
-    assert set(part[inside]) == {-1, 0}
+    assert region[inside].tolist() == np.where(near.range_m < echoes.range_m, -1, 0)[inside].tolist()
+    assert set(region[inside]) == {-1, 0}
 
 
 def test_nothing_heard_makes_no_map(level):

@@ -10,7 +10,13 @@ from sionna_radar import load_scenario, run
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, margins, path_costs
-from sionna_radar.mapping.stepped.surface import ABOVE_M, BELOW_M, DISTANCES_CELLS, next_step, with_steps
+from sionna_radar.mapping.stepped.surface import (
+    ABOVE_M,
+    BELOW_M,
+    DISTANCES_CELLS,
+    nearest_step_below,
+    stepped_uncertainty,
+)
 
 
 def coarse(height_m: np.ndarray, margin: float = 0.0, depth_m: float = 0.0) -> CoarseMap:
@@ -48,7 +54,7 @@ def test_the_next_step_is_that_of_a_plain_search():
     """Of growing squares the first with a foot of a step below the cell; as deep as in one twice as wide."""
     rng = np.random.default_rng(3)
     height = np.round(rng.uniform(0, 1.5, (26, 31)) ** 8, 1)
-    away, depth_m = next_step(height, 1.2, 0.5)
+    away, depth_m = nearest_step_below(height, 1.2, 0.5)
     place = np.argwhere(np.ones(height.shape, dtype=bool)).reshape(*height.shape, 2)
     foot = np.zeros(height.shape, dtype=bool)
     for i, j in product(range(26), range(31)):
@@ -69,7 +75,7 @@ def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():
     """The variance that is added is that of drawn errors: a step up or down with their probabilities, and none else."""
     height = np.zeros((8, 24))
     height[:, 8:16], height[:, 16:] = 6.0, 15.0
-    found = with_steps(np.full(height.shape, 0.1), height, coarse(height), 2.0, 1.0)
+    found = stepped_uncertainty(np.full(height.shape, 0.1), height, coarse(height), 2.0, 1.0)
     # Columns of the middle roof: 6 m above the ground, three cells away, and 9 m below the other, six cells away.
     down, up = BELOW_M / 3, ABOVE_M / 6
     chance = np.array([down, up, 1.0]) / (1 + down + up)
@@ -87,12 +93,14 @@ def test_an_error_is_as_deep_as_what_the_echoes_leave_open():
     height = np.zeros((8, 24))
     height[:, 8:] = 6.0
     own = np.full(height.shape, 0.1)
-    near, deep = (with_steps(own, height, coarse(height, depth_m=depth_m), 2.0, 1.0) for depth_m in (3.0, 12.0))
+    near, deep = (
+        stepped_uncertainty(own, height, coarse(height, depth_m=depth_m), 2.0, 1.0) for depth_m in (3.0, 12.0)
+    )
     square = [
         found.step_sigma_m[3, 10] ** 2 / (chance := found.other_side[3, 10]) / (1 - chance) for found in (near, deep)
     ]
     assert square == pytest.approx([6.0**2, 12.0**2])
-    moved = with_steps(own, height, coarse(height - 5.0, depth_m=9.0), 2.0, 1.0)
+    moved = stepped_uncertainty(own, height, coarse(height - 5.0, depth_m=9.0), 2.0, 1.0)
     assert moved.step_sigma_m[3, 10] == pytest.approx(deep.step_sigma_m[3, 10] * 14 / 12)
 
 
@@ -103,7 +111,7 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
     own = np.full(height.shape, 0.1)
     odds = []
     for nepers in (0.0, 2.0, np.inf):
-        chance = with_steps(own, height, coarse(height, nepers), 2.0, 1.0).other_side
+        chance = stepped_uncertainty(own, height, coarse(height, nepers), 2.0, 1.0).other_side
         odds.append(chance / (1 - chance))
     np.testing.assert_allclose(odds[1], odds[0] * norm.pdf(2.0) / norm.pdf(0.0))
     assert np.all(odds[2] == 0.0)
@@ -112,7 +120,7 @@ def test_what_the_echoes_say_against_another_level_makes_it_less_likely():
 
 def test_a_hillside_without_steps_has_no_other_side():
     height = np.add.outer(np.zeros(30), 0.4 * np.arange(40))
-    found = with_steps(np.full(height.shape, 0.1), height, coarse(height, depth_m=8.0), 1.2, 1.0)
+    found = stepped_uncertainty(np.full(height.shape, 0.1), height, coarse(height, depth_m=8.0), 1.2, 1.0)
     assert np.all(found.other_side == 0.0)
     assert np.all(found.cell_sigma_m == pytest.approx(0.1))
 

@@ -195,13 +195,19 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
     taken, both = left(rough, whole=False), (Plausible(0.25, rough), Plausible(0.75, smooth))
     expected = 0.25 * left(rough, whole=True) + 0.75 * left(smooth, whole=True)
     here = np.zeros((1, 2))
-    assert information.after(np.array([taken]), rough, both, None, here) == pytest.approx(expected)
-    assert information.after(np.array([taken / 2]), rough, both, None, here) == pytest.approx(expected / 2)
+    assert information.posterior_variance_m2(np.array([taken]), rough, both, None, here) == pytest.approx(expected)
+    assert information.posterior_variance_m2(np.array([taken / 2]), rough, both, None, here) == pytest.approx(
+        expected / 2
+    )
     # Far from all echoes it changes by no more than where they lie.
-    assert information.after(np.array([100 * taken]), rough, both, None, here) == pytest.approx(99 * taken + expected)
+    assert information.posterior_variance_m2(np.array([100 * taken]), rough, both, None, here) == pytest.approx(
+        99 * taken + expected
+    )
     # A wide window averages short waves away, of which the smooth terrain has none.
     only = (Plausible(1.0, smooth),)
-    narrow, wide = (information.after(np.array([1e-9]), rough, only, None, here, w) for w in (0.0, 30.0))
+    narrow, wide = (
+        information.posterior_variance_m2(np.array([1e-9]), rough, only, None, here, w) for w in (0.0, 30.0)
+    )
     assert wide > 2 * narrow
 
 
@@ -308,7 +314,7 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     )
     one = west.kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
     np.testing.assert_allclose(
-        west.after(one.ravel(), GRID.centres_m), one.ravel()
+        west.posterior_sigma_m(one.ravel(), GRID.centres_m), one.ravel()
     )  # one terrain and mean ranges only: the kriging variance
     both = TiledUncertainty((west, east))
     wanted = np.ones(GRID.shape, dtype=bool)
@@ -318,12 +324,12 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     assert sigma[1:, :5].mean() < 0.7 * sigma[1:, 7:].mean()
     assert both.mean_sigma_m(np.full((4, 2), 9.0), 2.0) > both.mean_sigma_m(np.full((4, 2), 3.0), 2.0)
     dem = Raster(grid=GRID, height_m=np.where(wanted, 1.0, np.nan))
-    known = Estimate.known_by(dem, both)
+    known = Estimate.with_sigma(dem, both)
     least = float(np.median(sigma[1:]))
-    kept = known.where_known(least)
+    kept = known.within_sigma(least)
     np.testing.assert_array_equal(kept.dem.filled, kept.sigma.filled)
     assert kept.dem.filled.sum() == (sigma <= least).sum()
-    assert Estimate(dem=dem).where_known(0.0).dem is dem
+    assert Estimate(dem=dem).within_sigma(0.0).dem is dem
 
 
 def test_echoes_that_no_surface_explains_widen_what_is_said_within_their_footprints(heights):

@@ -21,9 +21,9 @@ def test_a_cut_has_its_width(width_deg, side_lobe_db):
 def test_every_node_is_a_direction_and_power_goes_only_there(widths_deg):
     nodes = beam_nodes(make_antenna(*widths_deg))
     np.testing.assert_allclose(np.linalg.norm(nodes.direction, axis=1), 1.0, atol=1e-12)
-    assert nodes.share.sum() == pytest.approx(1.0)
+    assert nodes.power.sum() == pytest.approx(1.0)
     beyond = np.add.outer(nodes.azimuth**2, nodes.elevation**2).ravel() >= 1
-    np.testing.assert_array_equal(nodes.share[beyond], 0.0)
+    np.testing.assert_array_equal(nodes.power[beyond], 0.0)
 
 
 @pytest.mark.parametrize("width_deg", [2.0, 30.0, 60.0])

@@ -424,7 +424,7 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         (f'samples = "beat.npy"\n{PROFILE_AXES}\nvalues = "power"', SWEEP, "holds complex128, and powers are real"),
         (f'samples = "real.npy"\n{PROFILE_AXES}', SWEEP, "set recording.values = 'power'"),
         (f'samples = "real.npy"\n{PROFILE_AXES}\nvalues = "power"', SWEEP, "holds negative powers"),
-        ('samples = "beat.npy"\nvalues = "power"', SWEEP, "is of range profiles; name their axis range"),
+        ('samples = "beat.npy"\nvalues = "power"', SWEEP, "applies to range profiles only; name their axis range"),
         ('samples = "beat.npy"\naxes = ["pulse", "sample", "range"]', SWEEP, "and either sample or range among them"),
         ('samples = "adc_data.bin"\nconfig = "profile.cfg"\ntransmitter = 3', "", "no chirp of a frame"),
         ('samples = "cut.bin"\nconfig = "profile.cfg"', "", "get the whole file"),
@@ -439,8 +439,12 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "adcCfg has 1 values"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "profile 7.0, which is not defined"),
         ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "size of the slope (MHz/us): nan is not within"),
-        ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: is of arrays"),
-        (f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{PROFILE_AXES}', "", "recording.axes: is of arrays"),
+        ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: applies to arrays only"),
+        (
+            f'samples = "adc_data.bin"\nconfig = "profile.cfg"\n{PROFILE_AXES}',
+            "",
+            "recording.axes: applies to arrays only",
+        ),
     ],
 )
 def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, words):

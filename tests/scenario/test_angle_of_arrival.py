@@ -13,13 +13,16 @@ ON = {"processing.angle": "interferometric", "radar.second_receiver.axis": "both
     [
         ({"processing.angle": "monopulse"}, "processing.angle: 'monopulse' needs radar.second_receiver with kind"),
         (ON | {"radar.second_receiver.kind": "monopulse"}, "needs radar.second_receiver with kind = 'interferometer'"),
-        (ON | {"radar.sweep": "triangular"}, "processing.angle: 'interferometric' is not for pairs of sweeps"),
+        (
+            ON | {"radar.sweep": "triangular"},
+            "processing.angle: 'interferometric' is not supported with pairs of sweeps",
+        ),
         (ON | {"sensor": "lidar"}, "processing.angle: 'interferometric' needs sensor = 'radar'"),
-        (ON | {"weather.rain_rate_mm_per_h": 5.0}, "does not tell rain, snow or dust from ground"),
-        (ON | {"dem.method": "refined"}, "dem.method: 'refined' models whole echoes"),
+        (ON | {"weather.rain_rate_mm_per_h": 5.0}, "is not supported together with rain, snow or dust"),
+        (ON | {"dem.method": "refined"}, "dem.method: 'refined' needs range profiles"),
         (
             ON | {"radar.scan.mode": "electronic", "radar.antenna": {"kind": "array", "elements": [16, 16]}},
-            "is not for beams steered electronically",
+            "is not supported with electronically steered beams",
         ),
         ({"processing.angle_length_m": 2.0}, "processing.angle_length_m: 2 has no effect with angle = 'off'"),
     ],

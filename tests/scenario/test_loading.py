@@ -59,11 +59,11 @@ def test_overrides_replace_dotted_keys(tmp_path):
 @pytest.mark.parametrize(
     ("key", "said"),
     [
-        ("radar.snr_db.deep", "passes through a value that is not a table"),
-        ("targets.7.rcs_dbsm", "'7' is not an entry"),
-        ("targets.first.rcs_dbsm", "'first' is not an entry"),
-        ("targets.7", "'7' is not an entry"),
-        ("radar.snr_db.very.deep", "not an entry"),
+        ("radar.snr_db.deep", "leads through a value that is not a table"),
+        ("targets.7.rcs_dbsm", "'7' is not an index of an entry"),
+        ("targets.first.rcs_dbsm", "'first' is not an index of an entry"),
+        ("targets.7", "'7' is not an index of an entry"),
+        ("radar.snr_db.very.deep", "not an index of an entry"),
     ],
 )
 def test_overrides_that_lead_nowhere_are_refused(tmp_path, key, said):
@@ -175,7 +175,7 @@ def test_a_value_can_be_taken_out_and_a_table_replaced(tmp_path):
     assert scenario.radar.snr_db is None
     assert load_scenario("hills", overrides).terrain == parse_scenario(tomllib.loads(TEXT)).terrain
     assert load_scenario(write(tmp_path, TEXT), {"targets.0": None}).targets == ()
-    with pytest.raises(ScenarioError, match=r"platform\.altitude_m: required"):
+    with pytest.raises(ScenarioError, match=r"platform\.altitude_m: missing"):
         load_scenario("hills", parse_overrides(["platform.altitude_m=none"]))
 
 
@@ -222,7 +222,7 @@ def test_a_changed_copy_leaves_the_scenario_and_the_changes_alone():
 
 
 def test_a_change_that_does_not_fit_names_its_key():
-    with pytest.raises(ScenarioError, match=r"hills: 1 problem\n  radar.snr_db: -1000 is refused"):
+    with pytest.raises(ScenarioError, match=r"hills: 1 problem\n  radar.snr_db: must be at least -100, not -1000"):
         load_scenario("hills").replace({"radar.snr_db": -1000})
 
 
@@ -274,7 +274,7 @@ def test_a_source_that_makes_no_scenario_is_refused(tmp_path, sources, words):
 
 @pytest.mark.parametrize(
     ("version", "words"),
-    [(2, "2 is newer than this program, which reads version 1"), (0, "give one of 1"), ("1", "give one of 1")],
+    [(2, "2 is newer than this program, which reads version 1"), (0, "must be 1, not 0"), ("1", "must be 1, not '1'")],
 )
 def test_a_scenario_of_another_format_is_refused(version, words):
     with pytest.raises(ScenarioError, match="version: ") as refused:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 
 from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
 from sionna_radar.scenario import reference, scenario_schema
+from sionna_radar.scenario.recorded import DescribedRecording, RecordedRadar
 from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, meanings, sections
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import unit_of
@@ -32,6 +33,47 @@ def test_every_key_of_every_table_says_what_it_means():
         assert section.about.rstrip().endswith("."), section
         silent = [key.name for key in section.keys if not key.meaning and key.name != "kind"]
         assert not silent, f"{section.place} {section.chosen}: {silent}"
+
+
+PREPOSITIONS = {
+    *("about", "above", "across", "after", "against", "along", "among", "as", "at", "before", "behind", "below"),
+    *("beside", "besides", "between", "beyond", "by", "during", "for", "from", "in", "inside", "into", "like", "near"),
+    *("of", "off", "on", "onto", "out", "over", "per", "since", "through", "to", "toward", "towards", "under", "until"),
+    *("up", "upon", "via", "with", "within", "without", "instead", "which", "when", "where"),
+}
+
+
+def described_keys():
+    """Yield every key of every table that editors see, of scenarios and of descriptions of recordings."""
+    schemas = [scenario_schema()]
+    schemas += [
+        table.model_json_schema(schema_generator=_WithMeanings) for table in (DescribedRecording, RecordedRadar)
+    ]
+    waiting = [("scenario", schema) for schema in schemas]
+    while waiting:
+        name, node = waiting.pop()
+        if isinstance(node, list):
+            waiting += [(name, entry) for entry in node]
+        if not isinstance(node, dict):
+            continue
+        waiting += node.items()
+        if isinstance(node.get("properties"), dict):
+            for key, entry in node["properties"].items():
+                yield f"{node.get('title', name)}.{key}", entry.get("description", "")
+
+
+def test_every_description_stands_alone_in_an_editors_hover():
+    """An editor shows the description without its key: it needs its own noun, a capital letter and a full stop."""
+    described = dict(described_keys())
+    assert len(described) > 450
+    broken = {
+        key: text
+        for key, text in described.items()
+        if not text[:1].isupper()
+        or text.split()[0].strip(",.:").lower() in PREPOSITIONS
+        or not text.removesuffix(f" ({unit_of(key.rpartition('.')[2])})").endswith(".")
+    }
+    assert not broken
 
 
 def test_every_meaning_is_a_sentence():
@@ -98,22 +140,22 @@ def test_meanings_are_the_strings_under_fields():
         """
 
         width_m: float = 1.0
-        """of the window,
+        """Width of the window,
         all of it."""
-        left: Annotated[int, Field(description="a side.")] = 0
+        left: Annotated[int, Field(description="A side.")] = 0
 
     schema = Custom.model_json_schema(schema_generator=_WithMeanings)
     assert schema["description"] == "A part."
     about = {name: key["description"] for name, key in schema["properties"].items()}
-    assert about == {"width_m": "of the window, all of it. (m)", "left": "a side."}
+    assert about == {"width_m": "Width of the window, all of it. (m)", "left": "A side."}
 
 
 def test_the_reference_lists_every_field_with_its_default():
     text = reference()
     for key in dotted_keys():
         assert f"| `{key.rpartition('.')[2]}` |" in text
-    assert "| `speed_mps` | number, more than 0 to 10000 | m/s | - | over the ground. |" in text
-    assert "| `carrier_hz` | number, 1e+09 to 3e+11 | Hz | `77000000000.0` |" in text
+    assert "| `speed_mps` | number, more than 0 to 10000 | m/s | - | Ground speed. |" in text
+    assert "| `carrier_hz` | number, 1e9 to 3e11 | Hz | `77000000000.0` |" in text
 
     def fields(table, prefix=""):
         for name, field in table.model_fields.items():

@@ -58,7 +58,7 @@ def test_parameters_are_filled_in_and_written_back(gated):
 def test_parameters_are_checked(gated):
     with pytest.raises(ScenarioError) as error:
         load_scenario("hills", {"processing.ranging": "gated", "processing.ranging_parameters.width_m": -1.0})
-    assert str(error.value.problems[0]) == ("processing.ranging_parameters.width_m: -1.0 is refused: must be > 0")
+    assert str(error.value.problems[0]) == "processing.ranging_parameters.width_m: must be greater than 0, not -1.0"
 
 
 def test_an_unknown_name_lists_what_is_known_and_where_from(gated):

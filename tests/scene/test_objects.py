@@ -118,7 +118,7 @@ def test_materials_go_by_the_mesh_s_own_names(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "error", "message"),
     [
-        ({"position_m": [1.0, 2.0, 3.0]}, ScenarioError, "a third number is its height"),
+        ({"position_m": [1.0, 2.0, 3.0]}, ScenarioError, "has a third number, the height"),
         ({"position_m": [1.0, 2.0], "on_ground": False}, ScenarioError, "needs a third number"),
         ({"position_m": [99.5, 0.0]}, ScenarioError, "extends beyond the terrain"),
         ({"position_m": [1.0, 2.0], "units": "km", "scale": 50.0}, InputFileError, "200 km across in units = 'km'"),
@@ -252,8 +252,8 @@ def test_a_mesh_of_a_projection_that_stretches_is_moved_into_its_zone(tmp_path):
     [
         ({"crs": "EPSG:4326"}, r"terrain.crs: 'WGS 84' is not projected"),
         ({"crs": "nowhere"}, r"terrain.crs: 'nowhere' is not a coordinate reference system"),
-        ({"crs": UTM, "position_m": [1.0, 0.0, 0.0]}, r"terrain.position_m: a mesh with a CRS has its place"),
-        ({"crs": UTM, "centre": "box"}, r"terrain.centre: a mesh with a CRS has its place"),
+        ({"crs": UTM, "position_m": [1.0, 0.0, 0.0]}, r"terrain.position_m: has no effect on a mesh with a CRS"),
+        ({"crs": UTM, "centre": "box"}, r"terrain.centre: has no effect on a mesh with a CRS"),
         ({"position_m": [4e5, 5e6, 0.0]}, r"terrain.position_m: .* lies up to 5,000 km .* give terrain.crs"),
     ],
 )

@@ -167,7 +167,7 @@ def test_zeroing_takes_bursts_and_leaves_echoes(sampling):
 
 
 def test_interferers_need_powers_and_a_place_on_the_ground():
-    with pytest.raises(ScenarioError, match=r"interferers: their powers count in watts"):
+    with pytest.raises(ScenarioError, match=r"interferers: their powers are absolute"):
         load_scenario("hills", {"interferers": [{**OTHER, "kind": "cw"}]})
     with pytest.raises(ScenarioError, match=r"interferers.0.position_m: .* lies beyond the terrain"):
         receiver_with({**OTHER, "kind": "cw", "position_m": (2e3, 0.0)})

@@ -120,5 +120,5 @@ def test_keys_of_light_need_a_wavelength_and_even_rain():
     with pytest.raises(ScenarioError, match=r"lidar.clear_range_m: 100.0 has no effect without wavelength_nm"):
         flat(lidar={"clear_range_m": 100.0})
     cell = {"rain_cell": {"centre_m": [0.0, 0.0], "radius_m": 50.0, "peak_mm_per_h": 10.0}}
-    with pytest.raises(ScenarioError, match=r"weather.rain_cell: rain that differs from place to place"):
+    with pytest.raises(ScenarioError, match=r"weather.rain_cell: rain that varies from place to place"):
         load_scenario("hills", {"sensor": "lidar", "lidar.wavelength_nm": 905, "weather": cell})

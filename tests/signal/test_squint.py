@@ -181,12 +181,12 @@ def test_without_squint_sweeps_and_antenna_are_those_of_the_tables():
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"sensor": "mimo"}, "is not for frames of an array; set 0"),
+        ({"sensor": "mimo"}, "is not supported with frames of an array; set 0"),
         (
             {"processing.angle": "interferometric", "radar.second_receiver.axis": "both"},
-            "is not for several receivers; set 0, or processing.angle = 'off'",
+            "is not supported with several receivers; set 0, or processing.angle = 'off'",
         ),
-        ({"weather.rain_rate_mm_per_h": 5.0}, "is not for rain, snow or dust"),
+        ({"weather.rain_rate_mm_per_h": 5.0}, "is not supported with rain, snow or dust"),
         ({"tracing.bounces": 2}, "set 0, or tracing.bounces = 1"),
     ],
 )
@@ -197,9 +197,9 @@ def test_what_a_squint_contradicts_is_named(keys, words):
 
 def test_studies_of_a_still_beam_and_turns_of_many_widths_are_refused():
     scenario = load_scenario("hills", SHORT | {KEY: 4.0})
-    with pytest.raises(ScenarioError, match=f"{KEY}: 4: a link budget takes a beam that stands still"):
+    with pytest.raises(ScenarioError, match=f"{KEY}: 4: a link budget assumes a beam that does not move"):
         run_link_budget(scenario)
-    with pytest.raises(ScenarioError, match="a derivative takes a beam that stands still"):
+    with pytest.raises(ScenarioError, match="a derivative assumes a beam that does not move"):
         sensitivities(prepare(scenario), [0], of=["echo_power"], to=["pose.up_m"])
     with pytest.raises(ScenarioError, match="turns the beam by 20 of its widths, more than 10; lower it"):
         prepare(load_scenario("hills", SHORT | {KEY: 80.0}))

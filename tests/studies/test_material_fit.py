@@ -242,7 +242,7 @@ def test_a_turned_wave_returns_what_the_scattering_matrix_says():
         copolar_correlation=0.6,
     )
     incidence_rad, turn = np.deg2rad([10.0, 40.0, 40.0, 60.0]), np.deg2rad([0.0, 33.0, 90.0, 45.0])
-    parts = material.parts(incidence_rad)
+    parts = material.amplitudes(incidence_rad)
     power, across = np.zeros((2, 4))
     for k, (one, two) in itertools.product(range(4), itertools.product((-1, 1), repeat=2)):
         d, x = parts.opposed[k], parts.exchanged[k]

@@ -154,7 +154,7 @@ def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():
         ({"radar.stagger": 0.5}, 36, "chirps: 36 do not hold the ring of cells .* at least 38"),
         ({"processing.window": "flattop"}, 64, "processing.window: 'flattop' shares noise"),
         ({"radar.stagger": 0.5, "processing.cfar.kind": "OS"}, 64, "'OS' has no false-alarm rate"),
-        ({"processing.average.chirps": 2}, 64, "processing.average.chirps: 2: a frame knows single chirps alone"),
+        ({"processing.average.chirps": 2}, 64, "processing.average.chirps: 2: a frame supports single chirps only"),
     ],
 )
 def test_frames_that_cannot_be_are_refused(keys, chirps, message):

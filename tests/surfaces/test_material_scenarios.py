@@ -57,7 +57,7 @@ def test_every_model_survives_a_round_trip_and_is_built():
 def test_no_shipped_material_returns_more_than_it_receives(name):
     scenario = load_scenario(name)
     for material in build_materials(scenario.all_materials, scenario.radar).values():
-        assert material.scattered_share(np.deg2rad(np.arange(0.0, 81.0))).max() <= 1.0
+        assert material.scattered_fraction(np.deg2rad(np.arange(0.0, 81.0))).max() <= 1.0
 
 
 def test_carrier_and_polarization_come_from_the_radar():

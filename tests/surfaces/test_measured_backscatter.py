@@ -74,7 +74,7 @@ def test_a_table_never_overshoots(levels, angle):
     [
         ("", "line 1 reads ''"),
         ("# only a comment\n", "line 1 reads ''"),
-        ("angle,sigma\n0,1\n10,2\n", "line 1 reads 'angle,sigma', and should name columns"),
+        ("angle,sigma\n0,1\n10,2\n", "line 1 reads 'angle,sigma', and is not a header of column names"),
         ("incidence_deg,sigma0_db\n0,1\n", r"holds 1 row"),
         ("incidence_deg,sigma0_db\n0,1\n10,minus\n", "line 3 reads '10,minus'"),
         ("incidence_deg,sigma0_db\n0,1,2\n10,3\n", "line 2 reads '0,1,2'"),

@@ -13,7 +13,7 @@ WIND = np.array([6.0, 8.0])
 def test_plants_at_x_band_are_those_that_were_measured():
     """At 9.2 GHz and 10 mph as much stands still as moves, to a decibel; at VHF nearly all stands still."""
     wind_mps = 10 * 0.44704
-    at_x_band, at_vhf = (Windblown.of(wind_mps, f).still_share for f in (9.2e9, 170e6))
+    at_x_band, at_vhf = (Windblown.of(wind_mps, f).static_fraction for f in (9.2e9, 170e6))
     assert 10 * np.log10(at_x_band / (1 - at_x_band)) == pytest.approx(-0.26, abs=0.05)
     assert at_vhf > 0.99
     # The mean speed does not depend on the frequency.
@@ -28,7 +28,7 @@ def test_scatterers_lose_their_correlation_as_the_spectrum_says():
     fields = [np.exp(2j * np.pi * plants.shift_hz(number) * (7.0 + lag)) for lag in lag_s]
     correlation = [np.vdot(fields[0], field).real / len(number) for field in fields]
     np.testing.assert_allclose(correlation, plants.field_correlation(lag_s), atol=0.01)
-    assert correlation[-1] == pytest.approx(plants.still_share, abs=0.01)
+    assert correlation[-1] == pytest.approx(plants.static_fraction, abs=0.01)
 
 
 def test_calm_air_moves_nothing():

@@ -71,15 +71,19 @@ def test_speckle_drawn_anew_steadies_ranges_by_the_square_root_of_the_looks():
     ("mode", "changes", "message"),
     [
         ("coherent", {"tracing.speckle": "per_pulse"}, "processing.average.mode: 'coherent' needs the same scatterers"),
-        ("coherent", {"radar.sweep": "triangular"}, "processing.average.chirps: 4 is not for pairs"),
-        ("coherent", {"weather.rain_rate_mm_per_h": 5.0}, "processing.average.chirps: 4 does not tell rain"),
+        ("coherent", {"radar.sweep": "triangular"}, "processing.average.chirps: 4 is not supported with pairs"),
+        (
+            "coherent",
+            {"weather.rain_rate_mm_per_h": 5.0},
+            "processing.average.chirps: 4 is not supported together with rain",
+        ),
         ("coherent", {"sensor": "lidar"}, "processing.average.chirps: 4 needs sensor = 'radar'"),
         ("incoherent", {"processing.cfar.kind": "SO"}, "processing.cfar.kind: 'SO' has no false-alarm rate"),
-        ("incoherent", {"dem.method": "smooth"}, "dem.method: 'smooth' knows the likelihood of single chirps"),
+        ("incoherent", {"dem.method": "smooth"}, "dem.method: 'smooth' models the likelihood of single chirps"),
         (
             "incoherent",
             {"processing.angle": "interferometric", "radar.second_receiver.axis": "both"},
-            "processing.average.mode: an angle needs phases",
+            "processing.average.mode: the angle of arrival needs phases",
         ),
     ],
 )
@@ -88,12 +92,12 @@ def test_what_cannot_be_averaged_is_refused_with_a_remedy(mode, changes, message
         averaged(mode, **changes)
 
 
-def test_what_knows_single_chirps_alone_says_so(tmp_path):
+def test_what_supports_single_chirps_only_says_so(tmp_path):
     scenario, recorded = averaged("coherent"), tmp_path / "s.nc"
     refused = {
-        "a link budget knows single chirps alone; set 1": lambda: run_link_budget(scenario),
-        "an image knows single chirps alone; set 1": lambda: run_images(scenario),
-        "a recording knows single chirps alone; set 1": lambda: run(scenario, recordings={"signals": recorded}),
+        "a link budget supports single chirps only; set 1": lambda: run_link_budget(scenario),
+        "an image supports single chirps only; set 1": lambda: run_images(scenario),
+        "a recording supports single chirps only; set 1": lambda: run(scenario, recordings={"signals": recorded}),
     }
     for message, call in refused.items():
         with pytest.raises(ScenarioError, match=message):

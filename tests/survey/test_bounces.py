@@ -23,7 +23,7 @@ SMOOTH_WALLS = {
     ("scenario", "changes", "expected"),
     [
         ("buildings", {}, "specular = true"),
-        ("buildings", {"tracing.engine": "gamma"}, "single bounces alone"),
+        ("buildings", {"tracing.engine": "gamma"}, "single bounces only"),
         (
             "buildings",
             {

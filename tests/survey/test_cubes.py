@@ -146,7 +146,7 @@ def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path
     (tmp_path / "card.toml").write_text(card)
     assert process(tmp_path / "card.toml").points is None
     elements = {"transmitters_wavelengths": [[0, 0], [1, 0.5], [2, 0]], "receivers_wavelengths": [[0, 0], [0.5, 0]]}
-    for place, said in (("card.toml", "single chirps"), ("b.nc", "fixed by the recording")):
+    for place, said in (("card.toml", "single chirps"), ("b.nc", "cannot be changed for a recording")):
         with pytest.raises(ScenarioError, match=said):
             process((tmp_path if place == "card.toml" else folder) / place, {"radar.array": elements})
     keys = "\n".join(f"{key} = {value}" for key, value in elements.items())

@@ -118,7 +118,7 @@ class NoMap:
 
     profiles: str = "unused"
 
-    def __call__(self, given):
+    def __call__(self, inputs):
         return np.zeros((3, 3))
 
 

@@ -86,7 +86,7 @@ def test_material_and_covers_stay_those_of_the_scenario(file: Path) -> None:
 @pytest.mark.parametrize(
     ("terrain", "words"),
     [
-        ((HEIGHT_M, -1.0), "spacing_m = -1 is refused"),
+        ((HEIGHT_M, -1.0), "spacing_m = -1 must be greater than 0"),
         ((HEIGHT_M[0], 1.0), r"shape \(101,\); give a table of heights"),
         ((HEIGHT_M,), r"a tuple is \(heights, spacing_m\)"),
         ((HEIGHT_M, "wide"), r"a tuple is \(heights, spacing_m\)"),

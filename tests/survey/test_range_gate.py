@@ -176,8 +176,8 @@ gate_delay_us = {{}}
     [
         ({"radar.gate_delay_us": -1.0}, "radar.gate_delay_us"),
         ({"radar.gate_delay_us": 900.0, "radar.chirp_rate_hz": 2000.0}, "radar.gate_delay_us: 900 is no shorter than"),
-        ({"weather.rain_rate_mm_per_h": 5.0}, "processing.volume_clutter: 'auto' tells rain"),
-        ({"sensor": "mimo"}, "radar.gate_delay_us: 0.2 is not for frames of an array; set 0"),
+        ({"weather.rain_rate_mm_per_h": 5.0}, "processing.volume_clutter: 'auto' recognises rain"),
+        ({"sensor": "mimo"}, "radar.gate_delay_us: 0.2 is not supported with frames of an array; set 0"),
     ],
 )
 def test_what_a_gate_contradicts_is_named(keys, words):
@@ -190,5 +190,5 @@ def test_ground_before_the_gate_and_studies_of_near_ranges_are_refused():
         ScenarioError, match=r"nearer than the 149.9 m of the range gate; lower radar.gate_delay_us to 0.4"
     ):
         prepare(load_scenario("hills", {"radar.gate_delay_us": 1.0}))
-    with pytest.raises(ScenarioError, match="a link budget takes ranges from zero on; set 0"):
+    with pytest.raises(ScenarioError, match="a link budget assumes ranges from zero on; set 0"):
         run_link_budget(load_scenario("hills", {"radar.gate_delay_us": 0.2}))

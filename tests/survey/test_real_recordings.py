@@ -152,7 +152,7 @@ def test_poses_make_points_and_a_dem(tmp_path):
         (lambda f: f.create_dataset("measured_position", data=np.zeros((20, 3))), "lacks measured_velocity"),
         (lambda f: f.__setitem__("time", h5py.ExternalLink("elsewhere.nc", "time")), "no variable 'time'"),
         (lambda f: f.__setitem__("scenario", "[terrain"), "is not TOML"),
-        (lambda f: f.__setitem__("scenario", 'sensor = "radar"'), "required"),
+        (lambda f: f.__setitem__("scenario", 'sensor = "radar"'), "missing"),
         (lambda f: f.create_group("radar"), "not a variable"),
         (  # of several receivers
             lambda f: (f.pop("beat_i"), f.pop("beat_q"), f.create_dataset("beat_i", data=np.zeros((20, 4, SAMPLES)))),

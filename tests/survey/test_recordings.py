@@ -212,7 +212,7 @@ def test_nothing_is_overwritten(tmp_path):
 
 
 def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
-    with pytest.raises(ScenarioError, match=r"radar\.snr_db: is fixed by the recording"):
+    with pytest.raises(ScenarioError, match=r"radar\.snr_db: cannot be changed for a recording"):
         process(flown[1]["signals"], {"radar.snr_db": 3.0})
     with pytest.raises(ScenarioError, match=r"processing\.cfar\.guard"):
         process(flown[1]["signals"], {"processing.cfar.guard": 2000})

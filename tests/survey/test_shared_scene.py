@@ -101,9 +101,9 @@ def test_custom_terrain_is_built_for_each_survey() -> None:
     asked = []
     scenario = load_scenario("hills", SHORT)
 
-    def terrain(given: TerrainInputs) -> Any:
-        asked.append(given.window_m)
-        return build_landscape(scenario.terrain, given)
+    def terrain(inputs: TerrainInputs) -> Any:
+        asked.append(inputs.window_m)
+        return build_landscape(scenario.terrain, inputs)
 
     world = World()
     casters = [prepare(scenario, CustomParts(terrain=terrain), world=world).scene.caster for _ in range(2)]

@@ -189,7 +189,7 @@ def test_rain_in_each_port(scan_deg):
 
     def share_db(**changes) -> float:
         antenna = replace(make_antenna(2.0, 2.0), **changes)
-        return float(10 * np.log10(volume_polarization(weather, antenna).share(pose)[0]))
+        return float(10 * np.log10(volume_polarization(weather, antenna).received_fraction(pose)[0]))
 
     assert share_db(polarization="RHCP", receives="cross") == pytest.approx(0.0, abs=1e-6)
     same = share_db(polarization="RHCP")
@@ -207,7 +207,7 @@ def test_snow_turns_more_and_fog_turns_nothing():
     fog = {"liquid_water_g_per_m3": 0.1}
     shares = {}
     for name, weather in {"fog": fog, "snow": {"snowfall_mm_per_h": {Precipitation.DRY_SNOW: 1.0}, **fog}}.items():
-        shares[name] = volume_polarization(Weather(carrier_hz=77e9, **weather), antenna).share(pose)[0]
+        shares[name] = volume_polarization(Weather(carrier_hz=77e9, **weather), antenna).received_fraction(pose)[0]
     assert shares["fog"] == pytest.approx(0.0, abs=1e-12)
     # Of randomly turned particles the same sense has twice the linear depolarization.
     assert 10 * np.log10(shares["snow"]) == pytest.approx(-15.0, abs=0.1)

@@ -184,7 +184,7 @@ def test_the_stock_solver_sees_the_same_polarized_surface():
         assert 10 * np.log10(stock / beam) == pytest.approx(0.0, abs=0.12)
 
 
-def scattered_share(material: RadarMaterial, incidence_rad: float, polarization: str) -> float:
+def scattered_fraction(material: RadarMaterial, incidence_rad: float, polarization: str) -> float:
     """Integrate what the Sionna material sends into the hemisphere, over what came in through a ray tube."""
     bsdf = sionna_material("share", material)
     cosine, azimuth = ((np.arange(n) + 0.5) / n for n in (200, 400))
@@ -220,12 +220,12 @@ def test_scattered_power_is_what_the_material_says(name, polarization):
         incidence = np.deg2rad([incidence_deg])
         own = (material.vertical if polarization == "V" else material.horizontal).sigma0(incidence)
         stated = (own + material.cross_sigma0(incidence)) / (3 * np.cos(incidence))
-        measured = scattered_share(material, incidence[0], polarization)
+        measured = scattered_fraction(material, incidence[0], polarization)
         assert measured == pytest.approx(stated[0], rel=0.02, abs=1e-12)
         if name == "lambertian":  # known in every direction: the albedo is a quarter of sigma0 at nadir
-            assert material.scattered_share(incidence)[0] == pytest.approx(1.1 * 0.3 / 4)
+            assert material.scattered_fraction(incidence)[0] == pytest.approx(1.1 * 0.3 / 4)
         else:
-            assert measured <= material.scattered_share(incidence)[0] * 1.02 + 1e-12
+            assert measured <= material.scattered_fraction(incidence)[0] * 1.02 + 1e-12
 
 
 def test_a_metal_sphere_echoes_its_shadow():

@@ -9,13 +9,13 @@ from scipy.constants import speed_of_light
 from scipy.integrate import trapezoid
 
 from sionna_radar.weather import rain
-from sionna_radar.weather.conditions import EvenVolume, UnevenVolume, Weather, volume_of
+from sionna_radar.weather.conditions import NonUniformVolume, UniformVolume, Weather, volume_of
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
+    CombinedRain,
     RainCell,
     RainField,
-    RainTogether,
     drop_reflectivity_per_m,
     rain_attenuation_db_per_km,
     rain_power_law,
@@ -191,10 +191,10 @@ def test_rain_without_spread_is_the_even_rain():
     position, quantile = np.zeros((500, 2)), (np.arange(500) + 0.5) / 500
     snow = {Precipitation.DRY_SNOW: 0.4}
     for rate in (0.7, 41.0):
-        even = EvenVolume(Weather(carrier_hz=77e9, rain_rate_mm_per_h=rate, snowfall_mm_per_h=snow))
-        rain = RainTogether(parts=(), everywhere_mm_per_h=rate)
+        even = UniformVolume(Weather(carrier_hz=77e9, rain_rate_mm_per_h=rate, snowfall_mm_per_h=snow))
+        rain = CombinedRain(maps=(), everywhere_mm_per_h=rate)
         uneven = volume_of(Weather(carrier_hz=77e9, rain_map=rain, snowfall_mm_per_h=snow))
-        assert isinstance(uneven, UnevenVolume)
+        assert isinstance(uneven, NonUniformVolume)
         found = uneven.reflectivity_per_m * uneven.relative(position)
         np.testing.assert_allclose(found, even.reflectivity_per_m, rtol=0.01)
         speeds = [np.sort(volume.fall_mps(position, quantile)) for volume in (uneven, even)]
@@ -211,11 +211,11 @@ def test_several_kinds_move_each_at_its_own_speed():
         snowfall_mm_per_h={Precipitation.DRY_SNOW: 2.0},
         liquid_water_g_per_m3=0.5,
     )
-    volume = EvenVolume(weather)
-    parts = [weather.rain_reflectivity_per_m, *(reflectivity for reflectivity, _ in weather.still_echoes)]
+    volume = UniformVolume(weather)
+    parts = [weather.rain_reflectivity_per_m, *(reflectivity for reflectivity, _ in weather.static_echoes)]
     assert volume.reflectivity_per_m == pytest.approx(sum(parts), rel=1e-12)
     quantile = (np.arange(20_000) + 0.5) / 20_000
-    means = [weather.rain_speeds().at(quantile).mean(), *(s.at(quantile).mean() for _, s in weather.still_echoes)]
+    means = [weather.rain_speeds().at(quantile).mean(), *(s.at(quantile).mean() for _, s in weather.static_echoes)]
     expected = np.dot(parts, means) / sum(parts)
     assert volume.fall_mps(np.zeros((20_000, 2)), quantile).mean() == pytest.approx(expected, rel=1e-3)
     assert volume_of(Weather(carrier_hz=77e9)) is None

@@ -25,8 +25,8 @@ class Median:
     def __init__(self, parameters):
         self.radius_m = parameters.radius_m
 
-    def __call__(self, given):
-        place, height = given.points.position_m[:, :2], given.points.position_m[:, 2]
-        near = KDTree(place).query_ball_point(given.grid.centres_m, self.radius_m)
+    def __call__(self, inputs):
+        place, height = inputs.points.position_m[:, :2], inputs.points.position_m[:, 2]
+        near = KDTree(place).query_ball_point(inputs.grid.centres_m, self.radius_m)
         heights = np.array([np.median(height[found]) if found else np.nan for found in near])
-        return Raster(grid=given.grid, height_m=heights.reshape(given.grid.shape))
+        return Raster(grid=inputs.grid, height_m=heights.reshape(inputs.grid.shape))

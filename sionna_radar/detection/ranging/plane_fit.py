@@ -29,13 +29,13 @@ PEDESTAL = 2e-2
 class BeamProfile:
     """The beam in the plane of incidence, and the window's response.
 
-    sine: sines of the angle from boresight; share: two-way power there, summing to one.
+    sine: sines of the angle from boresight; power: two-way power there, summing to one.
     across: mean square of the sine across the plane of incidence.
     response: power response of the spectrum to a point target, on bins from -half to half.
     """
 
     sine: Float[np.ndarray, " sample"]
-    share: Float[np.ndarray, " sample"]
+    power: Float[np.ndarray, " sample"]
     across: float
     response: Float[np.ndarray, " bin"]
 
@@ -54,10 +54,10 @@ def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamP
     lobe = cut.cosine[lobe_samples(cut, FOLLOWED)]
     low, high = lobe[0], lobe[-1]
     sine = low + (np.arange(SAMPLES) + 0.5) * (high - low) / SAMPLES
-    share = cut.at(sine) ** 4
+    power = cut.at(sine) ** 4
     azimuth = antenna.azimuth
     across = float(azimuth.voltage**4 @ azimuth.cosine**2 / np.sum(azimuth.voltage**4))
-    return BeamProfile(sine, share / share.sum(), across, response / response.sum())
+    return BeamProfile(sine, power / power.sum(), across, response / response.sum())
 
 
 def fit_echo(
@@ -72,7 +72,7 @@ def fit_echo(
 ) -> EchoFit:
     """Fit each echo in its span of bins and a margin around it; `gate` bins lie before the first one."""
     centre, sigma = np.empty(len(row)), np.empty(len(row))
-    plane = beam.sine, beam.share, beam.across, beam.response, SLOPES, ITERATIONS, MARGIN, PEDESTAL
+    plane = beam.sine, beam.power, beam.across, beam.response, SLOPES, ITERATIONS, MARGIN, PEDESTAL
     fit_planes(*plane, power, noise, row, start, stop, centroid + gate, centre, sigma, gate)
     return EchoFit(centre - gate, sigma)
 

@@ -327,7 +327,7 @@ class VolumeEnd:
         incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - slopes_of(slope)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
-        spread = np.sqrt(self.beam.share @ self.beam.sine**2)
+        spread = np.sqrt(self.beam.power @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
         log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
@@ -344,7 +344,7 @@ class VolumeEnd:
 
     def _shapes(self, step: int) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
         spread = round(4 * self.spread_m / self.cell_m) / 4
-        beam = self.beam.sine.tobytes(), self.beam.share.tobytes()
+        beam = self.beam.sine.tobytes(), self.beam.power.tobytes()
         return _shapes(step, spread, self.ground.cell, *beam, self.response.tobytes())
 
 

@@ -1,4 +1,4 @@
-"""The beam model of mapping: nodes and samples of the main lobe, and the share of the echo's power between nodes.
+"""The beam model of mapping: nodes and samples of the main lobe, and their two-way power.
 
 The samples form a low-discrepancy set rather than a lattice, so that few of them cross an edge at once.
 """
@@ -26,13 +26,13 @@ class BeamNodes:
     """Directions of the main lobe on a coarse grid for ray casting, and on a fine one for power.
 
     direction: unit vectors of the nodes in the antenna's frame.
-    share: two-way power of the fine samples, summing to one.
-    azimuth, elevation: direction cosines of the fine samples, azimuth the slower in `share`.
+    power: two-way power of the fine samples, summing to one.
+    azimuth, elevation: direction cosines of the fine samples, azimuth the slower in `power`.
     between: interpolates values at the nodes to the samples, bilinear in the direction cosines.
     """
 
     direction: Float[np.ndarray, "node 3"]
-    share: Float[np.ndarray, " sample"]
+    power: Float[np.ndarray, " sample"]
     azimuth: Float[np.ndarray, " u"]
     elevation: Float[np.ndarray, " v"]
     between: csr_matrix
@@ -55,7 +55,7 @@ class BeamNodes:
     @cached_property
     def spread(self) -> tuple[float, float]:
         """Standard deviations of the two-way power over the direction cosines in azimuth and in elevation."""
-        power = self.share.reshape(len(self.azimuth), len(self.elevation))
+        power = self.power.reshape(len(self.azimuth), len(self.elevation))
         return _spread(self.azimuth, power.sum(axis=1)), _spread(self.elevation, power.sum(axis=0))
 
     @property
@@ -71,7 +71,7 @@ class BeamNodes:
 
     @cached_property
     def _two_way(self) -> RegularGridInterpolator:
-        gain = (self.share / self.share.max()).reshape(len(self.azimuth), len(self.elevation))
+        gain = (self.power / self.power.max()).reshape(len(self.azimuth), len(self.elevation))
         return RegularGridInterpolator((self.azimuth, self.elevation), gain, bounds_error=False, fill_value=0.0)
 
 
@@ -82,10 +82,10 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
     fine_beyond = np.add.outer(fine_u**2, fine_v**2) >= 1
     power = np.outer(power_u, power_v) if antenna.separable else _power_on(antenna, fine_u, fine_v)
-    share = np.where(fine_beyond, 0.0, power).ravel()
+    power = np.where(fine_beyond, 0.0, power).ravel()
     return BeamNodes(
         direction=_directions(U, V),
-        share=share / share.sum(),
+        power=power / power.sum(),
         azimuth=fine_u,
         elevation=fine_v,
         between=csr_matrix(np.kron(between_u, between_v)),
@@ -143,7 +143,7 @@ MIN_GAIN = 3e-3
 
 
 def beam_samples(beam: BeamNodes, count: int) -> tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"]]:
-    """Return directions across the main lobe in the antenna frame, and the share of the power around each.
+    """Return directions across the main lobe in the antenna frame, and the fraction of the power around each.
 
     beam: the antenna's main lobe.
     count: of samples in the rectangle of direction cosines around it, of which those too weak to matter are left out.

@@ -18,10 +18,10 @@ from sionna_radar.mapping.echo_model.power_kernels import (
     beam_samples,
     echo_level,
     in_double,
-    lit_share,
     moved_power,
     passed_borders,
     pull_of_cells,
+    sample_power,
     spread_power,
 )
 
@@ -268,7 +268,7 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
 @compiled
 @no_type_check
 def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit, shape):
-    """Write the shape of an echo; return the first and the last cell that power leaves, and slopes as `lit_share`.
+    """Write the shape of an echo; return the first and the last cell that power leaves, and slopes as `sample_power`.
 
     moved: written, the power of each sample that its 1 / range moves from cell to cell; scale: by how much 1 / range
     under the nodes changes with the height there; hit: room for the power on the cells.
@@ -276,7 +276,7 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     first, _, _, _, _, cell_m = data
     range_m, shift, per_height, ground = geometry
     share, lattice, response = antenna
-    share, slope = lit_share(pulse, share, ground, lattice)
+    share, slope = sample_power(pulse, share, ground, lattice)
     cell, near, inverse = samples
     half = len(response) // 2
     pad = half + BEYOND
@@ -314,7 +314,7 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
     """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
-    in_front: see `volume_in_front`; empty where there is no volume. geometry: see `meet` and `lit_share`.
+    in_front: see `volume_in_front`; empty where there is no volume. geometry: see `meet` and `sample_power`.
     antenna: samples of the beam's power, the nodes around each and their weights, and the response of the window.
     results: and of how many rows the factor keeps one, where there is room for the rows of each pulse, and for
         those that the factor keeps.

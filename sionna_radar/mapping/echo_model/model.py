@@ -27,7 +27,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, over_rows, parts
+from sionna_radar.foundation.threads import chunks, in_threads, over_rows
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
@@ -243,7 +243,7 @@ def footprints(
         to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
         meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
 
-    list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
+    list(in_threads(some, chunks(shape[0], PULSES_AT_ONCE)))
     if sightings.range_bias_m or sightings.range_scale:
         feet.shift_m[...] += sightings.range_bias_m + sightings.range_scale * np.nan_to_num(feet.range_m)
     return feet
@@ -270,7 +270,7 @@ class EchoModel:
         # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
         reach = self._sightings.reach_m / cell_m - 0.5
         seen = self._feet.range_m, self._feet.shift_m, self._ground()
-        on = *seen, beam.share, beam.lattice, cell_m, reach, mean
+        on = *seen, beam.power, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
@@ -303,7 +303,7 @@ class EchoModel:
                 volume_in_front(low, high, data, clutter, geometry, antenna, in_front)
             linearise(low, high, data, in_front, geometry, antenna, results)
 
-        list(in_threads(some, parts(pulses, PULSES_AT_ONCE)))
+        list(in_threads(some, chunks(pulses, PULSES_AT_ONCE)))
         first = begin_factor[:-1]
         return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
 
@@ -315,7 +315,7 @@ class EchoModel:
 
         score = np.empty(self._feet.range_m.shape)
         inputs = self._inputs(looks)
-        list(in_threads(lambda low, high: scores(low, high, *inputs, score), parts(len(score), PULSES_AT_ONCE)))
+        list(in_threads(lambda low, high: scores(low, high, *inputs, score), chunks(len(score), PULSES_AT_ONCE)))
         return score
 
     def _inputs(self, looks: Float[np.ndarray, " pulse"]) -> tuple[tuple[object, ...], ...]:
@@ -323,7 +323,7 @@ class EchoModel:
         profiles, beam = self._sightings.profiles, self._sightings.beam
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height, self._ground()
-        return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
+        return data, geometry, (beam.power, beam.lattice, spline_taps(self._sightings.response))
 
     def _ground(self) -> tuple[object, ...]:
         """Return the known cover and its levels as the kernels take them."""

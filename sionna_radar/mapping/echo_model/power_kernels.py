@@ -89,7 +89,7 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def lit_share(pulse, share, ground, lattice):
+def sample_power(pulse, share, ground, lattice):
     """Return the power of the samples of a beam, times the known backscatter of the ground, and its slopes.
 
     The slopes are by the place of each sample, east and north, 1/m; none for one backscatter. Between the middles of
@@ -168,7 +168,7 @@ def centroids(low, high, range_m, shift, ground, share, lattice, cell_m, reach, 
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
-        lit, _ = lit_share(pulse, share, ground, lattice)
+        lit, _ = sample_power(pulse, share, ground, lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:

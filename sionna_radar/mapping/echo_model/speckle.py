@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import chunks
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.surfaces.motion import Windblown
@@ -84,7 +84,7 @@ def speckle_reach(
     if len(pulse) < 2 or memory.decorrelation_s == 0:
         return reach
     lag, alike = np.ones(len(pulse), dtype=np.int64), np.full(len(pulse), np.nan)
-    some = [np.arange(*bounds) for bounds in parts(len(pulse), AT_ONCE)]
+    some = [np.arange(*bounds) for bounds in chunks(len(pulse), AT_ONCE)]
     feature = np.concatenate([_features(pulse, pose_of, range_m, beam, chirp, rows) for rows in some])
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1

@@ -29,7 +29,7 @@ from sionna_radar.mapping.points import Points
 
 @dataclass(frozen=True)
 class Window:
-    """Some rows and columns of a grid."""
+    """A rectangular window of a grid."""
 
     grid: Grid
     rows: slice
@@ -93,13 +93,13 @@ Filled = tuple[Int[np.ndarray, " filled"], Int[np.ndarray, "filled 3"], Float[np
 class Interpolated:
     """A DEM of linear interpolation, and from which points each cell was made.
 
-    cell: filled cells, by their numbers in the grid; corner: the three points around each; share: their weights.
+    cell: filled cells, by their numbers in the grid; corner: the three points around each; weight: their weights.
     """
 
     dem: Raster
     cell: Int[np.ndarray, " filled"]
     corner: Int[np.ndarray, "filled 3"]
-    share: Float[np.ndarray, "filled 3"]
+    weight: Float[np.ndarray, "filled 3"]
 
 
 def grid_points(
@@ -118,27 +118,27 @@ def grid_points(
     options: of the method.
     """
     highest = _highest(points)
-    known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
+    unique = _UniquePoints(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
     longest_m = options.longest_side_gaps * max_gap_m
-    windows = windows_of(grid, known.place, MAX_POINTS, MIN_SIDES * longest_m)
+    windows = windows_of(grid, unique.place, MAX_POINTS, MIN_SIDES * longest_m)
 
     def part(number: int, _: int) -> Filled:
-        near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)
+        near = windows[number].around(unique.place, longest_m) if len(windows) > 1 else np.ones(len(unique), dtype=bool)
         return _interpolated(
-            known, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad, options
+            unique, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad, options
         )
 
     found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
     height = np.full(grid.rows * grid.columns, np.nan)
-    for cell, corner, share in found:
-        height[cell] = np.einsum("ck,ck->c", share, known.point_m[corner, 2])
-    cell, corner, share = (np.concatenate(each) for each in zip(*found, strict=True))
+    for cell, corner, weight in found:
+        height[cell] = np.einsum("ck,ck->c", weight, unique.point_m[corner, 2])
+    cell, corner, weight = (np.concatenate(each) for each in zip(*found, strict=True))
     dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
-    return Interpolated(dem, cell, highest[corner], share)
+    return Interpolated(dem, cell, highest[corner], weight)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Known(Columns):
+class _UniquePoints(Columns):
     """Points of different horizontal positions: rows among all points, positions, errors of the ranges."""
 
     row: Int[np.ndarray, " n"]
@@ -157,7 +157,7 @@ class _Known(Columns):
 
 
 def _interpolated(
-    known: _Known,
+    unique: _UniquePoints,
     near: Int[np.ndarray, " near"],
     origin_m: Float[np.ndarray, "point 3"],
     window: Window,
@@ -165,32 +165,32 @@ def _interpolated(
     incidence_rad: float,
     options: LinearParameters,
 ) -> Filled:
-    """Return the filled cells of a window, by their numbers in the grid, the three points around each, their weights.
+    """Return the filled cells of a window: their numbers in the grid, the three points around each, the weights.
 
     Only points near it are triangulated. All triangles that may fill a cell are among theirs, for these have no long
     sides; what is among them because farther points are not is sorted out.
     """
-    own = known if len(near) == len(known) else known.rows(near)
-    simplices = delaunay_triangles(own.place)
+    nearby = unique if len(near) == len(unique) else unique.rows(near)
+    simplices = delaunay_triangles(nearby.place)
     if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
     some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
     longest_m = options.longest_side_gaps * gap_m
     kept = np.concatenate(
-        [_lit(own.point_m[each], origin_m[own.row[each]], gap_m, incidence_rad, longest_m) for each in some]
+        [_lit(nearby.point_m[each], origin_m[nearby.row[each]], gap_m, incidence_rad, longest_m) for each in some]
     )
-    kept &= ~wall_triangles(own.point_m, own.sigma_m, simplices, gap_m, window.grid.spacing_m, options)
-    if len(near) < len(known):
-        kept[kept] = circles_hold_none(own.place[simplices[kept]], known.tree)
-    inside = _triangle_of_cells(own.place, simplices, kept, window)
+    kept &= ~wall_triangles(nearby.point_m, nearby.sigma_m, simplices, gap_m, window.grid.spacing_m, options)
+    if len(near) < len(unique):
+        kept[kept] = circles_hold_none(nearby.place[simplices[kept]], unique.tree)
+    inside = _triangle_of_cells(nearby.place, simplices, kept, window)
     row, column = np.nonzero(inside >= 0)
     triangle = inside[row, column]
     row, column = row + window.rows.start, column + window.columns.start
     cell_m = np.column_stack([window.grid.x_m[column], window.grid.y_m[row]])
-    use = known.tree.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
+    use = unique.tree.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
     corner = simplices[triangle[use]]
-    share = _barycentric(own.place[corner], cell_m[use])
-    return (row * window.grid.columns + column)[use], near[corner], share
+    weight = _barycentric(nearby.place[corner], cell_m[use])
+    return (row * window.grid.columns + column)[use], near[corner], weight
 
 
 def _triangle_of_cells(

@@ -18,14 +18,20 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import beside, in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.terrain import covariance
 from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, calm, local_relief, misfit_between_lines
+from sionna_radar.mapping.terrain.local_relief import (
+    UNIFORM,
+    LocalRelief,
+    local_relief,
+    low_relief_mask,
+    misfit_between_lines,
+)
 
 TABLE = 3000
 Floats = Float[np.ndarray, "..."]
@@ -54,7 +60,7 @@ class LinearUncertainty:
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         spread = float(np.median(self.heights.spread_m))
-        some = parts(len(self.interpolated.cell), AT_ONCE)
+        some = chunks(len(self.interpolated.cell), AT_ONCE)
 
         def farthest_of(low: int, high: int) -> float:
             return max(float(each.max(initial=0.0)) for each in self._distances(grid, slice(low, high)))
@@ -85,7 +91,7 @@ class LinearUncertainty:
     ) -> Float[np.ndarray, " cell"]:
         """Return the variance of cells; covariance tables: cell to point, point to point, cell alone."""
         away, apart = self._distances(grid, part)
-        share, corner = self.interpolated.share[part], self.interpolated.corner[part]
+        weight, corner = self.interpolated.weight[part], self.interpolated.corner[part]
         of_cell = self.local.at(self._cells_m(grid, part))[:, None]
         of_corner = self.local.at(self.heights.place_m[corner])
         of_next = np.roll(of_corner, -1, axis=1)
@@ -96,12 +102,12 @@ class LinearUncertainty:
         noise = self.heights.noise_m2(corner, corner, self.fitted.noise_factor)
         shared = self.heights.noise_m2(corner, np.roll(corner, -1, axis=1), self.fitted.noise_factor)
         # Corner i and the next one are `apart[:, i]`.
-        pair = share * np.roll(share, -1, axis=1)
+        pair = weight * np.roll(weight, -1, axis=1)
         same = covariance(between, np.zeros_like(away), of_corner, of_corner)
         next_one = covariance(between, apart, of_corner, of_next)
-        both = np.sum(share**2 * (same + noise), axis=1) + 2 * np.sum(pair * (next_one + shared), axis=1)
+        both = np.sum(weight**2 * (same + noise), axis=1) + 2 * np.sum(pair * (next_one + shared), axis=1)
         before = covariance(alone, np.zeros_like(of_cell), of_cell, of_cell)[:, 0]
-        to_cell = np.sum(share * covariance(to_place, away, of_cell, of_corner), axis=1)
+        to_cell = np.sum(weight * covariance(to_place, away, of_cell, of_corner), axis=1)
         return before - 2 * to_cell + both
 
     def _cells_m(self, grid: Grid, part: slice) -> Float[np.ndarray, "cell 2"]:
@@ -127,7 +133,7 @@ def linear_uncertainty(
     if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
     measured = heights.above(heights.trend(), microrelief_m)
-    fitted = fit_covariance(measured.rows(calm(measured)), noise_factor_spread=noise_factor_spread)
+    fitted = fit_covariance(measured.rows(low_relief_mask(measured)), noise_factor_spread=noise_factor_spread)
     local = local_relief(measured, fitted)
     misfit = misfit_between_lines(measured, fitted, local)
     return LinearUncertainty(interpolated, heights, fitted, local or UNIFORM, misfit)
@@ -141,14 +147,14 @@ class Linear:
     def __init__(self, parameters: LinearParameters = LINEAR) -> None:
         self.options = parameters
 
-    def __call__(self, given: MapInputs) -> Estimate:
+    def __call__(self, inputs: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        on = given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad, self.options
-        if not given.uncertain:
+        on = inputs.points, inputs.grid, inputs.max_gap_m, inputs.shadow_incidence_rad, self.options
+        if not inputs.uncertain:
             return Estimate(dem=grid_points(*on).dem)
-        gridding = beside(lambda: grid_points(*on))
-        heights, found = given.heights(), gridding()
+        gridding = in_background(lambda: grid_points(*on))
+        heights, found = inputs.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
-        spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
-        uncertainty = linear_uncertainty(found, heights, spread, given.microrelief_m)
-        return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)
+        spread = NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
+        uncertainty = linear_uncertainty(found, heights, spread, inputs.microrelief_m)
+        return Estimate(dem=found.dem) if uncertainty is None else Estimate.with_sigma(found.dem, uncertainty)

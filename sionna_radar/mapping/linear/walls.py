@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import chunks
 from sionna_radar.mapping.options import LINEAR, LinearParameters
 
 # The slopes of triangles this narrow, relative to their longest side, are those of noise.
@@ -44,7 +44,7 @@ def wall_triangles(
     """
     if not len(corner):
         return np.zeros(0, dtype=bool)
-    bounds = parts(len(corner), AT_ONCE)
+    bounds = chunks(len(corner), AT_ONCE)
     slope, broad = np.empty(len(corner)), np.empty(len(corner), dtype=bool)
     for low, high in bounds:
         gradient, broad[low:high] = _slopes(point_m, corner[low:high])

@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32
 from sionna_radar.elevation.heightfield import corner_of, height_at
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads
+from sionna_radar.foundation.threads import equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.model import Linearised
 
 Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
@@ -31,7 +31,7 @@ def curvature_on_cells(linear: Linearised, grid: Grid) -> Information:
         return _by_nodes(linear, grid)
     on_cells, begin = np.empty(start[-1], dtype=np.float32), np.cumsum(count)
     onto = linear.factor, linear.first, linear.last, place, *on, local, count[1:], start, on_cells
-    list(in_threads(lambda low, high: onto_cells(*onto, low, high), equal_parts(len(place))))
+    list(in_threads(lambda low, high: onto_cells(*onto, low, high), equal_chunks(len(place))))
     cell = cell[: begin[-1]].copy()
 
     def some(height_m: Float32[np.ndarray, " cell"], result: Float[np.ndarray, " cell"], low: int, high: int) -> None:
@@ -63,7 +63,7 @@ def _summed(
             some(single, result, low, high)
             return result
 
-        first, *others = in_threads(part, equal_parts(pulses))
+        first, *others = in_threads(part, equal_chunks(pulses))
         for other in others:
             first += other
         return first

@@ -1,4 +1,4 @@
-"""Surfaces by likelihood: "smooth" from the echoes' ranges, "refined" from whole range profiles.
+"""The DEM methods "smooth" (mean ranges) and "refined" (whole range profiles): most probable surfaces.
 
 1. The mean range of each echo gives a first surface, the covariance of the terrain, and the noise (`echo_heights`).
 2. The forward model (`echo_model.model`) predicts every echo from the current surface. Fisher scoring moves the
@@ -16,10 +16,10 @@ says by which way: it is computed on the first two surfaces alone, from some of 
 system is solved on a coarser grid where the echoes tell less of shorter waves than is known of them beforehand. Each
 step takes such a wave too far by at most half, and the next one comes back.
 
-Anderson mixing. Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at the
-end of a swath, the real curvature is several times the expected one or a fraction of it, and plain steps oscillate
-about the maximum or creep. Of all mixtures of the last steps the one is taken whose step would be the shortest if
-steps were linear in their starting point (Anderson 1965; Walker and Ni 2011, "Anderson acceleration for fixed-point
+Anderson acceleration. Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at
+the end of a swath, the real curvature is several times the expected one or a fraction of it, and plain steps oscillate
+about the maximum or creep. Of all mixtures of the last steps the one is taken whose step would be the shortest if steps
+were linear in their starting point (Anderson 1965; Walker and Ni 2011, "Anderson acceleration for fixed-point
 iterations").
 """
 
@@ -33,18 +33,18 @@ from jaxtyping import Float, Int
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads
+from sionna_radar.foundation.threads import equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
-from sionna_radar.mapping.seen import empty, seen_part
+from sionna_radar.mapping.seen import empty, visible_surface
 from sionna_radar.mapping.terrain.covariance import fit_covariance
 from sionna_radar.mapping.terrain.echo_heights import echo_surface
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import calm
+from sionna_radar.mapping.terrain.local_relief import low_relief_mask
 from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel, smooth
 from sionna_radar.mapping.terrain.tiles import (
     MIN_PULSES,
@@ -63,32 +63,32 @@ DEPTH, MIN_SINGULAR = 4, 1e-10
 Vector = Float[np.ndarray, " n"]
 
 
-class Mixing:
+class AndersonAcceleration:
     """Anderson acceleration: the next iterate from the last iterates and their proposed steps."""
 
     def __init__(self) -> None:
         self._past: list[tuple[Vector, Vector, Float[np.ndarray, " seen"]]] = []
 
     def next(self, place: Vector, step: Vector, seen: Float[np.ndarray, " seen"]) -> Vector:
-        """Return the next iterate from a place, by Anderson mixing of the last steps.
+        """Return the next iterate from a place, by Anderson acceleration of the last steps.
 
         step, seen: the step proposed there, and what it changes, by which its length is measured.
         """
         proposed = place + step
         if self._past:
             by_seen = np.stack([seen - other for _, _, other in self._past])
-            # By eigenvectors: of nearly equal steps, none tells much more than the other.
+            # By eigenvectors: nearly equal steps are nearly linearly dependent.
             value, vector = np.linalg.eigh(by_seen @ by_seen.T)
             kept = value > MIN_SINGULAR * value[-1]
-            share = vector[:, kept] @ ((vector[:, kept].T @ (by_seen @ seen)) / value[kept])
-            for part, (past_place, past_step, _) in zip(share, self._past, strict=True):
-                proposed -= part * (place + step - past_place - past_step)
+            weight = vector[:, kept] @ ((vector[:, kept].T @ (by_seen @ seen)) / value[kept])
+            for factor, (past_place, past_step, _) in zip(weight, self._past, strict=True):
+                proposed -= factor * (place + step - past_place - past_step)
         self._past = [*self._past[1 - DEPTH :], (place, step, seen)]
         return proposed
 
 
 # Convergence: RMS step over the places of the echoes, m.
-SETTLED_M = 1e-3
+CONVERGED_M = 1e-3
 # Below this step, ray intersections start from the previous ones, m.
 COARSE_M = 0.05
 MAX_SCORING_STEPS = 12
@@ -96,8 +96,8 @@ MAX_SCORING_STEPS = 12
 STEP_TOLERANCE = 2e-2
 # Iterations that recompute the curvature.
 CURVED = 2
-# Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
-# most that echoes may tell of a wave that it leaves out, over what is known of it beforehand (below 1 steps converge).
+# Approximate number of rows that the curvature of a pulse keeps; factors by which the grid of the steps may be coarser,
+# and the largest ratio of data to prior information on a wave that it omits (steps converge below 1).
 ROWS, COARSER, LEFT_OUT = 24, (4, 2, 1), 0.5
 
 
@@ -111,16 +111,16 @@ def most_probable(
 
     sightings, looks: profiles and measured poses, and the independent looks in each range cell of each pulse.
     first: a surface near it.
-    place_m: where the echoes come from: there the surface must settle.
+    place_m: where the echoes come from; convergence is tested there.
     """
-    fitted, mixing, middle = first, Mixing(), first.surface.weights(*place_m.T)
+    fitted, acceleration, middle = first, AndersonAcceleration(), first.surface.weights(*place_m.T)
     near: BeamFootprints | None = None
-    nearest, least_m, settled = first, np.inf, False
+    nearest, least_m, converged = first, np.inf, False
     for number in range(MAX_SCORING_STEPS):
         advance()
-        if settled:
+        if converged:
             continue
-        # What comes to hide what is looked for as long as the surface still moves much.
+        # Occlusion is recomputed as long as the surface still moves much.
         model = EchoModel(sightings, fitted.surface, near if least_m < COARSE_M else None)
         near = model.footprints
         if number < CURVED:
@@ -131,9 +131,9 @@ def most_probable(
         by_m = float(np.sqrt(np.mean(seen_m**2)))
         if by_m < least_m:
             nearest, least_m = fitted, by_m
-        fitted, settled = replace(fitted, white=mixing.next(fitted.white, change, seen_m)), by_m <= SETTLED_M
-    # Where echoes do not fit the terrain model, the place is taken from which the least remained to go.
-    return fitted if settled else nearest
+        fitted, converged = replace(fitted, white=acceleration.next(fitted.white, change, seen_m)), by_m <= CONVERGED_M
+    # Where echoes do not fit the terrain model, the iterate with the smallest step is taken.
+    return fitted if converged else nearest
 
 
 def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: TerrainModel) -> tuple[int, Information]:
@@ -161,7 +161,7 @@ def _on_cells(
         add_to_cells(feet.place_m, score, grid.west_m, grid.south_m, grid.spacing_m, result, low, high)
         return result.ravel()
 
-    first, *others = in_threads(part, equal_parts(len(score)))
+    first, *others = in_threads(part, equal_chunks(len(score)))
     for other in others:
         first += other
     return first
@@ -225,19 +225,19 @@ class Refined:
     def __init__(self, parameters: SmoothParameters = SMOOTH) -> None:
         self.tiling = refining(parameters)
 
-    def __call__(self, given: MapInputs) -> Estimate:
+    def __call__(self, inputs: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        assert given.sightings is not None
-        if len(given.sightings) < MIN_PULSES:
-            return Estimate(dem=empty(given.grid))
-        expect_steps(self.tiling.steps_over(given.grid))
-        mapped = self.tiles(given).mapped(given.each_piece)
-        return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
+        assert inputs.sightings is not None
+        if len(inputs.sightings) < MIN_PULSES:
+            return Estimate(dem=empty(inputs.grid))
+        expect_steps(self.tiling.steps_over(inputs.grid))
+        mapped = self.tiles(inputs).mapped(inputs.each_piece)
+        return Estimate.with_sigma(visible_surface(mapped.surface, inputs), mapped.uncertainty)
 
-    def tiles(self, given: MapInputs) -> Tiles:
+    def tiles(self, inputs: MapInputs) -> Tiles:
         """Return the tiles of a map."""
-        assert given.sightings is not None
-        return Tiles(given.sightings, given.grid, self.tiling)
+        assert inputs.sightings is not None
+        return Tiles(inputs.sightings, inputs.grid, self.tiling)
 
 
 EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
@@ -255,31 +255,31 @@ class Smooth:
     def __init__(self, parameters: SmoothParameters = SMOOTH) -> None:
         self.tiling = smoothing(parameters)
 
-    def __call__(self, given: MapInputs) -> Estimate:
+    def __call__(self, inputs: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        if len(given.points if given.sightings is None else given.sightings) < MIN_PULSES:
-            return Estimate(dem=empty(given.grid))
-        tiles = self.tiles(given)
+        if len(inputs.points if inputs.sightings is None else inputs.sightings) < MIN_PULSES:
+            return Estimate(dem=empty(inputs.grid))
+        tiles = self.tiles(inputs)
         if tiles is None:
-            return self._through_points(given)
-        expect_steps(self.tiling.steps_over(given.grid))
-        mapped = tiles.mapped(given.each_piece)
-        return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
+            return self._through_points(inputs)
+        expect_steps(self.tiling.steps_over(inputs.grid))
+        mapped = tiles.mapped(inputs.each_piece)
+        return Estimate.with_sigma(visible_surface(mapped.surface, inputs), mapped.uncertainty)
 
-    def tiles(self, given: MapInputs) -> Tiles | None:
+    def tiles(self, inputs: MapInputs) -> Tiles | None:
         """Return the tiles of a map of whole echoes; None without those."""
-        return None if given.sightings is None else Tiles(given.sightings, given.grid, self.tiling)
+        return None if inputs.sightings is None else Tiles(inputs.sightings, inputs.grid, self.tiling)
 
-    def _through_points(self, given: MapInputs) -> Estimate:
+    def _through_points(self, inputs: MapInputs) -> Estimate:
         # The system is solved by iterations, whose number shows at the end.
-        heights = given.heights()
+        heights = inputs.heights()
         # Estimators of ranges know their errors to a factor, which the fit below takes for known.
-        ground_m, window = given.microrelief_m, self.tiling.options.window_heights
+        ground_m, window = inputs.microrelief_m, self.tiling.options.window_heights
         measured = heights.above(heights.trend(), ground_m)
-        factor = fit_covariance(measured.rows(calm(measured, window)), 1, NOISE_FACTOR_SPREAD).noise_factor
+        factor = fit_covariance(measured.rows(low_relief_mask(measured, window)), 1, NOISE_FACTOR_SPREAD).noise_factor
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
-        fitted = smooth(heights, given.grid, window_heights=window, microrelief_m=ground_m)
+        fitted = smooth(heights, inputs.grid, window_heights=window, microrelief_m=ground_m)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
         own = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
         uncertainty = TiledUncertainty((own,))
-        return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)
+        return Estimate.with_sigma(visible_surface(fitted.surface, inputs), uncertainty)

@@ -1,9 +1,9 @@
-"""Assignment of border cells to parts of a map, from the range profiles of the pulses that see them; see `borders`.
+"""Numba kernels of `borders`: ray casting on cell columns, predicted profiles, and reassignment of cells.
 
 Cells are columns with plane tops. `CellColumns`, `CellViews` and `PulseEchoes` hold arrays that all functions share.
 
-What the rays over a cell would add to the range cells, were the cell another, less what they add now, is spread by the
-window and added to the predicted profile: so a change costs as much as the rays and range cells that it moves.
+A changed cell is evaluated incrementally: the difference of the powers that the rays over it add to the range cells is
+spread by the window and added to the predicted profile.
 """
 
 from typing import NamedTuple, no_type_check
@@ -15,12 +15,12 @@ from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 
 NOTHING = -1
-# Rays approach the map in strides of so many cells.
+# Stride of a ray that approaches the map, cells.
 STRIDE_CELLS = 4
 
 
 class CellColumns(NamedTuple):
-    """The map: height and slopes of each cell's top, and its part.
+    """The map: height and slopes of each cell's top, and its region.
 
     ceiling: a height that no cell near reaches, not even after a change; highest: of all ceilings.
     """
@@ -28,7 +28,7 @@ class CellColumns(NamedTuple):
     height: Float[np.ndarray, "row column"]
     slope_x: Float[np.ndarray, "row column"]
     slope_y: Float[np.ndarray, "row column"]
-    part: Int[np.ndarray, "row column"]
+    region: Int[np.ndarray, "row column"]
     ceiling: Float[np.ndarray, "row column"]
     highest: float
     west: float
@@ -38,8 +38,8 @@ class CellColumns(NamedTuple):
 
 @compiled
 @no_type_check
-def cast(columns, x, y, z, dx, dy, dz, begin, farthest, row, column, height, slope_x, slope_y, part):
-    """Return the range at which a ray meets the columns, and what it meets, if one of them were another (row >= 0)."""
+def cast(columns, x, y, z, dx, dy, dz, begin, farthest, row, column, height, slope_x, slope_y, region):
+    """Return the range at which a ray meets the columns, and what it meets; one cell may be replaced (row >= 0)."""
     rows, count = columns.height.shape
     west, south, size = columns.west, columns.south, columns.spacing
     j = int(np.floor((x + begin * dx - west) / size))
@@ -57,10 +57,10 @@ def cast(columns, x, y, z, dx, dy, dz, begin, farthest, row, column, height, slo
                 return np.inf, NOTHING
         else:
             if i == row and j == column:
-                top, a, b, number = height, slope_x, slope_y, part
+                top, a, b, number = height, slope_x, slope_y, region
             else:
                 top, a, b = columns.height[i, j], columns.slope_x[i, j], columns.slope_y[i, j]
-                number = columns.part[i, j]
+                number = columns.region[i, j]
             top += a * (x + at * dx - west - (j + 0.5) * size) + b * (y + at * dy - south - (i + 0.5) * size)
             above = z + at * dz - top
             if above <= 0:
@@ -97,34 +97,42 @@ def approach(columns, x, y, z, dx, dy, dz, farthest):
 
 @compiled
 @no_type_check
-def candidate(columns, row, column, part):
-    """Return height and slopes of the top of a cell if it belonged to a part of its neighbours, and their number."""
+def candidate(columns, row, column, region):
+    """Return height and slopes of the top of a cell if it belonged to a region of its neighbours, and their number."""
     height, a, b, count = 0.0, 0.0, 0.0, 0
     for down in range(-1, 2):
         for right in range(-1, 2):
             i, j = row + down, column + right
-            if (down == 0 and right == 0) or i < 0 or j < 0 or i >= columns.part.shape[0] or j >= columns.part.shape[1]:
+            if (
+                (down == 0 and right == 0)
+                or i < 0
+                or j < 0
+                or i >= columns.region.shape[0]
+                or j >= columns.region.shape[1]
+            ):
                 continue
-            if columns.part[i, j] == part:
+            if columns.region[i, j] == region:
                 x, y = columns.slope_x[i, j], columns.slope_y[i, j]
                 height += columns.height[i, j] - (x * right + y * down) * columns.spacing
                 a, b, count = a + x, b + y, count + 1
     return (height / count, a / count, b / count, count) if count else (0.0, 0.0, 0.0, 0)
 
 
-# By which share of a cell rays may pass beside it that are looked at more closely.
+# Rays passing within this fraction of a cell are tested exactly.
 ROUNDING = 1e-6
 # Half the diagonal of a cell, in cells, and a little more.
 HALF_DIAGONAL = 0.7072
-# Range cells after which the logarithm of a product of ratios is taken.
+# Number of factors multiplied before their logarithm is taken.
 FACTORS = 8
 
 
 class CellViews(NamedTuple):
-    """Poses of the pulses and samples of the beam, where its rays meet the map, and where they fall in the profiles.
+    """Poses of the pulses, samples of the beam, where their rays meet the map, and the range cells they fall into.
+
+    power: two-way power of the samples of the beam.
 
     enters: range at which each ray comes near the map, NaN if unknown; meets: range of what it meets, infinite without;
-    what: twice the number of the part there, plus one on a wall; NOTHING without.
+    what: twice the number of the region there, plus one on a wall; NOTHING without.
     entries: of each pulse, rays from one surface that fall into the same range cells count as one; surface: what it is;
     cell: the first of the two range cells; nearer, farther: power in it and in the next, at a reflectivity of one.
     These four have a row for each entry and a column for each pulse. A pulse has far fewer entries than rays, so that
@@ -135,7 +143,7 @@ class CellViews(NamedTuple):
     velocity: Float[np.ndarray, "pulse 3"]
     R_world_antenna: Float[np.ndarray, "pulse 3 3"]
     direction: Float[np.ndarray, "3 sample"]
-    share: Float[np.ndarray, " sample"]
+    power: Float[np.ndarray, " sample"]
     enters: Float[np.ndarray, "pulse sample"]
     meets: Float[np.ndarray, "pulse sample"]
     what: Int32[np.ndarray, "pulse sample"]
@@ -192,7 +200,7 @@ def landing(views, echoes, pulse, sample, meets, what):
     if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
         return NOTHING, 0.0, 0.0
     below = int(np.floor(place))
-    power, beyond = views.share[sample] * (echoes.unit_m / meets) ** 2, place - below
+    power, beyond = views.power[sample] * (echoes.unit_m / meets) ** 2, place - below
     return below + 2 * half + 1, power * (1 - beyond), power * beyond
 
 
@@ -205,7 +213,7 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
         pulse = pulses[n]
         x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
         surface, cell, entries = views.surface[:, pulse], views.cell[:, pulse], 0
-        for k in range(len(views.share)):
+        for k in range(len(views.power)):
             dx, dy, dz = ray(views, pulse, k)
             if np.isnan(views.enters[pulse, k]):
                 views.enters[pulse, k] = approach(columns, x, y, z, dx, dy, dz, farthest)
@@ -228,14 +236,14 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
 
 @compiled
 @no_type_check
-def crossed(columns, views, beyond_m, into, pulse_of, low, high):
+def cells_crossed(columns, views, beyond_m, into, pulse_of, low, high):
     """Write the cells over which the rays of some pulses come near the map; return how many entries were needed."""
     rows, count = columns.height.shape
     marked = np.full(rows * count, NOTHING)
     used = 0
     for pulse in range(low, high):
         x, y = views.position[pulse, 0], views.position[pulse, 1]
-        for k in range(len(views.share)):
+        for k in range(len(views.power)):
             if views.what[pulse, k] == NOTHING:
                 continue
             dx, dy, _ = ray(views, pulse, k)
@@ -267,10 +275,10 @@ def spread(response, hits, low, high, mean):
 
 @compiled
 @no_type_check
-def unlikely(power, mean):
-    """Return the negative log-likelihood of a power, but for the logarithm of its mean.
+def speckle_loss(power, mean):
+    """Return the negative log-likelihood of a power, without the logarithm of its mean.
 
-    What is no speckle counts by its logarithm only, so that one glint decides nothing.
+    Powers above MAX_SPECKLE are compressed logarithmically, so that a single glint cannot dominate.
     """
     ratio = power / mean
     return ratio if ratio <= MAX_SPECKLE else MAX_SPECKLE + np.log(ratio / MAX_SPECKLE)
@@ -289,7 +297,7 @@ def rays_over(columns, views, pulse, row, column, near, which, enters, leaves):
     east, north = west + 0.5 * side, south + 0.5 * side
     half_wide, half_long = side * (0.5 + ROUNDING), side * HALF_DIAGONAL
     R, d = views.R_world_antenna[pulse], views.direction
-    # Most rays pass the cell by, which this tells without a branch.
+    # Most rays miss the cell; this test has no branch.
     for k in range(len(near)):
         dx = R[0, 0] * d[0, k] + R[0, 1] * d[1, k] + R[0, 2] * d[2, k]
         dy = R[1, 0] * d[0, k] + R[1, 1] * d[1, k] + R[1, 2] * d[2, k]
@@ -316,14 +324,14 @@ def rays_over(columns, views, pulse, row, column, near, which, enters, leaves):
 
 @compiled
 @no_type_check
-def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits, met, what):
-    """Cast the rays of a pulse over a cell again as if it were another; return the range cells that change.
+def recast_cell_rays(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits, met, what):
+    """Cast the rays of a pulse over a replaced cell again; return the range cells that change.
 
-    cell, top: row and column, and height, slopes and part; rays: see `rays_over`, and their number.
+    cell, top: row and column, and height, slopes and region; rays: see `rays_over`, and their number.
     hits: where it is zero, power that comes to each range cell; met, what: of each of the rays, afterwards.
     """
     row, column = cell
-    height, slope_x, slope_y, part = top
+    height, slope_x, slope_y, region = top
     which, enters, leaves, count = rays
     x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
     side = columns.spacing
@@ -342,7 +350,7 @@ def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits
                 continue
         # Up to the cell the ray meets nothing, and beyond it what it met before.
         begin, until = max(views.enters[pulse, k], enters[n] - ROUNDING * side), leaves[n] if passes else farthest
-        meets, found = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, part)
+        meets, found = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, region)
         if (meets == before and found == of) or (found == NOTHING and passes):
             continue
         met[n], what[n] = meets, found
@@ -361,7 +369,7 @@ def recast(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits
 
 @compiled
 @no_type_check
-def gained(echoes, pulse, hits, low, high, mean):
+def likelihood_gain(echoes, pulse, hits, low, high, mean):
     """Return the log-likelihood ratio of a profile with more power in some range cells, which are emptied.
 
     low, high: the first and the last of these cells; mean: written, the prediction with it in the cells that change.
@@ -378,7 +386,7 @@ def gained(echoes, pulse, hits, low, high, mean):
     gain, factor = 0.0, 1.0
     for cell in range(first, last):
         before, after, power = echoes.mean[begin + cell], mean[cell], echoes.power[begin + cell]
-        gain += unlikely(power, before) - unlikely(power, after)
+        gain += speckle_loss(power, before) - speckle_loss(power, after)
         factor *= before / after
         if cell % FACTORS == 0 or cell == last - 1:
             gain, factor = gain + np.log(factor), 1.0
@@ -387,16 +395,16 @@ def gained(echoes, pulse, hits, low, high, mean):
 
 @compiled
 @no_type_check
-def improve(
+def assign_cells(
     columns, views, echoes, level, farthest, alike, cells, first, pulses, ground, ground_height, changed, margin, step
 ):
-    """Give each of some cells, one after the other, to the part under which the profiles are likeliest.
+    """Assign cells, one after the other, to the region under which the profiles are most likely.
 
-    alike: gain for each of the eight neighbours in the same part; first, pulses: which pulses' rays cross each cell;
-    ground, ground_height: a further part for each cell and its height there, NOTHING without.
-    margin: by how many nepers each cell's part is likelier than any whose height there is by a `step` another.
+    alike: gain for each of the eight neighbours in the same region; first, pulses: which pulses' rays cross each cell;
+    ground, ground_height: a further region for each cell and its height there, NOTHING without.
+    margin: by how many nepers each cell's region is likelier than any whose height there is by a `step` another.
     """
-    count, samples, longest = columns.height.shape[1], len(views.share), 0
+    count, samples, longest = columns.height.shape[1], len(views.power), 0
     for pulse in range(len(echoes.first)):
         longest = max(longest, echoes.start[pulse + 1] - echoes.start[pulse])
     hits, mean = np.zeros(longest + 4 * len(echoes.response)), np.empty(longest)
@@ -405,36 +413,38 @@ def improve(
     tried, gain, tops = np.empty(11, dtype=np.int64), np.empty(11), np.empty((11, 3))
     for cell in cells:
         i, j = cell // count, cell % count
-        own = columns.part[i, j]
-        beside = candidate(columns, i, j, own)[3]
-        tried[0], tried[1], known = own, NOTHING, 2
+        current = columns.region[i, j]
+        same_region = candidate(columns, i, j, current)[3]
+        tried[0], tried[1], known = current, NOTHING, 2
         for place in range(9):
             u, v = i + place // 3 - 1, j + place % 3 - 1
             if place == 4:
-                part = ground[cell]
-            elif 0 <= u < columns.part.shape[0] and 0 <= v < count:
-                part = columns.part[u, v]
+                region = ground[cell]
+            elif 0 <= u < columns.region.shape[0] and 0 <= v < count:
+                region = columns.region[u, v]
             else:
                 continue
             again = False
             for k in range(known):
-                again |= part == tried[k]
+                again |= region == tried[k]
             if again:
                 continue
-            height, a, b, number = candidate(columns, i, j, part)
+            height, a, b, number = candidate(columns, i, j, region)
             if number == 0:
                 height = ground_height[cell]
             if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
-                tried[known], gain[known] = part, alike * (number - beside)
+                tried[known], gain[known] = region, alike * (number - same_region)
                 tops[known, 0], tops[known, 1], tops[known, 2] = height, a, b
                 known += 1
         for pulse in pulses[first[cell] : first[cell + 1]]:
             rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
             for k in range(2, known):
                 top = tops[k, 0], tops[k, 1], tops[k, 2], tried[k]
-                low, high = recast(columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what)
+                low, high = recast_cell_rays(
+                    columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what
+                )
                 if high != NOTHING:
-                    gain[k] += gained(echoes, pulse, hits, low, high, mean)[0]
+                    gain[k] += likelihood_gain(echoes, pulse, hits, low, high, mean)[0]
         best, most, next_best = 0, 0.0, -np.inf
         for k in range(2, known):
             if abs(tops[k, 0] - columns.height[i, j]) > step:
@@ -447,26 +457,28 @@ def improve(
         top = tops[best, 0], tops[best, 1], tops[best, 2], tried[best]
         for pulse in pulses[first[cell] : first[cell + 1]]:
             rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
-            low, high = recast(columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what)
+            low, high = recast_cell_rays(
+                columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what
+            )
             for n in range(rays[3]):
                 views.meets[pulse, which[n]], views.what[pulse, which[n]] = met[n], what[n]
             if high != NOTHING:
-                _, low, high = gained(echoes, pulse, hits, low, high, mean)
+                _, low, high = likelihood_gain(echoes, pulse, hits, low, high, mean)
                 for k in range(low, high):
                     echoes.mean[echoes.start[pulse] + k] = mean[k]
-        columns.height[i, j], columns.part[i, j] = tops[best, 0], tried[best]
+        columns.height[i, j], columns.region[i, j] = tops[best, 0], tried[best]
         columns.slope_x[i, j], columns.slope_y[i, j] = tops[best, 1], tops[best, 2]
         changed[i, j] = True
 
 
 @compiled
 @no_type_check
-def predict(columns, views, echoes, level, found, expected, cell_found, cell_expected, low, high):
+def predict(columns, views, echoes, level, returned, expected, cell_returned, cell_expected, low, high):
     """Predict the profiles of some pulses, and compare the measured ones with them.
 
-    Adds up, of each part and its walls, by how much measured power exceeds the mean, and what was expected: over the
-    powers P that a reflectivity adds p to, p P / mean^2, and p / mean; and the same by map cell. No room for either is
-    no wish for it.
+    Sums, for each region and its walls, the returned and the expected power of the multiplicative update: p P / mean^2
+    and p / mean over the powers P to which a reflectivity adds p; and the same by map cell. With no output array the
+    moment is not computed.
     """
     rows, count = columns.height.shape
     half, longest = len(echoes.response) // 2, 0
@@ -487,7 +499,7 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
         for cell in range(cells):
             mean[cell] = echoes.floor[pulse]
         spread(echoes.response, hits, np.int64(0), cells, mean)
-        if len(found) == 0:
+        if len(returned) == 0:
             continue
         for cell in range(cells):
             usual_there[cell] = 1 / mean[cell]
@@ -501,10 +513,10 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
         for k in range(views.entries[pulse]):
             at, what = views.cell[k, pulse], views.surface[k, pulse]
             nearer, farther = level[what] * views.nearer[k, pulse], level[what] * views.farther[k, pulse]
-            found[what] += nearer * excess[at] + farther * excess[at + 1]
+            returned[what] += nearer * excess[at] + farther * excess[at + 1]
             expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
         x, y = views.position[pulse, 0], views.position[pulse, 1]
-        for k in range(len(views.share) if len(cell_found) > 0 else 0):
+        for k in range(len(views.power) if len(cell_returned) > 0 else 0):
             meets, what = views.meets[pulse, k], np.int64(views.what[pulse, k])
             at, nearer, farther = landing(views, echoes, pulse, k, meets, what)
             if at == NOTHING or what % 2 == 1:
@@ -513,5 +525,5 @@ def predict(columns, views, echoes, level, found, expected, cell_found, cell_exp
             i = int(np.floor((y + meets * dy - columns.south) / columns.spacing))
             j = int(np.floor((x + meets * dx - columns.west) / columns.spacing))
             if 0 <= i < rows and 0 <= j < count:
-                cell_found[i * count + j] += level[what] * (nearer * excess[at] + farther * excess[at + 1])
+                cell_returned[i * count + j] += level[what] * (nearer * excess[at] + farther * excess[at + 1])
                 cell_expected[i * count + j] += level[what] * (nearer * inverse[at] + farther * inverse[at + 1])

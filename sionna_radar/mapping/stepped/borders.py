@@ -1,15 +1,15 @@
-"""Assignment of the cells beside a border to parts of a stepped map, from whole range profiles.
+"""Assignment of cells near borders to regions of a stepped map, by the likelihood of range profiles.
 
 Echoes of both sides of a border fall into the same profiles, and each range cell holds the sum of what all of the
 beam sees. So a cell cannot be judged by itself: the profiles of all pulses that see it are predicted with the cell in
-either part, everything else as the map has it, and the likelier one stays (iterated conditional modes; Besag 1986, "On
-the statistical analysis of dirty pictures", J. R. Stat. Soc. B 48, 259-302).
+either region, everything else as the map has it, and the likelier one stays (iterated conditional modes; Besag 1986,
+"On the statistical analysis of dirty pictures", J. R. Stat. Soc. B 48, 259-302).
 
-Cells are columns with plane tops, and their sides are walls. Each part has two reflectivities, of its tops and of its
+Cells are columns with plane tops, and their sides are walls. Each region has two reflectivities, of its tops and of its
 walls: the likeliest ones given the map, found by the multiplicative updates for exponential powers (Fevotte and
 Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
-Where much less power came back than the top of a raised part would return, the ground around is tried as well, so that
-courtyards open that the coarse map has missed.
+Where much less power came back than the top of a raised region would return, the ground around is tried as well, so
+that courtyards open that the coarse map has missed.
 """
 
 from dataclasses import dataclass, fields
@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.detection.ranging.plane_fit import PEDESTAL
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads, parts
+from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, CellViews, PulseEchoes
@@ -31,27 +31,27 @@ from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, Ce
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
 # Reference range of reflectivities, m.
 UNIT_M = 50.0
-# Prior: gain for each of a cell's eight neighbours in the same part, Np.
-ALIKE = 4.0
+# Prior: gain for each of a cell's eight neighbours in the same region, Np.
+NEIGHBOUR_GAIN_NEPERS = 4.0
 SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
-# Weight of the previous reflectivity, in expected echoes: parts seen by few pulses keep theirs.
+# Weight of the previous reflectivity, in expected echoes: regions seen by few pulses keep theirs.
 PRIOR_ECHOES = 5.0
-# A cell that returns less than this share of its part's expected power may be a hole; fewest expected echoes.
-HOLLOW, MIN_EXPECTED = 0.5, 1.0
+# A cell that returns less than this fraction of its region's expected power may be a hole; fewest expected echoes.
+HOLLOW_FRACTION, MIN_EXPECTED = 0.5, 1.0
 # Width of the band along borders in which the assignment of tops is checked, cells.
 BORDER_BAND_CELLS = 4
-# A top is doubtful if its expected power is less than this share of the usual one,
+# A top is doubtful if its expected power is less than this fraction of the usual one,
 MIN_VISIBILITY = 0.2
-# if it returns less than this share of its expected power, of at least that many echoes,
+# if it returns less than this fraction of its expected power, of at least that many echoes,
 MIN_RETURNED_POWER, MIN_RETURN_ECHOES = 0.4, 3.0
-# or if its part is likelier than another by less than this, Np: the column model overstates likelihoods.
+# or if its region is likelier than another by less than this, Np: the column model overstates likelihoods.
 MIN_MARGIN_NEPERS = 8.0
-# The same where an echo is nearer that lies a step away, Np.
+# The same where the nearest echo lies a step away, Np.
 MIN_STEP_MARGIN_NEPERS = 64.0
-# Most cells by which a part may grow, and cells beyond a lowered cell whose rays are cast again.
+# Most cells by which a region may grow, and cells beyond a lowered cell whose rays are cast again.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
-# Map cells that the rays of a pulse come near, more than are usual.
+# Capacity for the map cells near the rays of a pulse; more than usual.
 ENTRIES = 160
 # Side of the blocks processed one after another, and margin that their pulses reach, cells.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
@@ -59,16 +59,16 @@ BLOCK_CELLS, MARGIN_CELLS = 200, 24
 
 @dataclass(frozen=True)
 class StepMap:
-    """A stepped map: heights of the cells, and the part that each belongs to.
+    """A stepped map: heights of the cells, and the region that each belongs to.
 
-    expected, returned: power expected from each cell's top at its part's reflectivity, in units of the mean power of
+    expected, returned: power expected from each cell's top at its region's reflectivity, in units of the mean power of
     its range cells, summed over pulses; and the measured power relative to it.
-    margin: log-likelihood ratio (Np) between the part of each cell and the best part a step away; infinite away from
-    borders.
+    margin: log-likelihood ratio (Np) between the region of each cell and the best region a step away; infinite away
+        from borders.
     """
 
     height_m: Float[np.ndarray, "row column"]
-    part: Int[np.ndarray, "row column"]
+    region: Int[np.ndarray, "row column"]
     expected: Float[np.ndarray, "row column"]
     returned: Float[np.ndarray, "row column"]
     margin: Float[np.ndarray, "row column"]
@@ -76,42 +76,42 @@ class StepMap:
     def doubtful(
         self, elsewhere: Bool[np.ndarray, "row column"], contradicted: Bool[np.ndarray, "row column"]
     ) -> Bool[np.ndarray, "row column"]:
-        """Return the cells near borders whose tops were rarely visible, too weak, or may belong to another part.
+        """Return the cells near borders whose tops were rarely visible, too weak, or may belong to another region.
 
         Away from borders no profiles were compared: there, those that the echoes around them contradict.
 
-        elsewhere: cells whose nearest echo is of another level; see `nearer_elsewhere`.
+        elsewhere: cells whose nearest echo is of another level; see `nearest_echo_off_level`.
         contradicted: see `contradicted_by_echoes`.
         """
-        near = distance_transform_edt(~beside_borders(self.part)) < BORDER_BAND_CELLS
+        near = distance_transform_edt(~border_cells(self.region)) < BORDER_BAND_CELLS
         seen = self.expected > 0
         typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
         unseen = self.expected < MIN_VISIBILITY * typical
         hollow = (self.returned < MIN_RETURNED_POWER) & (self.expected > MIN_RETURN_ECHOES)
         checked = np.isfinite(self.margin) & (self.margin >= MIN_STEP_MARGIN_NEPERS)
-        beside = unseen | hollow | (self.margin < MIN_MARGIN_NEPERS) | (elsewhere & ~checked)
-        return np.where(near, beside, contradicted)
+        near_border = unseen | hollow | (self.margin < MIN_MARGIN_NEPERS) | (elsewhere & ~checked)
+        return np.where(near, near_border, contradicted)
 
 
-def with_borders(
+def assign_border_cells(
     sightings: Sightings,
     axis_m: Float[np.ndarray, "pulse 3"],
     height_m: Float[np.ndarray, "row column"],
-    part: Int[np.ndarray, "row column"],
+    region: Int[np.ndarray, "row column"],
     low: Bool[np.ndarray, "row column"],
     step_m: float,
     grid: Grid,
 ) -> StepMap:
-    """Return the map with border cells assigned to their most likely parts given the profiles.
+    """Return the map with border cells assigned to their most likely regions given the profiles.
 
     sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
-    height_m, part: the map, and the number of the part that each cell belongs to.
-    low: cells of parts not raised above their surroundings: ground.
+    height_m, region: the map, and the number of the region that each cell belongs to.
+    low: cells of regions not raised above their surroundings: ground.
     step_m: smallest height difference that counts as a step.
     grid: cells of the map.
     """
     nothing = np.zeros(grid.shape)
-    result = StepMap(height_m.copy(), part.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))
+    result = StepMap(height_m.copy(), region.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             window = _span(row, grid.rows), _span(column, grid.columns)
@@ -120,7 +120,7 @@ def with_borders(
             cells = grid.cut(*window)
             near = _near(axis_m, cells)
             if near.any():
-                block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
+                block = _Block(sightings.rows(near), result.height_m[window], result.region[window], cells)
                 found = block.improved(core[window], low[window], step_m)
                 inner = core[window]
                 for field in fields(StepMap):
@@ -128,7 +128,7 @@ def with_borders(
     return result
 
 
-def nearer_elsewhere(
+def nearest_echo_off_level(
     height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
 ) -> Bool[np.ndarray, "row column"]:
     """Return the cells whose nearest located echo lies a step above or below them."""
@@ -177,11 +177,11 @@ class _Block:
         self,
         sightings: Sightings,
         height_m: Float[np.ndarray, "row column"],
-        part: Int[np.ndarray, "row column"],
+        region: Int[np.ndarray, "row column"],
         grid: Grid,
     ) -> None:
-        self._numbers, inverse = np.unique(part, return_inverse=True)
-        number = inverse.reshape(part.shape).astype(np.int64)
+        self._numbers, inverse = np.unique(region, return_inverse=True)
+        number = inverse.reshape(region.shape).astype(np.int64)
         spacing = grid.spacing_m
         ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
         self._columns = CellColumns(
@@ -204,16 +204,16 @@ class _Block:
     def improved(
         self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
     ) -> StepMap:
-        """Return the map with the most likely parts of the core's cells."""
-        part = self._columns.part
+        """Return the map with the most likely regions of the core's cells."""
+        region = self._columns.region
         found, expected = self._update(FIRST_UPDATES)
-        hollow = (found < HOLLOW * expected) & (expected > MIN_EXPECTED) & ~low
+        hollow = (found < HOLLOW_FRACTION * expected) & (expected > MIN_EXPECTED) & ~low
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
-        changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
-        moved = np.zeros(part.shape, dtype=bool)
+        changed, margin = np.ones(region.shape, dtype=bool), np.full(region.shape, np.inf)
+        moved = np.zeros(region.shape, dtype=bool)
         for _ in range(SWEEPS):
-            wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
+            wanted = (border_cells(region) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
             if not wanted.any():
                 break
@@ -225,26 +225,26 @@ class _Block:
             self._cast(crossing.over(moved))
             found, expected = self._update(UPDATES)
         returned = found / np.maximum(expected, np.finfo(float).tiny)
-        return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
+        return StepMap(self._columns.height, self._numbers[region], expected, returned, margin)
 
     def _cast(self, pulses: Int[np.ndarray, " chosen"]) -> None:
         """Cast the rays of some pulses."""
         from sionna_radar.mapping.stepped.border_kernels import cast_all
 
         given = self._columns, self._views, self._echoes, self._farthest, pulses
-        list(in_threads(partial(cast_all, *given), parts(len(pulses), PULSES_AT_ONCE)))
+        list(in_threads(partial(cast_all, *given), chunks(len(pulses), PULSES_AT_ONCE)))
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
         """Update the reflectivities; return the power found of each cell's top, and that expected; see `predict`."""
         from sionna_radar.mapping.stepped.border_kernels import predict
 
-        bounds = equal_parts(len(self._echoes.first))
-        cells = np.zeros((len(bounds), 2, self._columns.part.size))
+        bounds = equal_chunks(len(self._echoes.first))
+        cells = np.zeros((len(bounds), 2, self._columns.region.size))
         sums = np.empty((len(bounds), 2, len(self._level)))
         numbers = {low: number for number, (low, _) in enumerate(bounds)}
 
-        def some(parts: slice, tops: slice, low: int, high: int) -> None:
-            into = *sums[numbers[low], :, parts], *cells[numbers[low], :, tops]
+        def some(regions: slice, tops: slice, low: int, high: int) -> None:
+            into = *sums[numbers[low], :, regions], *cells[numbers[low], :, tops]
             predict(self._columns, self._views, self._echoes, self._level, *into, low, high)
 
         every, none = slice(None), slice(0)
@@ -254,34 +254,34 @@ class _Block:
             found, expected = sums.sum(axis=0)
             self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
         list(in_threads(partial(some, none, none), bounds))
-        return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.part.shape))
+        return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.region.shape))
 
     def _ground(
         self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]
     ) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-        """Return for each hollow cell the part of the nearest low one, NOTHING for others, and the height there."""
+        """Return for each hollow cell the region of the nearest low one, NOTHING for others, and the height there."""
         if not low.any():
             return np.full(low.size, NOTHING), np.zeros(low.size)
         row, column = distance_transform_edt(~low, return_distances=False, return_indices=True)
-        part = np.where(hollow, self._columns.part[row, column], NOTHING)
-        return part.ravel(), self._columns.height[row, column].ravel()
+        region = np.where(hollow, self._columns.region[row, column], NOTHING)
+        return region.ravel(), self._columns.height[row, column].ravel()
 
     def _crossing(self) -> Crossing:
         """Return the pulses whose rays come near each cell."""
-        from sionna_radar.mapping.stepped.border_kernels import crossed
+        from sionna_radar.mapping.stepped.border_kernels import cells_crossed
 
         beyond_m = BEYOND_CELLS * self._columns.spacing
-        sides = self._columns.part.shape
+        sides = self._columns.region.shape
 
         def some(low: int, high: int) -> Int32[np.ndarray, "2 entry"]:
             into = np.empty((2, ENTRIES * (high - low)), dtype=np.int64)
-            used = crossed(self._columns, self._views, beyond_m, *into, low, high)
+            used = cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
             if used > into.shape[1]:
                 into = np.empty((2, used), dtype=np.int64)
-                crossed(self._columns, self._views, beyond_m, *into, low, high)
+                cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
             return into[:, :used].astype(np.int32)
 
-        cell, pulse = np.concatenate(list(in_threads(some, parts(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
+        cell, pulse = np.concatenate(list(in_threads(some, chunks(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
         order = np.argsort(cell, kind="stable")
         first, widest = np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), 1
         # Entries are in the order of pulses.
@@ -301,26 +301,28 @@ class _Block:
         margin: Float[np.ndarray, "row column"],
         step_m: float,
     ) -> None:
-        """Assign cells to their most likely parts, and mark the changed ones.
+        """Assign cells to their most likely regions, and mark the changed ones.
 
         Tiles that no pulse sees together are processed concurrently.
         """
-        from sionna_radar.mapping.stepped.border_kernels import improve
+        from sionna_radar.mapping.stepped.border_kernels import assign_cells
 
         count = changed.shape[1]
         across = count // crossing.tile_cells + 1
         row, column = cells // count // crossing.tile_cells, cells % count // crossing.tile_cells
         tile = row * across + column
-        given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
+        given = self._columns, self._views, self._echoes, self._level, self._farthest, NEIGHBOUR_GAIN_NEPERS
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
-            improve(*given, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m)
+            assign_cells(
+                *given, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m
+            )
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
             groups = [cells[tile == one] for one in np.unique(tile[turn])]
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
-            list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
+            list(in_threads(partial(one_tile, groups), chunks(len(groups), 1)))
 
 
 def _views(sightings: Sightings, spacing_m: float) -> CellViews:
@@ -337,7 +339,7 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
         velocity=np.ascontiguousarray(pose.velocity_mps),
         R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
         direction=np.ascontiguousarray(direction.T),
-        share=share,
+        power=share,
         enters=np.full(shape, np.nan),
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),
@@ -371,12 +373,12 @@ def _echoes(sightings: Sightings) -> PulseEchoes:
 
 
 def _slopes(
-    height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], spacing_m: float
+    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return the slopes of each cell toward its neighbours in the same part, along x and y."""
+    """Return the slopes of each cell toward its neighbours in the same region, along x and y."""
 
     def along(axis: int) -> Float[np.ndarray, "row column"]:
-        rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(part, axis=axis) == 0
+        rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(region, axis=axis) == 0
         total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
         for side in (slice(None, -1), slice(1, None)):
             where = (slice(None),) * axis + (side,)
@@ -387,9 +389,9 @@ def _slopes(
     return along(1), along(0)
 
 
-def beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
-    """Return the cells with a neighbour in another part."""
-    return np.asarray(maximum_filter(part, 3, mode="nearest") != minimum_filter(part, 3, mode="nearest"))
+def border_cells(region: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another region."""
+    return np.asarray(maximum_filter(region, 3, mode="nearest") != minimum_filter(region, 3, mode="nearest"))
 
 
 def _span(start: int, count: int) -> slice:

@@ -27,7 +27,7 @@ from scipy.spatial import KDTree
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_threads
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
@@ -250,7 +250,7 @@ def lowest_in_view_m(
     farthest = len(np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m))
     on = grid.x_m, grid.y_m, grid.west_m, grid.south_m, grid.spacing_m, np.ascontiguousarray(origin_m), farthest
     result = np.empty(grid.shape)
-    list(in_threads(lambda *some: lowest_in_view(height_m, *on, result, *some), parts(grid.rows, ROWS_AT_ONCE)))
+    list(in_threads(lambda *some: lowest_in_view(height_m, *on, result, *some), chunks(grid.rows, ROWS_AT_ONCE)))
     return result
 
 

@@ -26,7 +26,7 @@ from jaxtyping import Float, Float32, Int
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, over_rows, parts
+from sionna_radar.foundation.threads import chunks, in_threads, over_rows
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
@@ -58,7 +58,7 @@ class Evidence:
         beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
         spill = options.spill_share * sightings.response / sightings.response.max()
         spill[len(spill) // 2] = 0.0
-        gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+        gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
         self._given = (
             *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
             *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
@@ -94,7 +94,7 @@ class Evidence:
             add_evidence(*self._given, in_view_m, self._against, low, high)
 
         if self._against.shape[-1]:
-            list(in_threads(some, parts(self._rows, ROWS_AT_ONCE)))
+            list(in_threads(some, chunks(self._rows, ROWS_AT_ONCE)))
         advance(self._pulses)
 
 

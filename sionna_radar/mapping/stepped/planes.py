@@ -1,4 +1,4 @@
-"""Plane fits to the parts of a stepped map: level ground, and roofs that may fill the beam only partly.
+"""Plane fits to the regions of a stepped map: level ground, and roofs that may fill the beam only partly.
 
 Echoes are located on the beam axis. A roof that ends within the beam returns only from the part of the beam that it
 fills: at its far edge the echo is nearer than the intersection of axis and roof, so the located point is too high.
@@ -24,15 +24,16 @@ from sionna_radar.mapping.terrain.echo_heights import heights_over, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
-# An error that all echoes of a plane share, so that their number does not lessen it: what the mean range of a window of
-# whole cells, and of the power that is no echo in it, is off by. Not derived: the ground of `buildings`, which echoes
-# know to 8 mm, was off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
+# Error common to all echoes of a plane, m, which their number does not reduce: bias of mean ranges over windows of
+# whole cells with power beside the echo. Not derived: the ground of `buildings`, with a standard deviation of 8 mm, was
+# off by 10.5 mm (root mean square over seeds 1-24), and 8 mm in the mean.
 LEVEL_SIGMA_M = 0.01
 ROUNDS = 4
-# A slope across a line of heights, which they do not tell: by choice, as roofs are pitched.
-UNTOLD_SLOPE_SIGMA = 0.3
+# Prior standard deviation of the slope across a line of heights, which they do not constrain: by choice, as roofs are
+# pitched.
+UNCONSTRAINED_SLOPE_SIGMA = 0.3
 # Reject a plane whose residual exceeds this multiple of the noise.
-ROUGH = 2.0
+MAX_RESIDUAL_RATIO = 2.0
 # Fewest echoes of a plane fit: twice the number of unknowns.
 MIN_ECHOES = 6
 
@@ -65,9 +66,9 @@ class Plane:
 def plane_of_echoes(
     sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SteppedParameters = STEPPED
 ) -> Plane | None:
-    """Return the plane through whole echoes of one part; None if another surface fits them better.
+    """Return the plane through whole echoes of one region; None if another surface fits them better.
 
-    sightings, echoes: profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
+    sightings, echoes: profiles and measured poses of the pulses that see only this region, and their mean ranges.
     grid: cells of the map.
     options: of the method.
     """
@@ -81,7 +82,7 @@ def plane_of_echoes(
         found = _robust(heights.rows(fits), 0.0, options.outlier_sigmas)
         plane, rough = found.plane, found.spread
         trend = np.array([plane.at(np.zeros((1, 2)))[0], *plane.coefficients[1:]])
-    if rough > ROUGH or _curved(heights.rows(fits), plane, rough, options.outlier_sigmas):
+    if rough > MAX_RESIDUAL_RATIO or _curved(heights.rows(fits), plane, rough, options.outlier_sigmas):
         return None
     return plane
 
@@ -96,18 +97,18 @@ def plane_of_points(
     beam_rad: float,
     options: SteppedParameters = STEPPED,
 ) -> Plane | None:
-    """Return the plane through the located echoes of a part; None if they are not planar.
+    """Return the plane through the located echoes of a region; None if they are not planar.
 
-    coarse_m, inside: the coarse map, and the cells of the part.
+    coarse_m, inside: the coarse map, and the cells of the region.
     points: located echoes.
     grid: cells of the map.
     spread_m: how far coarse heights scatter about planes; twice as far are no plane's.
-    step_m: echoes farther above or below are not of this part.
+    step_m: echoes farther above or below are not of this region.
     beam_rad: standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are
         off its axis by as much, on the same side all along a border, which tilts a plane.
     options: of the method.
     """
-    # Beyond the window is another part.
+    # Beyond the window is another region.
     deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
     cells = deep if deep.sum() >= options.min_cells(grid.spacing_m) else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
@@ -186,7 +187,7 @@ def _fitted(heights: Heights, unknowns: int, outlier_sigmas: float) -> _Fit:
     to_axes = np.vstack([np.eye(1, 1 + along.shape[1]), np.column_stack([np.zeros(2), along])])
     covariance = to_axes @ np.linalg.pinv(design[kept].T @ design[kept]) @ to_axes.T * rough**2 * repeated
     if 0 < along.shape[1] < 2:
-        covariance[1:, 1:] += UNTOLD_SLOPE_SIGMA**2 * (np.eye(2) - along @ along.T)
+        covariance[1:, 1:] += UNCONSTRAINED_SLOPE_SIGMA**2 * (np.eye(2) - along @ along.T)
     return _Fit(Plane(middle, coefficients, covariance), rough)
 
 
@@ -204,27 +205,27 @@ def _curved(heights: Heights, plane: Plane, rough: float, outlier_sigmas: float)
 
 
 SAMPLES = 400
-# Of a beam that a part fills less of, its edges decide, and they are known to a cell. By trial of 0.3 to 0.9 on the
-# seeds 1-8 of `buildings`; on 9-24 it serves as well.
-MAX_OF_BEAM = 0.8
+# Below this fill factor the echo is determined by the region's outline, which is known to one cell. By trial of 0.3 to
+# 0.9 on the seeds 1-8 of `buildings`; on 9-24 it serves as well.
+MIN_FILL_FACTOR = 0.8
 FILLING_ROUNDS = 3
 MIN_FALL = 1e-3
 
 
 @dataclass(frozen=True)
 class FilledBeams:
-    """Located echoes, and the beams that they were seen with. outlier_sigmas: see `robust_plane`."""
+    """Fits roof planes to located echoes whose beams the roof fills only partly. outlier_sigmas: see `robust_plane`."""
 
     points: Points
     sightings: Sightings
     outlier_sigmas: float
 
     def refitted(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Plane:
-        """Return the plane of a part by the echoes that it sends from what it fills of their beams.
+        """Return the plane of a region, fitted to the echoes of the part of each beam that it fills.
 
         plane: the plane through located echoes, which stays where too few beams are filled.
-        inside, grid: the cells of the part, of this grid.
-        step_m: echoes farther above or below are not of this part.
+        inside, grid: the cells of the region, of this grid.
+        step_m: echoes farther above or below are not of this region.
         """
         found = plane
         for _ in range(FILLING_ROUNDS):
@@ -256,7 +257,7 @@ class FilledBeams:
         power = np.where(range_m > 0, share / range_m**2, 0.0)
         own = power * on.reshape(power.shape)
         total = own.sum(axis=1)
-        filled = total > MAX_OF_BEAM * power.sum(axis=1)
+        filled = total > MIN_FILL_FACTOR * power.sum(axis=1)
         own = own[filled] / total[filled, None]
         mean_m = np.sum(own * range_m[filled], axis=1)
         middle = np.einsum("pk,pki->pi", own, place[filled])

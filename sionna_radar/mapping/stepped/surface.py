@@ -1,11 +1,11 @@
-"""The DEM method "stepped": walls stay steep, and each level between them is mapped separately.
+"""The DEM method "stepped": segmentation at steps such as walls, and a separate surface for each region.
 
-1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into parts where neighbours
+1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into regions where neighbours
    differ by more than a step.
-2. A part that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface fits
-   them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
-   scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
-3. Cells beside borders join the part under which whole profiles are likeliest (`borders`). Cells near borders that no
+2. A region that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface
+   fits them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller region whose
+   heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
+3. Cells beside borders join the region under which whole profiles are likeliest (`borders`). Cells near borders that no
    pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
    those whose nearest echo is a step away, unless the profiles clearly say otherwise, and, far from borders, those
    that most of the three nearest echoes contradict.
@@ -15,10 +15,10 @@ h; its variance is that of a mixture, larger by p (1 - p) h^2. The odds of p are
 from the nearest step of the map, times the likelihood ratio of a level a step away (`coarse_map`). The margins of
 `borders` do not serve here: they try a cell by itself, while whole walls are misplaced.
 
-Segmentation: within a part neighbours differ by less than a step. Where a wall is crossed by a ramp of in-between
-heights, a cell or two wide, roof and ground would be one part. So parts are first grown from cells in whose
+Segmentation: within a region neighbours differ by less than a step. Where a wall is crossed by a ramp of in-between
+heights, a cell or two wide, roof and ground would be one region. So regions are first grown from cells in whose
 neighbourhood no step is (a morphological opening of the links between cells), and take in what they touch. What no
-such part touches, narrower than three cells, joins the nearest.
+such region touches, narrower than three cells, joins the nearest.
 
 A map longer than three blocks of levels is made in tiles, each from what its echoes and those of a strip around it say.
 They are not blended, as heights beside a step would be of neither side.
@@ -47,75 +47,77 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
 from sionna_radar.foundation.progress import advance, expect_steps, release_memory
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, several_at_once
+from sionna_radar.foundation.threads import equal_chunks, several_at_once
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
-from sionna_radar.mapping.seen import empty, seen_part
-from sionna_radar.mapping.stepped.borders import contradicted_by_echoes, nearer_elsewhere, with_borders
+from sionna_radar.mapping.seen import empty, visible_surface
+from sionna_radar.mapping.stepped.borders import assign_border_cells, contradicted_by_echoes, nearest_echo_off_level
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
 # Blocks of levels along the longest side of a tile.
 TILE_BLOCKS = 3
-# A part is raised if it is a step above this share of the adjacent cells.
-BESIDE_CELLS, MAX_OF_RING = 2, 0.75
+# Width of the ring around a region, cells, and the fraction of it that a raised region exceeds by a step.
+RING_CELLS, MIN_RAISED_FRACTION = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
 
-def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int) -> Int[np.ndarray, "row column"]:
-    """Return the number of the part of each cell, from zero without gaps.
+def regions_of(
+    height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int
+) -> Int[np.ndarray, "row column"]:
+    """Return connected regions without steps: the number of each cell's region, from zero without gaps.
 
     height_m: heights of the cells.
-    step_m: least difference between neighbours in different parts.
-    min_cells: smaller parts join the nearest.
+    step_m: least difference between neighbours in different regions.
+    min_cells: smaller regions join the nearest.
     """
     along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
-    inner = _amid_links(along, across)
-    part = label(inner)[0] - 1
-    found = _with_touched(part, height_m, step_m)
-    return _without_crumbs(found, min_cells)
+    inner = _fully_linked(along, across)
+    region = label(inner)[0] - 1
+    found = _extend_to_adjacent_cells(region, height_m, step_m)
+    return _remove_small_regions(found, min_cells)
 
 
-def windows_of(part: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
-    """Return the rows and columns that contain each part, by their numbers."""
-    return [(rows, columns) for rows, columns in find_objects(part + 1)]
+def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
+    """Return the rows and columns that contain each region, by their numbers."""
+    return [(rows, columns) for rows, columns in find_objects(region + 1)]
 
 
 def raised_cells(
-    height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
+    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], step_m: float
 ) -> Bool[np.ndarray, "row column"]:
-    """Return the cells of raised parts: a step above most adjacent cells."""
-    raised = np.zeros(part.shape, dtype=bool)
-    for number, found in enumerate(windows_of(part)):
-        window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)
-        cells, height = part[window] == number, height_m[window]
-        ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
-        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MAX_OF_RING:
+    """Return the cells of raised regions: a step above most adjacent cells."""
+    raised = np.zeros(region.shape, dtype=bool)
+    for number, found in enumerate(region_windows(region)):
+        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in found)
+        cells, height = region[window] == number, height_m[window]
+        ring = binary_dilation(cells, iterations=RING_CELLS) & ~cells
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MIN_RAISED_FRACTION:
             raised[window] |= cells
     return raised
 
 
-def to_border_m(part: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
-    """Return the distance of each cell from the border of its part, m; infinite if there is only one part."""
-    border = np.zeros(part.shape, dtype=bool)
-    along, across = part[:, 1:] != part[:, :-1], part[1:] != part[:-1]
+def distance_to_border_m(region: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
+    """Return the distance of each cell from the border of its region, m; infinite if there is only one region."""
+    border = np.zeros(region.shape, dtype=bool)
+    along, across = region[:, 1:] != region[:, :-1], region[1:] != region[:-1]
     border[:, 1:] |= along
     border[:, :-1] |= along
     border[1:] |= across
     border[:-1] |= across
     distance: Float[np.ndarray, "row column"] = distance_transform_edt(~border) * spacing_m
-    return distance if border.any() else np.full(part.shape, np.inf)
+    return distance if border.any() else np.full(region.shape, np.inf)
 
 
-def _amid_links(
+def _fully_linked(
     along: Bool[np.ndarray, "row beside"], across: Bool[np.ndarray, "above column"]
 ) -> Bool[np.ndarray, "row column"]:
-    """Return the cells around which, in three by three cells, all neighbours are linked."""
+    """Return the cells in whose 3 x 3 neighbourhood all neighbours are linked."""
     right = np.pad(along, ((0, 0), (0, 1)), constant_values=True)
     below = np.pad(across, ((0, 1), (0, 0)), constant_values=True)
     # The links of a square of three: along rows between its first two columns, and across, likewise.
@@ -124,48 +126,48 @@ def _amid_links(
     return np.asarray(of_row & of_column)
 
 
-def _with_touched(
-    part: Int[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], step_m: float
+def _extend_to_adjacent_cells(
+    region: Int[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], step_m: float
 ) -> Int[np.ndarray, "row column"]:
-    """Return the parts with the cells that they touch: each joins the part of the nearest height, if within a step."""
-    rows, columns = part.shape
-    padded, heights = np.pad(part, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
-    best, found = np.full(part.shape, step_m), part.copy()
+    """Return regions extended to adjacent cells: each joins the region of the nearest height, if within a step."""
+    rows, columns = region.shape
+    padded, heights = np.pad(region, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
+    best, found = np.full(region.shape, step_m), region.copy()
     for down, right in AROUND:
         window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
         apart = np.abs(heights[window] - height_m)
-        nearer = (part < 0) & (padded[window] >= 0) & (apart <= best)
+        nearer = (region < 0) & (padded[window] >= 0) & (apart <= best)
         found[nearer], best[nearer] = padded[window][nearer], apart[nearer]
     return found
 
 
-def _without_crumbs(part: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
-    """Return parts numbered from zero; cells of no part, or of one of fewer than `min_cells`, join the nearest."""
-    crumb = (np.bincount(part.ravel() + 1)[part + 1] < min_cells) | (part < 0)
+def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
+    """Return regions numbered from zero; cells of no region, or of one of fewer than `min_cells`, join the nearest."""
+    crumb = (np.bincount(region.ravel() + 1)[region + 1] < min_cells) | (region < 0)
     if crumb.all():
-        return np.zeros(part.shape, dtype=np.int64)
+        return np.zeros(region.shape, dtype=np.int64)
     row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
-    return np.asarray(np.unique(part[row, column], return_inverse=True)[1].reshape(part.shape))
+    return np.asarray(np.unique(region[row, column], return_inverse=True)[1].reshape(region.shape))
 
 
-# Lengths over whose distance from a step the odds are that a cell is of its other side, where the echoes leave it open:
-# of one mapped above that it is of the ground below, and of one mapped below that it is of what stands above. The map
-# takes the highest of equal levels, so that it errs upward more often. Frequencies of six surveys of San Francisco and
-# Florence, as are the fall with the distance and that with the margin, as if it erred by one neper
+# Prior odds that a cell belongs to the other side of a step are these lengths (m) over the distance from the step: for
+# a cell mapped above that it is of the ground below, and for one mapped below that it is of what stands above. The map
+# takes the highest of equal levels, so that it errs upward more often. Fitted to the frequencies of six surveys of San
+# Francisco and Florence, as are the decrease with distance and with the margin, which errs by about one neper
 # (`docs/theory/uncertainty.md`).
 BELOW_M, ABOVE_M = 0.23, 0.13
-# How far steps are looked for, m, and in which distances, cells; none was found to matter beyond.
+# Largest distance at which steps are searched, m, and the radii tried, cells; none was found to matter beyond.
 FARTHEST_M, DISTANCES_CELLS = 24.0, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
-# How deep a step is, is seen as far around a cell: so many distances, and at least so many metres.
-AROUND_DISTANCES, AROUND_M = 2, 4.0
+# Radius of the neighbourhood in which the depth of a step is measured: in distances of the step, with a minimum in m.
+DEPTH_RADIUS_DISTANCES, MIN_DEPTH_RADIUS_M = 2, 4.0
 
 
 @dataclass(frozen=True)
 class SteppedUncertainty:
     """Standard deviations of the cells of a stepped map.
 
-    other_side: probability that a cell is of the other side of a step, above or below, and wrong by the whole step.
-    step_sigma_m: what that adds: without it is left the standard deviation of cells that are where the map has them.
+    other_side: probability that a cell belongs to the other side of a step, and is wrong by the whole step.
+    step_sigma_m: contribution of that error; without it remains the standard deviation of cells on the right side.
     """
 
     cell_sigma_m: Float[np.ndarray, "row column"]
@@ -181,15 +183,15 @@ class SteppedUncertainty:
         return float("nan")
 
 
-def moved_with(
+def sigma_after_reassignment(
     sigma_m: Float[np.ndarray, "row column"],
     before: Int[np.ndarray, "row column"],
     after: Int[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "row column"]:
-    """Return standard deviations with those of cells that changed their part taken from the nearest cell that did not.
+    """Return standard deviations in which a cell that changed its region takes that of the nearest cell that did not.
 
-    sigma_m: standard deviations within the parts that the cells belonged to before.
-    before, after: numbers of the parts of the cells.
+    sigma_m: standard deviations within the regions that the cells belonged to before.
+    before, after: numbers of the regions of the cells.
     """
     result, moved = sigma_m.copy(), before != after
     for number in np.unique(after[moved]):
@@ -200,36 +202,36 @@ def moved_with(
     return result
 
 
-def with_steps(
+def stepped_uncertainty(
     sigma_m: Float[np.ndarray, "row column"],
     height_m: Float[np.ndarray, "row column"],
     coarse: CoarseMap,
     step_m: float,
     spacing_m: float,
 ) -> SteppedUncertainty:
-    """Return the uncertainty of a map from that within its parts, its heights, and the coarse map.
+    """Return the uncertainty of a map: that inside its regions, and that of the sides of steps.
 
     The other side of a step is as far away as the deepest foot nearby, or as the levels that the echoes leave open.
 
-    sigma_m: standard deviations within the parts.
+    sigma_m: standard deviations within the regions.
     height_m: the map.
-    coarse: what the echoes say of other levels, and how far those are from its own heights.
+    coarse: margins of the echoes against other levels, and their distances from its own heights.
     step_m, spacing_m: smallest height difference that counts as a step, and size of the cells.
     """
     moved_m = height_m - coarse.height_m
-    away_m, drop_m = next_step(height_m, step_m, spacing_m)
+    away_m, drop_m = nearest_step_below(height_m, step_m, spacing_m)
     down, drop_m = BELOW_M / away_m * np.exp(-(coarse.below**2) / 2), np.maximum(drop_m, coarse.depth_m + moved_m)
-    away_m, rise_m = next_step(-height_m, step_m, spacing_m)
+    away_m, rise_m = nearest_step_below(-height_m, step_m, spacing_m)
     up, rise_m = ABOVE_M / away_m * np.exp(-(coarse.above**2) / 2), np.maximum(rise_m, coarse.rise_m - moved_m)
     down, up = down / (1 + down + up), up / (1 + down + up)
     step_sigma_m = np.sqrt(down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2)
     return SteppedUncertainty(np.hypot(sigma_m, step_sigma_m), down + up, step_sigma_m)
 
 
-def next_step(
+def nearest_step_below(
     height_m: Float[np.ndarray, "row column"], step_m: float, spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return the distance of each cell from the nearest foot of a step a step below it, and its depth, m.
+    """Return the distance of each cell from the nearest foot of a step below it, and the depth of the step, m.
 
     The distance is that of the ring of cells, one of `DISTANCES_CELLS`; infinite without such a foot.
     """
@@ -243,7 +245,7 @@ def next_step(
         below_m = height_m - minimum_filter(foot_m, 2 * cells + 1, mode="nearest")
         lower = below_m > step_m
         away_m[lower] = np.minimum(away_m[lower], reach_m)
-        around = lower & (reach_m <= np.maximum(AROUND_DISTANCES * away_m, AROUND_M))
+        around = lower & (reach_m <= np.maximum(DEPTH_RADIUS_DISTANCES * away_m, MIN_DEPTH_RADIUS_M))
         depth_m[around] = below_m[around]
     return away_m, depth_m
 
@@ -270,36 +272,38 @@ def step_surface(
     sightings: profiles and measured poses.
     points: located echoes.
     grid: cells of the DEM.
-    gap_m: widest gap, within a part, that is filled between cells supported by echoes.
+    gap_m: widest gap, within a region, that is filled between cells supported by echoes.
     options: of the method.
     """
     echoes = mean_ranges(sightings)
     axis_m = sightings.places(echoes.range_m)
     coarse = coarse_map(sightings, points, grid, axis_m, options)
     step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
-    part = parts_of(coarse.height_m, step_m, options.min_cells(grid.spacing_m))
+    region = regions_of(coarse.height_m, step_m, options.min_cells(grid.spacing_m))
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m, options)
-    height, sigma, roofs = surfaces.of(part)
+    height, sigma, roofs = surfaces.of(region)
     filled = coarse.supported.copy()
-    for number, window in enumerate(windows_of(part)):
-        inside = part[window] == number
+    for number, window in enumerate(region_windows(region)):
+        inside = region[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     release_memory()
-    bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
-    height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
+    bordered = assign_border_cells(
+        sightings, axis_m, height, region, ~raised_cells(height, region, step_m), step_m, grid
+    )
+    height, region_sigma = bordered.height_m, sigma_after_reassignment(sigma, region, bordered.region)
     echoes_of = height, points.position_m, step_m, grid
-    doubtful = bordered.doubtful(nearer_elsewhere(*echoes_of), contradicted_by_echoes(*echoes_of))
+    doubtful = bordered.doubtful(nearest_echo_off_level(*echoes_of), contradicted_by_echoes(*echoes_of))
     beams = FilledBeams(points, sightings, options.outlier_sigmas)
     for number, plane in roofs.items():
-        _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
-    # An error of a step is none within a part: a covariance that tells little may state more.
-    uncertainty = with_steps(np.minimum(own_sigma, step_m), height, coarse, step_m, grid.spacing_m)
+        _refit(plane, (bordered.region == number) & ~doubtful, beams, height, region_sigma, grid, step_m)
+    # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
+    uncertainty = stepped_uncertainty(np.minimum(region_sigma, step_m), height, coarse, step_m, grid.spacing_m)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
 
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """Inputs from which the surfaces of the parts are made."""
+    """Inputs from which the surfaces of the regions are made."""
 
     sightings: Sightings
     echoes: MeanRanges
@@ -310,29 +314,29 @@ class _Surfaces:
     options: SteppedParameters
 
     def of(
-        self, part: Int[np.ndarray, "row column"]
+        self, region: Int[np.ndarray, "row column"]
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
         """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
-        whole, grid = self.whole_part(part), self.grid
+        whole, grid = self.whole_region(region), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
-        windows = windows_of(part)
+        windows = region_windows(region)
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
         alone = pulses >= MIN_PULSES
         tiling = refining(self.options)
         steps = [tiling.steps_over(grid.cut(*window)) for window in windows]
         expect_steps(sum(steps[number] for number in np.flatnonzero(alone)))
 
-        def map_part(number: int) -> None:
+        def map_region(number: int) -> None:
             window = windows[number]
-            inside, own = part[window] == number, whole == number
-            found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside)
-            height[window][inside], sigma[window][inside] = found[inside], known[inside]
+            inside, own = region[window] == number, whole == number
+            mapped_m, mapped_sigma_m = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside)
+            height[window][inside], sigma[window][inside] = mapped_m[inside], mapped_sigma_m[inside]
 
-        # A part larger than all others together uses all cores; the others run concurrently, largest first.
+        # A region larger than all others together uses all cores; the others run concurrently, largest first.
         largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
         first = int(2 * pulses.max(initial=0) > pulses.sum())
         for numbers in (largest[:first], largest[first:]):
-            for _ in several_at_once(map_part, numbers.tolist(), [steps[number] for number in numbers]):
+            for _ in several_at_once(map_region, numbers.tolist(), [steps[number] for number in numbers]):
                 pass
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
@@ -340,7 +344,7 @@ class _Surfaces:
         planes: dict[int, Plane] = {}
         for number in np.flatnonzero(~alone):
             window = windows[number]
-            inside, cells, coarse_m = part[window] == number, grid.cut(*window), self.coarse.height_m[window]
+            inside, cells, coarse_m = region[window] == number, grid.cut(*window), self.coarse.height_m[window]
             plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad, self.options)
             if plane is not None:
                 place = cells.centres_m[inside.ravel()]
@@ -355,7 +359,7 @@ class _Surfaces:
         coarse_m: Float[np.ndarray, "row column"],
         inside: Bool[np.ndarray, "row column"],
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-        """Return heights and standard deviations of a part from the echoes that see nothing else."""
+        """Return heights and standard deviations of a region from the echoes that see nothing else."""
         sightings = self.sightings.rows(own)
         plane = plane_of_echoes(sightings, self.echoes.rows(own), cells, self.options)
         if plane is None:
@@ -369,7 +373,7 @@ class _Surfaces:
         place = cells.centres_m
         return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
 
-    def whole_part(self, part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
+    def whole_region(self, region: Int[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
         """Return the part of the map that contains the main lobe of each pulse.
 
         -1 if it is in more than one, or if the echo is a step above or below the coarse map.
@@ -378,9 +382,9 @@ class _Surfaces:
         reach_m = range_m * self.sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
         echo_m = self.sightings.places(range_m)
         row, column, inside = self.grid.cell_of(echo_m)
-        inside &= to_border_m(part, self.grid.spacing_m)[row, column] > reach_m
+        inside &= distance_to_border_m(region, self.grid.spacing_m)[row, column] > reach_m
         inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m
-        return np.where(inside, part[row, column], -1)
+        return np.where(inside, region[row, column], -1)
 
 
 def _refit(
@@ -395,7 +399,7 @@ def _refit(
     """Refit a plane to the echoes from the parts of their beams that it fills, and move its cells."""
     if not cells.any():
         return
-    window = windows_of(cells.astype(np.int64) - 1)[0]
+    window = region_windows(cells.astype(np.int64) - 1)[0]
     inside, cut = cells[window], grid.cut(*window)
     found = beams.refitted(plane, inside, cut, step_m)
     place = cut.centres_m[inside.ravel()]
@@ -440,7 +444,7 @@ class SteppedTiles:
     def windows(self) -> list[tuple[slice, slice]]:
         """Rows and columns of each tile: as few as are no longer than `TILE_BLOCKS` blocks."""
         size = TILE_BLOCKS * self.options.block_m / self.grid.spacing_m
-        rows, columns = (equal_parts(count, int(np.ceil(count / size))) for count in self.grid.shape)
+        rows, columns = (equal_chunks(count, int(np.ceil(count / size))) for count in self.grid.shape)
         return [(slice(*some), slice(*others)) for some in rows for others in columns]
 
     def piece(self, number: int) -> SteppedPiece | None:
@@ -491,21 +495,21 @@ class Stepped:
     def __init__(self, parameters: SteppedParameters = STEPPED) -> None:
         self.options = parameters
 
-    def __call__(self, given: MapInputs) -> Estimate:
+    def __call__(self, inputs: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
-        assert given.sightings is not None
-        if len(given.sightings) < MIN_PULSES:
-            return Estimate(dem=empty(given.grid))
-        tiles = self.tiles(given)
+        assert inputs.sightings is not None
+        if len(inputs.sightings) < MIN_PULSES:
+            return Estimate(dem=empty(inputs.grid))
+        tiles = self.tiles(inputs)
         expect_steps(len(tiles) * tiles.steps)
-        stepped = tiles.mapped(given.each_piece)
-        sigma_m = np.hypot(stepped.uncertainty.cell_sigma_m, given.microrelief_m)
+        stepped = tiles.mapped(inputs.each_piece)
+        sigma_m = np.hypot(stepped.uncertainty.cell_sigma_m, inputs.microrelief_m)
         uncertainty = replace(stepped.uncertainty, cell_sigma_m=sigma_m)
-        return Estimate.known_by(seen_part(stepped.surface, given).within(stepped.supported), uncertainty)
+        return Estimate.with_sigma(visible_surface(stepped.surface, inputs).within(stepped.supported), uncertainty)
 
-    def tiles(self, given: MapInputs) -> SteppedTiles:
+    def tiles(self, inputs: MapInputs) -> SteppedTiles:
         """Return the tiles of a map."""
-        assert given.sightings is not None
+        assert inputs.sightings is not None
         # Fields and planes alike: relief below the footprint is no part of either.
-        sightings = replace(given.sightings, microrelief_m=0.0)
-        return SteppedTiles(sightings, given.points, given.grid, given.max_gap_m, self.options)
+        sightings = replace(inputs.sightings, microrelief_m=0.0)
+        return SteppedTiles(sightings, inputs.points, inputs.grid, inputs.max_gap_m, self.options)

@@ -106,16 +106,18 @@ ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
 MIN_NOISE_M = 1e-3
-# Share of uncorrelated noise: receiver noise, and scatterers that enter the beam.
-NEW_NOISE = 0.03
-# Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
-# 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise: over real ground 0.1 left
-# half of what 0.05 calls rough to the noise.
+# Fraction of the noise variance that is uncorrelated: receiver noise, and scatterers that enter the beam.
+UNCORRELATED_NOISE_FRACTION = 0.03
+# Prior standard deviation of the logarithm of the noise factor: over simulated speckle, echoes of 1 to 8 deg scatter
+# 0.95 to 1.1 times as the noise model predicts. A looser prior explains rough ground as noise: over real ground 0.1
+# assigned to noise half of what 0.05 calls rough.
 NOISE_FACTOR_SPREAD = 0.05
-# Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
-# Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
-# beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
-ROUGHER, OF_GAUSSIAN = 6.0, 12.0
+# Prior against smooth terrain, nepers per unit of log(1 + smoothness): below the footprint, echoes distinguish smooth
+# from rough terrain only by the tails of the beam's pattern, which are not quite Gaussian, and a map that takes rough
+# ground for smooth is overconfident.
+PRIOR_NEPERS_SMOOTHNESS = 6.0
+# Smoothness as which Gaussian terrain counts in that prior.
+GAUSSIAN_SMOOTHNESS = 12.0
 # The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
 MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
@@ -288,8 +290,8 @@ def fit_covariance(
 def search_bounds(measured: Measured) -> list[tuple[float, float]]:
     """Return bounds of the logarithms of length, variance, noise factor and smoothness.
 
-    The length is at least a footprint's standard deviation: of shorter waves, heights averaged over footprints tell
-    variance times length squared alone, and their likeliest variance may be any.
+    The length is at least a footprint's standard deviation: for shorter waves only variance x length^2 is
+    identifiable from heights averaged over footprints, and the maximum-likelihood variance is arbitrary.
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
@@ -304,7 +306,7 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
 
 
 def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
-    """Return groups of neighbouring heights, which the likelihood is summed over."""
+    """Return groups of neighbouring heights; the likelihood is summed over the groups."""
     kept = decorrelated(measured)
     return [Group.of(measured, kept[rows]) for rows in _groups(measured.place_m[kept], groups)]
 
@@ -312,27 +314,27 @@ def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
 def decorrelated(measured: Measured) -> Int[np.ndarray, " kept"]:
     """Return the rows of heights with little common speckle.
 
-    Of pulses that follow each other so closely that they share most of it, one stands for several: together they tell
-    little more, and what the model of their correlation misses would pass for rough ground.
+    Of successive pulses that share most of their speckle only one is kept: the others add little information, and
+    errors of the modelled correlation would be taken for rough ground.
     """
-    apart = max(1, int(np.median(measured.reach)))
-    return np.flatnonzero(measured.order % apart == 0) if apart > 1 else np.arange(len(measured.order))
+    stride = max(1, int(np.median(measured.reach)))
+    return np.flatnonzero(measured.order % stride == 0) if stride > 1 else np.arange(len(measured.order))
 
 
 @dataclass(frozen=True)
 class Group:
-    """Neighbouring heights, a common footprint, and what is the same for all covariances that are tried.
+    """Neighbouring heights, a common footprint, and what does not depend on the covariance that is tried.
 
-    table_m: distances at which a covariance is computed; entry, share: of every two heights, the entry below their
-        distance, and how far it is toward the next; noise_m2: the covariance of their noise. Pairs are those of the
-        lower triangle, row by row.
+    table_m: distances at which a covariance is computed; entry, fraction: for every two heights, the entry below their
+        distance, and the fraction of the way to the next; noise_m2: the covariance of their noise. Pairs are those of
+        the lower triangle, row by row.
     """
 
     height_m: Float[np.ndarray, " n"]
     spread_m: float
     table_m: Float[np.ndarray, " entry"]
     entry: Int[np.ndarray, " pair"]
-    share: Float[np.ndarray, " pair"]
+    fraction: Float[np.ndarray, " pair"]
     noise_m2: Float[np.ndarray, " pair"]
 
     @classmethod
@@ -341,12 +343,12 @@ class Group:
         place = np.ascontiguousarray(measured.place_m[rows])
         table = CovarianceTable.distances(float(pdist(place).max(initial=1e-6)), TABLE)
         lower = np.tril_indices(len(rows))
-        entry, share = np.empty(len(lower[0]), dtype=np.int32), np.empty(len(lower[0]))
-        pairs(place, table[1], TABLE - 1, entry, share)
+        entry, fraction = np.empty(len(lower[0]), dtype=np.int32), np.empty(len(lower[0]))
+        pairs(place, table[1], TABLE - 1, entry, fraction)
         sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
         noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
         spread = float(np.median(measured.spread_m[rows]))
-        return cls(measured.height_m[rows], spread, table, entry, share, noise[lower])
+        return cls(measured.height_m[rows], spread, table, entry, fraction, noise[lower])
 
     def loss(
         self, tried: Covariance, noise_factor: float, others: Sequence[Covariance]
@@ -357,11 +359,11 @@ class Group:
         noise factor. Raises LinAlgError where the heights' covariance is not positive.
         """
         value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
-        fill(value, self.entry, self.share, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
+        fill(value, self.entry, self.fraction, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
         half, solved = inverse_and_solution(total, self.height_m)
         loss = float(self.height_m @ solved / 2 + half)
         by_entry = np.empty(TABLE)
-        by_noise = sensitivity(total, solved, self.entry, self.share, self.noise_m2, by_entry)
+        by_noise = sensitivity(total, solved, self.entry, self.fraction, self.noise_m2, by_entry)
         toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
         landforms = value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
         return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
@@ -389,7 +391,7 @@ def repeated_pairs(
     square = np.maximum((reach**2 + other_reach**2) / 2, 1e-6)
     # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
     alike = np.sqrt(reach * other_reach / square) * np.exp(-apart / square)
-    return (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
+    return (1 - UNCORRELATED_NOISE_FRACTION) * np.where(apart > 0, alike, 0.0)
 
 
 def _loss(
@@ -406,9 +408,9 @@ def _loss(
     loss, gradient = posterior_loss(
         parameters[:3], smoothness, groups, microrelief_m, noise_factor_spread, len(parameters) > 3
     )
-    loss += ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN)))
+    loss += PRIOR_NEPERS_SMOOTHNESS * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS)))
     if len(parameters) > 3:
-        gradient[3] += ROUGHER * smoothness / (1 + smoothness)
+        gradient[3] += PRIOR_NEPERS_SMOOTHNESS * smoothness / (1 + smoothness)
     return loss, gradient
 
 
@@ -420,7 +422,7 @@ def posterior_loss(
     noise_factor_spread: float = NOISE_FACTOR_SPREAD,
     smoother: bool = False,
 ) -> tuple[float, Float[np.ndarray, " parameter"]]:
-    """Return the negative logarithm of the posterior of terrain of a given smoothness, and its gradient.
+    """Return the negative log posterior of terrain of a given smoothness, and its gradient.
 
     parameters: logarithms of length, variance and noise factor. The gradient is that along them and, if `smoother`,
     along the logarithm of the smoothness.

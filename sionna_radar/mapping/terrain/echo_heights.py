@@ -1,4 +1,4 @@
-"""Heights from whole echoes: the mean range of each, freed of what the beam does on a slope, and surfaces through them.
+"""Heights from the mean ranges of whole echoes, corrected for the beam on a slope, and smoothing surfaces through them.
 
 The mean range of an echo is not the range on the axis of the beam. The forward model predicts it over a surface; by how
 much the measured one exceeds that is by how much the ground's mean height over the footprint falls short.
@@ -20,8 +20,8 @@ from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
 from sionna_radar.mapping.terrain.smoothing import Smoothed, TerrainModel, smooth
 
 MIN_SIGMA_M = 0.02
-# Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
-OUTSTANDING_SIGMAS = 6.0
+# Residual, in standard deviations, beyond which speckle alone explains no echo.
+MAX_SPECKLE_SIGMAS = 6.0
 # A footprint reaches so many standard deviations from its middle.
 FOOTPRINT_SPREADS = 2.0
 
@@ -41,7 +41,7 @@ class EchoSurface:
         """Return the echoes of other surfaces: their places, radii of their footprints, and distances from it, m."""
         heights = self.heights.rows(~self.fits)
         apart = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
-        other = apart > OUTSTANDING_SIGMAS * heights.sigma_m
+        other = apart > MAX_SPECKLE_SIGMAS * heights.sigma_m
         heights, apart = heights.rows(other), apart[other]
         return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
 
@@ -121,7 +121,7 @@ def _bright_parts(
 ) -> tuple[Float[np.ndarray, "pulse 2"], Float[np.ndarray, "pulse 2 2"]]:
     """Return the centre of the power of each footprint over a known cover, and its axes; see `Heights`."""
     beam = sightings.beam
-    power = (beam.between.T @ beam.share) * np.isfinite(feet.range_m)
+    power = (beam.between.T @ beam.power) * np.isfinite(feet.range_m)
     power *= cover.brightness(feet.place_m, sightings.pose.boresight)
     power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
     centre_m = np.einsum("pn,pnk->pk", power, feet.place_m)

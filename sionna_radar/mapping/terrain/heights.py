@@ -1,7 +1,7 @@
 """Scattered heights for mapping: means over footprints, with noise that neighbouring pulses share.
 
 The footprint of an echo on the ground is Gaussian. Each point has its footprint, and the number of pulses over which
-its speckle repeats (`Looks`).
+its speckle repeats (`PointFootprints`).
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import parts
+from sionna_radar.foundation.threads import chunks
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import AT_ONCE, SpeckleMemory, repeats, speckle_reach
 from sionna_radar.mapping.points import Points
@@ -25,9 +25,9 @@ from sionna_radar.radar.chirp import Chirp
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
 FEW, MANY = 3, 5
-# Heights tell no slope across places that spread by less than this share of their length: echoes of a fixed beam lie on
-# a line but for centimetres. By choice: no swath, and no roof, is so narrow.
-MIN_WIDTH_SHARE = 0.02
+# Least ratio of width to length of a set of places from which a slope across it is estimated: echoes of a fixed beam
+# lie on a line but for centimetres. By choice: no swath, and no roof, is so narrow.
+MIN_WIDTH_RATIO = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,13 +128,15 @@ def plane_through(place_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray,
 
 
 def supported_directions(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 k"]:
-    """Return the directions along which heights at some places tell a slope, as columns.
+    """Return the directions along which heights at some places constrain a slope, as columns.
 
     East and north; or the one direction of places on a line; none for a single place.
     """
     _, width_m, direction = np.linalg.svd(place_m - place_m.mean(axis=0), full_matrices=False)
-    told = width_m > max(MIN_WIDTH_SHARE * width_m[0], np.finfo(float).eps * np.abs(place_m).max() * len(place_m))
-    return np.eye(2) if told.all() and len(told) == 2 else direction[told].T
+    constrained = width_m > max(
+        MIN_WIDTH_RATIO * width_m[0], np.finfo(float).eps * np.abs(place_m).max() * len(place_m)
+    )
+    return np.eye(2) if constrained.all() and len(constrained) == 2 else direction[constrained].T
 
 
 # A ray closer to the horizon counts as this far below it: its footprint would be endless.
@@ -173,8 +175,8 @@ MIN_DISTANCE_M = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks:
-    """How each point was looked at, in the order of the points.
+class PointFootprints:
+    """Footprints of points, in the order of the points.
 
     footprint_m: axes of its footprint on level ground, as long as its standard deviations.
     reach: over how many pulses its speckle repeats; see `speckle`.
@@ -184,13 +186,13 @@ class Looks:
     reach: Float[np.ndarray, " point"]
 
 
-def looks_at(
+def point_footprints(
     points: Points,
     measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
     beam: BeamNodes,
     chirp: Chirp,
     memory: SpeckleMemory,
-) -> Looks:
+) -> PointFootprints:
     """Return the footprint and speckle reach of each point.
 
     points: located echoes.
@@ -209,30 +211,30 @@ def looks_at(
         own, back = np.unique(row[low:high], return_inverse=True)
         return axes_of(pose_of(own).rows(back), points.range_m[low:high], beam)
 
-    footprint_m = np.concatenate([footprints(*bounds) for bounds in parts(len(points), AT_ONCE)])
+    footprint_m = np.concatenate([footprints(*bounds) for bounds in chunks(len(points), AT_ONCE)])
     reach = reach[row] if points.reach is None else np.maximum(reach[row], points.reach)
-    return Looks(footprint_m=footprint_m, reach=reach)
+    return PointFootprints(footprint_m=footprint_m, reach=reach)
 
 
-def point_heights(points: Points, looks: Looks | None) -> Heights:
+def point_heights(points: Points, view: PointFootprints | None) -> Heights:
     """Return points as heights: over their footprints, or at single places if these are unknown."""
     away = points.position_m - points.origin_m
     steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), MIN_DISTANCE_M)
     place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
     if points.across_sigma_m is not None:
         sigma = np.hypot(sigma, points.across_sigma_m * np.sqrt(1 - steep**2))
-        if looks is not None:
+        if view is not None:
             # Of two pulses that share their speckle only points in the same range cells do: instead of every two points
             # of both, each counts as independent, with the errors that do as much harm.
-            sigma = sigma * np.sqrt(repeats(looks.reach))
-            looks = replace(looks, reach=np.zeros(len(points)))
-    if looks is None:
+            sigma = sigma * np.sqrt(repeats(view.reach))
+            view = replace(view, reach=np.zeros(len(points)))
+    if view is None:
         return Heights.at_places(place, height, sigma)
     return Heights(
         place_m=place,
         height_m=height,
         sigma_m=sigma,
-        footprint_m=looks.footprint_m,
+        footprint_m=view.footprint_m,
         order=points.pulse.astype(float),
-        reach=looks.reach,
+        reach=view.reach,
     )

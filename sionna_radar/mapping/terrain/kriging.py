@@ -1,4 +1,4 @@
-"""How well a surface through measured heights is known: the kriging variance of cells and of means over windows.
+"""Kriging variance of a surface through measured heights, for cells and for means over windows.
 
 Under a Gaussian terrain of covariance C and data y = B z + e, means over footprints with noise, the variance of what
 is still unknown about a height z, or about a mean of heights, is (Rasmussen and Williams 2006, section 2.2)
@@ -30,7 +30,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import solve_lower
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_threads
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.local_relief import LocalRelief
@@ -81,7 +81,7 @@ class Kriging:
                 place = np.column_stack([grid.x_m[columns][cell[:, 1]], grid.y_m[rows][cell[:, 0]]])
                 sigma[rows, columns][here] = self._of_places(place)
 
-        list(in_threads(some, parts(len(blocks), 1)))
+        list(in_threads(some, chunks(len(blocks), 1)))
         return sigma
 
     def near_inverse(self) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
@@ -120,7 +120,7 @@ class Kriging:
             told = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
             return told / np.sqrt(np.abs(told[:, -1:]))
 
-        rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, parts(len(member), AT_ONCE))])
+        rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, chunks(len(member), AT_ONCE))])
         chain = csr_matrix(
             (rows.ravel(), member.ravel(), np.arange(len(rows) + 1) * (NEAREST + 1)), shape=(len(rows), count)
         )

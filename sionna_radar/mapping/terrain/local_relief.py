@@ -1,8 +1,9 @@
-"""Where a terrain is rougher than elsewhere: the local amplitude of its short waves, learned from scattered heights.
+"""Local relief of non-stationary terrain: the amplitude of its short waves, estimated from scattered heights.
 
-Real ground is not stationary: gullies, banks and slip faces stand in calm fields. One covariance for all of it states
-calm ground too badly and broken ground far too well. Here a terrain of the covariance C is divided into long waves and
-short ones, the latter times an amplitude a(x) that varies from place to place. The covariance of two heights is
+Real ground is not stationary: gullies, banks and slip faces stand in calm fields. A single covariance overstates the
+uncertainty of calm ground and understates that of broken ground. Here a terrain of the covariance C is divided into
+long waves and short ones, the latter times an amplitude a(x) that varies from place to place. The covariance of two
+heights is
 
     C_long(x - y) + a(x) a(y) C_short(x - y),
 
@@ -19,7 +20,7 @@ One covariance serves all directions. Where walls run along the scan lines, echo
 stand between lines. So heights of a line are predicted from those of other lines (cross-validation): where they are off
 by more than is stated, all standard deviations are larger by as much.
 
-Waves that footprints average away are not told at all, and a window that stands out for another reason would make them
+Waves that footprints average away are not observable, and a window that stands out for another reason would make them
 huge. So a^2 is at most that at which short waves, not averaged, have the power of all that was measured above a plane,
 or one.
 """
@@ -35,7 +36,7 @@ from scipy.spatial import KDTree
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import log_sum_exp, spread_indices
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, own_cores, parts
+from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
     MIN_NOISE_M,
@@ -55,21 +56,23 @@ from sionna_radar.mapping.terrain.covariance import (
 ORDER = 3
 CUT_OF_SPACING = float(np.sqrt(-np.log(1 - 0.5 ** (1 / ORDER))) / np.pi)
 # Values of log a^2, and the widths of their prior. The width has a half-normal prior of the standard deviation 1
-# (Gelman 2006): over ground that does not tell it is none.
+# (Gelman 2006): over ground that does not constrain the width it is zero.
 LOG_SQUARES = np.arange(-8.0, 8.01, 0.25)
 PRIOR_WIDTHS = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
-# Windows whose relief stands out by this many standard deviations of its logarithm are no part of the terrain.
-OUTSTANDING = 3.0
-# Heights that are predicted from other scan lines; fewest heights of those, and how many times its usual length a gap
-# between the pulses of a window is, where another line begins.
+# Windows whose relief exceeds the median by this many standard deviations of its logarithm are not terrain.
+OUTLIER_SIGMAS = 3.0
+# Number of heights that are predicted from other scan lines; fewest heights of those, and the gap between the pulses of
+# a window, in usual gaps, at which another line begins.
 HELD_OUT, MIN_OTHERS, LINE_GAP = 200, 12, 8
-# Standard deviation of a scatter that is the median of n deviations, times sqrt(n) (Rousseeuw and Croux 1993), and how
-# many of them are no chance: one tile in 10,000 of ground as the covariance says (one in 160 at 2.5). Over `hills`, in
-# 46 surveys, the standard deviation of the scatter is 1.05 to 1.15 times that of independent deviations.
-MEDIAN_SIGMA, SURE = 1.17, 3.7
+# Standard deviation of a scatter that is the median of n deviations, times sqrt(n) (Rousseeuw and Croux 1993). Over
+# `hills`, in 46 surveys, that of the scatter is 1.05 to 1.15 times that of independent deviations.
+MEDIAN_SIGMA = 1.17
+# Excess scatter, in such standard deviations, that counts as significant: a false alarm in one tile of 10,000 (one in
+# 160 at 2.5).
+MIN_EVIDENCE_SIGMAS = 3.7
 # Windows at once, to bound memory.
 AT_ONCE = 32
-# Entries of tables of covariances, and how many spreads of footprints they are made for.
+# Number of entries of covariance tables, and of footprint spreads for which they are made.
 TABLE, SPREADS = 1600, 16
 # Of the variance: tables of covariances are interpolated.
 JITTER = 1e-6
@@ -101,10 +104,10 @@ class LocalRelief:
         self, covariance: Covariance, farthest_m: float, spread_m: float, entries: int
     ) -> tuple[CovarianceTable, CovarianceTable]:
         """Return tables of the covariances of long waves and of short ones; see `Covariance.table`."""
-        long, short = self.parts(covariance, knots(farthest_m), spread_m)
+        long, short = self.covariances(covariance, knots(farthest_m), spread_m)
         return CovarianceTable.of(long, farthest_m, entries), CovarianceTable.of(short, farthest_m, entries)
 
-    def parts(
+    def covariances(
         self, covariance: Covariance, distance_m: Float[np.ndarray, " n"], spread_m: float
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return the covariances of long waves and of short ones at distances; see `Covariance.at`."""
@@ -113,8 +116,8 @@ class LocalRelief:
             long += share * covariance.at(distance_m, float(np.hypot(spread_m, wider * self.cut_m)))
         return long, covariance.at(distance_m, spread_m) - long
 
-    def long_share(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the share of each wave's power, rad/m, that counts as long."""
+    def long_fraction(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the fraction of the power of each wave (rad/m) that counts as long."""
         return 1 - (1 - np.exp(-((wavenumber * self.cut_m) ** 2))) ** ORDER
 
     def at(self, place_m: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
@@ -137,7 +140,7 @@ UNIFORM = LocalRelief(0.0, 0.0, 1.0, np.zeros((2, 2)))
 
 @dataclass(frozen=True)
 class Windows:
-    """Nodes over an area, and the heights around each of them that are looked at together."""
+    """Nodes over an area, and the nearest heights around each of them."""
 
     west_m: float
     south_m: float
@@ -153,10 +156,10 @@ class Windows:
             return None
         place = measured.place_m[kept]
         tree, low = KDTree(place), place.min(axis=0)
-        spacing = float(np.median(tree.query(place, k=heights, workers=own_cores())[0][:, -1]))
+        spacing = float(np.median(tree.query(place, k=heights, workers=cores_of_thread())[0][:, -1]))
         columns, rows = (np.maximum(np.ceil(np.ptp(place, axis=0) / spacing).astype(int), 1) + 1).tolist()
         x, y = np.meshgrid(low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows))
-        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=own_cores())[1]
+        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=cores_of_thread())[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
@@ -167,7 +170,7 @@ class Windows:
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
             return _log_likelihood(measured, self.member[low:high], tables, fitted)
 
-        likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), AT_ONCE))))
+        likelihood = np.concatenate(list(in_threads(some, chunks(len(self.member), AT_ONCE))))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
         if mean_square is None:
@@ -199,7 +202,7 @@ class DividedTables:
         away = place - place.mean(axis=1, keepdims=True)
         farthest = 2 * float(np.linalg.norm(away, axis=2).max()) + 1.0
         spread = np.unique(np.quantile(measured.spread_m[member], np.linspace(0.0, 1.0, SPREADS)))
-        at_knots = np.array([relief.parts(covariance, knots(farthest), float(each)) for each in spread])
+        at_knots = np.array([relief.covariances(covariance, knots(farthest), float(each)) for each in spread])
         long, short = tabulated(at_knots.swapaxes(0, 1), farthest, TABLE)
         unaveraged = relief.divided(covariance, farthest, 0.0, TABLE)[1]
         return cls(spread, unaveraged.step_m, long, short, unaveraged)
@@ -216,16 +219,16 @@ class DividedTables:
         return long, short
 
 
-def calm(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
-    """Return a mask of the heights where the relief does not stand out from the terrain: away from poles and walls."""
+def low_relief_mask(measured: Measured, window_heights: int = SMOOTH.window_heights) -> Bool[np.ndarray, " n"]:
+    """Return a mask of the heights whose surroundings have typical relief: away from poles and walls."""
     windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
-    bounds = parts(len(windows.member), AT_ONCE)
+    bounds = chunks(len(windows.member), AT_ONCE)
     rms = in_threads(lambda low, high: _rms_above_plane(measured, windows.member[low:high]), bounds)
     log = np.log(np.concatenate(list(rms)))
     scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))
-    standing = windows.member[log > np.median(log) + OUTSTANDING * scatter]
+    standing = windows.member[log > np.median(log) + OUTLIER_SIGMAS * scatter]
     return ~np.isin(np.arange(len(measured.height_m)), standing)
 
 
@@ -236,7 +239,7 @@ def local_relief(
 
     measured: heights above a trend.
     fitted: the covariance that the amplitude is relative to.
-    window_heights: neighbouring heights that decide about a place.
+    window_heights: number of neighbouring heights from which the relief of a place is estimated.
     """
     windows = Windows.of(measured, window_heights)
     return None if windows is None else windows.relief(measured, fitted)
@@ -250,7 +253,7 @@ def misfit_between_lines(
 ) -> float:
     """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
 
-    One unless it is surely more, and where there were too few heights for a `local_relief`.
+    One unless it is significantly more, and where there were too few heights for a `local_relief`.
     """
     kept, relief = decorrelated(measured), relief or UNIFORM
     if len(kept) < 2 * window_heights:
@@ -258,11 +261,13 @@ def misfit_between_lines(
     place = measured.place_m[kept]
     held_out = place[spread_indices(HELD_OUT, len(kept))]
     near = kept[KDTree(place).query(held_out, k=window_heights)[1]]
-    off = _off_other_lines(measured, near, fitted, relief, DividedTables.of(measured, near, fitted.covariance, relief))
+    off = _cross_line_errors(
+        measured, near, fitted, relief, DividedTables.of(measured, near, fitted.covariance, relief)
+    )
     if len(off) == 0:
         return 1.0
     scatter = 1.4826 * float(np.median(np.abs(off)))
-    return scatter if scatter > 1 + SURE * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
+    return scatter if scatter > 1 + MIN_EVIDENCE_SIGMAS * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
 
 
 def _rms_above_plane(measured: Measured, member: Int[np.ndarray, "window n"]) -> Float[np.ndarray, " window"]:
@@ -293,7 +298,7 @@ def _noise_m2(measured: Measured, member: Int[np.ndarray, "window n"]) -> Float[
     return sigma[:, :, None] * sigma[:, None] * repeated(measured.order[member], measured.reach[member])
 
 
-def _off_other_lines(
+def _cross_line_errors(
     measured: Measured,
     member: Int[np.ndarray, "window n"],
     fitted: FittedCovariance,

@@ -23,12 +23,12 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import own_cores
+from sionna_radar.foundation.threads import cores_of_thread
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, local_relief, low_relief_mask
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
 PADDING_LENGTHS = 1.0
@@ -67,7 +67,7 @@ class TerrainModel:
             return root[None]
         north = 2 * np.pi * np.fft.fftfreq(self.grid.rows, self.grid.spacing_m)[:, None]
         east = 2 * np.pi * np.fft.rfftfreq(self.grid.columns, self.grid.spacing_m)[None]
-        long = self.local.long_share(np.hypot(east, north))
+        long = self.local.long_fraction(np.hypot(east, north))
         return np.stack([root * np.sqrt(long), root * np.sqrt(1 - long)])
 
     @cached_property
@@ -207,7 +207,7 @@ def smooth(
     """
     trend = heights.trend()
     measured = heights.above(trend, microrelief_m)
-    fitted = fit_covariance(measured.rows(calm(measured, window_heights)), groups)
+    fitted = fit_covariance(measured.rows(low_relief_mask(measured, window_heights)), groups)
     return smooth_with(heights, grid, trend, fitted, local_relief(measured, fitted, window_heights))
 
 
@@ -241,7 +241,7 @@ def smooth_with(
 
 def _cores_for(grid: Grid, times: int = 1) -> int:
     """Return the number of cores for the Fourier transforms of a grid, or of a coarser one."""
-    return own_cores() if grid.rows * grid.columns >= FEW_CELLS * times**2 else 1
+    return cores_of_thread() if grid.rows * grid.columns >= FEW_CELLS * times**2 else 1
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:

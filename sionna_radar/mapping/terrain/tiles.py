@@ -1,4 +1,4 @@
-"""A map in square overlapping tiles: each has its own terrain model, and their surfaces are blended.
+"""Tiled maps: square overlapping tiles, each with its own terrain model, whose surfaces are blended.
 
 A tile depends on nothing of the others, so that they may be done side by side, in other processes, or another day; its
 bytes, `Piece.packed`, are what travels and what is kept.
@@ -29,7 +29,7 @@ from sionna_radar.mapping.terrain.uncertainty import Information, Plausible, Til
 
 MIN_PULSES = 20
 
-# A tile's surface, what it was made of, and what whole echoes told beyond their mean ranges, if they were used.
+# Surface of a tile, the echoes it was fitted to, and the information of whole echoes, if they were used.
 TileSurface = tuple[Smoothed, EchoSurface, Information | None]
 
 
@@ -62,7 +62,7 @@ class Tiling:
 
 @dataclass(frozen=True)
 class Piece:
-    """The surface over a tile, and how well it is known.
+    """The surface over a tile, with its uncertainty.
 
     first: row and column of its first cell in the map; weight: of its heights where tiles overlap.
     """
@@ -132,18 +132,18 @@ class MapTiles(Protocol[AnyPiece_co]):
         ...
 
 
-# Has the pieces of all tiles made, in order.
+# Evaluates all tiles, in order, in this process or on workers.
 EachPiece = Callable[[MapTiles[Any]], Iterable[Any]]
 
 
 def pieces_here(tiles: MapTiles[AnyPiece]) -> Iterable[AnyPiece | None]:
-    """Return the pieces of all tiles, several made side by side by this process."""
+    """Return the pieces of all tiles, evaluated by the threads of this process."""
     return several_at_once(tiles.piece, range(len(tiles)), [tiles.steps] * len(tiles))
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """A surface over a grid, defined everywhere whether seen or not, and how well it is known."""
+    """A surface over a whole grid, whether seen or not, with its uncertainty."""
 
     surface: Heightfield
     uncertainty: TiledUncertainty

@@ -11,12 +11,11 @@ it was not chosen on agree (`docs/theory/uncertainty.md`).
 A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
 that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
 with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as its
-footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised model,
+footprint does; the whole echo shows how the wave moves power between range cells. With rows f of the linearised model,
 whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals really,
 the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave, over many
-echoes: the few that seem to tell most are weighted no better than others. In their place stands the median echo, as
-often as there are echoes: rugged profiles, of footprints with shadows in them, seem to tell a hundred times as much of
-a wave, but tell of many at once, and of waves that no model of cells holds.
+echoes. All echoes are given the median information: rugged profiles, of footprints with shadows in them, appear to
+carry a hundred times as much on a wave, but respond to many waves at once, and to waves that no model of cells holds.
 
 At long wavelengths a whole echo carries the information of a mean range with lower noise; this holds beyond the last
 echoes, too, where the surface continues them. What remains of all waves, or of those that a window averages, is the
@@ -35,11 +34,11 @@ from scipy.optimize import minimize
 
 from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import beside, in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (
-    OF_GAUSSIAN,
+    GAUSSIAN_SMOOTHNESS,
     Covariance,
     FittedCovariance,
     Measured,
@@ -49,39 +48,42 @@ from sionna_radar.mapping.terrain.covariance import (
 )
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, misfit_between_lines
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, low_relief_mask, misfit_between_lines
 
-# No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
-# counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
+# Divisor of the log-likelihood (tempering): no ground is of the Matern family, and the untempered likelihood is
+# overconfident about the smoothness (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
 TEMPERING = 3.0
-# The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
-RARER = 3.0
+# Exponent of the prior (1 + smoothness)^-exponent.
+SMOOTHNESS_PRIOR_EXPONENT = 3.0
+# Smoothnesses that are tried, about evenly spaced in their logarithms.
 TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
-# Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
-IMPROBABLE = 15.0
+# The search ends at a smoothness that is less probable than the best by this many nepers.
+MAX_LOG_ODDS = 15.0
 # A tenth of a neper of some thousand is enough.
 ITERATIONS, TOLERANCE = 12, 1e-4
 
 
 @dataclass(frozen=True)
 class Plausible:
-    """A terrain that the echoes allow, and its probability."""
+    """A covariance of the terrain that is plausible given the echoes, and its probability."""
 
     probability: float
     terrain: FittedCovariance
 
 
 def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Plausible, ...]:
-    """Return the terrains that measured heights allow, the most probable first.
+    """Return the plausible terrains given measured heights, the most probable first.
 
     measured: scattered heights.
-    fitted: what was learned from them, where the search begins.
+    fitted: covariance fitted to them, where the search starts.
     """
     near = neighbours(measured)
     bounds = search_bounds(measured)[:3]
     taken = fitted.covariance
     tried = sorted({float(smoothness) for smoothness in np.clip(TRIED, *measured.smoothness_bounds)})
-    first = int(np.argmin(np.abs(np.log(np.minimum(tried, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
+    first = int(
+        np.argmin(np.abs(np.log(np.minimum(tried, GAUSSIAN_SMOOTHNESS) / min(taken.smoothness, GAUSSIAN_SMOOTHNESS))))
+    )
     found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
     def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
@@ -96,32 +98,35 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
             )
             start, onward = result.x, result.x - start
-            found[number] = (float(result.fun) + RARER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
-            if found[number][0] > min(loss for loss, _ in found.values()) + IMPROBABLE:
+            found[number] = (
+                float(result.fun) + SMOOTHNESS_PRIOR_EXPONENT * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS))),
+                result.x,
+            )
+            if found[number][0] > min(loss for loss, _ in found.values()) + MAX_LOG_ODDS:
                 return
 
     search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
     search(range(first + 1, len(tried)), found[first][1], np.zeros(3))
     search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
     least = min(loss for loss, _ in found.values())
-    share = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
+    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
     every = []
     for number, (_, logarithms) in found.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
         terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
-        every.append(Plausible(float(share[number] / sum(share.values())), terrain))
+        every.append(Plausible(float(weight[number] / sum(weight.values())), terrain))
     return tuple(sorted(every, key=lambda each: -each.probability))
 
 
 LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
-# Amplitudes of local relief for which the variance that is left is computed; between them it is interpolated.
+# Number of amplitudes of local relief for which the posterior variance is computed; it is interpolated in between.
 AMPLITUDES = 24
 
 
 @dataclass(frozen=True)
 class Information:
-    """What a survey tells of each wave of the terrain, per area, by mean ranges and by whole echoes.
+    """Fisher information of a survey on each wave of the terrain, per area, from mean ranges and from whole echoes.
 
     wavenumber: of the waves, rad/m; weight: of each in the variance of a height.
     by_means: if the noise is as the model says; by_echoes: 0 where only the means are used.
@@ -138,7 +143,7 @@ class Information:
         told = float(self.by_means[longest].sum()) / noise_factor
         return max(1.0, float(self.by_echoes[longest].sum()) / told)
 
-    def after(
+    def posterior_variance_m2(
         self,
         variance_m2: Float[np.ndarray, " n"],
         taken: FittedCovariance,
@@ -147,14 +152,14 @@ class Information:
         place_m: Float[np.ndarray, "n 2"],
         window_m: float = 0.0,
     ) -> Float[np.ndarray, " n"]:
-        """Return the variance that is left by all that the echoes tell, averaged over the terrains they allow.
+        """Return the posterior variance given whole echoes, averaged over the plausible terrains.
 
-        Beyond the last echoes, more is known neither by whole ones nor of what the terrain is like: there the variance
+        Beyond the last echoes neither whole echoes nor the plausible terrains add information: there the variance
         changes by no more than where echoes lie.
 
         variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
         taken: the terrain that it was computed for, and the factor on the noise of mean ranges.
-        plausible: those that the echoes allow.
+        plausible: terrains that are plausible given the echoes.
         local, place_m: amplitude of short waves, and where the variance is wanted.
         window_m: side of the square; 0 for heights.
         """
@@ -162,21 +167,23 @@ class Information:
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
         amplitude = np.ones(len(place_m)) if local is None else local.at(place_m)
         tried = np.geomspace(amplitude.min(), amplitude.max(), AMPLITUDES if np.ptp(amplitude) > 0 else 1)
-        long = np.ones(len(self.wavenumber)) if local is None else local.long_share(self.wavenumber)
+        long = np.ones(len(self.wavenumber)) if local is None else local.long_fraction(self.wavenumber)
         means, left = np.zeros((2, len(tried)))
         for number, a in enumerate(tried):
-            share = long + a**2 * (1 - long)
-            means[number] = passed @ self._left(taken, share, whole=False)
+            relief = long + a**2 * (1 - long)
+            means[number] = passed @ self._posterior_power(taken, relief, whole=False)
             for each in plausible:
-                left[number] += each.probability * float(passed @ self._left(each.terrain, share, whole=True))
+                left[number] += each.probability * float(
+                    passed @ self._posterior_power(each.terrain, relief, whole=True)
+                )
         ratio, means = np.interp(amplitude, tried, left / means), np.interp(amplitude, tried, means)
         return np.asarray(variance_m2 + (ratio - 1) * np.minimum(variance_m2, means))
 
-    def _left(
-        self, terrain: FittedCovariance, share: Float[np.ndarray, " wave"], whole: bool
+    def _posterior_power(
+        self, terrain: FittedCovariance, relief: Float[np.ndarray, " wave"], whole: bool
     ) -> Float[np.ndarray, " wave"]:
-        """Return the posterior power of each wave; share: factor on its prior power."""
-        prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
+        """Return the posterior power of each wave; relief: factor on its prior power."""
+        prior = np.maximum(relief * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
         return 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
 
@@ -213,7 +220,7 @@ def information_of(
             power[row] = np.sum(np.abs(turned) ** 2, axis=0)
             noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
 
-        list(in_threads(of_echo, parts(len(pulses), 1)))
+        list(in_threads(of_echo, chunks(len(pulses), 1)))
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
     power, noise = np.median(power, axis=0), np.maximum(np.median(noise, axis=0), np.finfo(float).tiny)
     return Information(
@@ -240,7 +247,7 @@ def _noise(
 
 @runtime_checkable
 class Uncertainty(Protocol):
-    """What a DEM method knows about the error of its heights."""
+    """The uncertainty of a DEM, as its method states it."""
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
@@ -257,8 +264,8 @@ class TileUncertainty:
 
     bounds_m: west, east, south and north of the tile.
     kriging: of the mean ranges of its echoes, for the terrain that the map takes.
-    information: what these, and the whole echoes, tell.
-    plausible: the terrains that they allow.
+    information: of these and of the whole echoes on the waves of the terrain.
+    plausible: the terrains that are plausible given the echoes.
     outstanding: echoes that the surface does not explain, such as those of poles and walls: place, radius of the
         footprint, and how far they are from the surface, m.
     misfit: how many times larger than stated errors between scan lines are; see `misfit_between_lines`.
@@ -284,31 +291,33 @@ class TileUncertainty:
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         measured = heights.above(heights.trend(), microrelief_m)
-        misfit = beside(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
-        plausible = plausible_terrains(measured.rows(calm(measured, window_heights)), kriging.terrain)
-        told = information or information_of(heights)
-        as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
-        return cls(bounds_m, as_told, told, plausible, outstanding, misfit())
+        misfit = in_background(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
+        plausible = plausible_terrains(measured.rows(low_relief_mask(measured, window_heights)), kriging.terrain)
+        information = information or information_of(heights)
+        scaled = replace(kriging, noise_factor=kriging.noise_factor / information.gain(kriging.noise_factor))
+        return cls(bounds_m, scaled, information, plausible, outstanding, misfit())
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return True where places lie in the tile."""
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 
-    def after(
+    def posterior_sigma_m(
         self, sigma_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], window_m: float = 0.0
     ) -> Float[np.ndarray, " n"]:
-        """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
+        """Return the posterior standard deviation of heights, or of their means over a window, given whole echoes."""
         kriging = self.kriging
-        told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
-        return np.asarray(self.misfit * np.sqrt(told))
+        variance_m2 = self.information.posterior_variance_m2(
+            sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m
+        )
+        return np.asarray(self.misfit * np.sqrt(variance_m2))
 
     def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return the largest residual, m, of unexplained echoes whose footprints hold each place; 0 for none."""
         farthest = np.zeros(len(place_m))
-        for x, y, radius, apart in () if self.outstanding is None else self.outstanding:
+        for x, y, radius, residual in () if self.outstanding is None else self.outstanding:
             near = np.hypot(place_m[:, 0] - x, place_m[:, 1] - y) < radius
-            farthest[near] = np.maximum(farthest[near], apart)
+            farthest[near] = np.maximum(farthest[near], residual)
         return farthest
 
 
@@ -326,7 +335,7 @@ class TiledUncertainty:
             here = wanted & tile.contains(x, y)
             if here.any():
                 place_m = np.column_stack([x[here], y[here]])
-                explained = tile.after(tile.kriging.sigma_m(grid, here)[here], place_m)
+                explained = tile.posterior_sigma_m(tile.kriging.sigma_m(grid, here)[here], place_m)
                 sigma[here] = np.hypot(explained, tile.unexplained_m(place_m))
         return sigma
 
@@ -338,7 +347,7 @@ class TiledUncertainty:
                 # A window may reach beyond all echoes that the tile in its middle was mapped from.
                 kriging = replace(tile.kriging, heights=self._heights)
                 alone = np.array([kriging.mean_sigma_m(place_m)])
-                return float(tile.after(alone, np.column_stack([x, y]), window_m)[0])
+                return float(tile.posterior_sigma_m(alone, np.column_stack([x, y]), window_m)[0])
         return float("nan")
 
     @property

@@ -10,7 +10,7 @@ from pyproj import CRS
 from pyproj.exceptions import ProjError
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.elevation.local_frame import MapFrame, map_part, stated_crs
+from sionna_radar.elevation.local_frame import MapFrame, horizontal_crs_of, stated_crs
 from sionna_radar.elevation.placed_raster import reproject
 from sionna_radar.flight.log import FlightLog, convergence_rad, grid_from_ground
 from sionna_radar.foundation.errors import ScenarioError
@@ -66,7 +66,7 @@ class MapCoordinates:
 def map_coordinates(name: str) -> MapCoordinates:
     """Return the CRS that `platform.log_crs` names; ScenarioError for none that a flight can be in."""
     whole = stated_crs(name, KEY)
-    crs = map_part(whole, KEY)
+    crs = horizontal_crs_of(whole, KEY)
     if whole.is_bound:
         raise ScenarioError.of(KEY, f"{shown(name)} is bound to another CRS; give the CRS itself")
     heights = [axis for axis in whole.axis_info if axis.direction == "up"]

@@ -120,9 +120,9 @@ def fractal(terrain: FractalTerrain, _: TerrainInputs) -> Landscape:
     return landscape_of_heights(heights, terrain)
 
 
-def sample_or_raster(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
+def sample_or_raster(terrain: SampleTerrain | RasterTerrain, inputs: TerrainInputs) -> Landscape:
     """Return the ground of an elevation raster, read only within the survey's window."""
-    return elevation(_elevation_source(terrain), cover_of(terrain), given.window_m)
+    return elevation(_elevation_source(terrain), cover_of(terrain), inputs.window_m)
 
 
 def raster_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
@@ -138,9 +138,9 @@ def _elevation_source(terrain: SampleTerrain | RasterTerrain) -> ElevationSource
     return terrain.to(ElevationSource, stated=terrain.to(StatedFrame), roughness=rough)
 
 
-def cloud(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
+def cloud(terrain: PointsTerrain, inputs: TerrainInputs) -> Landscape:
     """Return the ground of a point cloud, gridded within the survey's window."""
-    return points(_cloud_source(terrain), cover_of(terrain), given.window_m)
+    return points(_cloud_source(terrain), cover_of(terrain), inputs.window_m)
 
 
 def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
@@ -171,21 +171,21 @@ def _mesh_ground(terrain: MeshTerrain) -> MeshGround:
     return terrain.to(MeshGround, source=mesh_source(terrain))
 
 
-def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
+def city(terrain: CityTerrain, inputs: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
     chosen = {name: None if own == KEEP_SIONNA else own for name, own in terrain.materials.items()}
-    return city_landscape(terrain.city, chosen, given.carrier_hz, given.channel)
+    return city_landscape(terrain.city, chosen, inputs.carrier_hz, inputs.channel)
 
 
 INPUTS = tuple(field.name for field in fields(TerrainInputs))
 
 
-def landscape_of_raster(raster: Raster, terrain: TerrainParameters, given: TerrainInputs) -> Landscape:
+def landscape_of_raster(raster: Raster, terrain: TerrainParameters, inputs: TerrainInputs) -> Landscape:
     """Return ground from a raster in local metres, with the material and the covers of a table.
 
     Raises ScenarioError if it lies outside the survey's window.
     """
-    (west, east, south, north), window_m = raster.grid.extent_m, given.window_m
+    (west, east, south, north), window_m = raster.grid.extent_m, inputs.window_m
     if west > window_m[2] or east < window_m[0] or south > window_m[3] or north < window_m[1]:
         message = (
             f"it spans {west:.0f} to {east:.0f} m east and {south:.0f} to {north:.0f} m north, of which the survey "
@@ -235,7 +235,7 @@ def register_terrain(
     >>> class Dunes(CoveredTerrain):
     ...     height_m: float = 3.0
     >>> @register_terrain("dunes", Dunes)
-    ... def dunes(parameters, given):
+    ... def dunes(parameters, inputs):
     ...     grid = Grid(west_m=-200.0, south_m=-200.0, spacing_m=2.0, columns=201, rows=201)
     ...     height_m = parameters.height_m * np.cos(grid.centres_m[:, 0] / 10).reshape(grid.shape)
     ...     return landscape_of_heights(Raster(grid=grid, height_m=height_m), parameters)
@@ -257,9 +257,9 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
     return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None
 
 
-def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
+def build_landscape(table: TerrainParameters, inputs: TerrainInputs) -> Landscape:
     """Return the ground of a scenario."""
-    landscape: Landscape = TERRAINS.build(table.kind, Landscape, table, given)
+    landscape: Landscape = TERRAINS.build(table.kind, Landscape, table, inputs)
     if landscape.georeference is None:
         return replace(landscape, georeference=_stated_place(table))
     return landscape

@@ -16,7 +16,14 @@ from rasterio import Affine
 
 from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_file
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
-from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, frame_about, map_part, place_file, stated_crs
+from sionna_radar.elevation.local_frame import (
+    MapFrame,
+    StatedFrame,
+    frame_about,
+    horizontal_crs_of,
+    place_file,
+    stated_crs,
+)
 from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
 from sionna_radar.elevation.wrong_cells import lone_cells, warn_of_lone_cells
@@ -161,7 +168,7 @@ def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
             raise ScenarioError.of("terrain.centre_lonlat_deg", message)
         unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(stated.height_unit or "m", 1.0)
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
-    crs = map_part(file_crs)
+    crs = horizontal_crs_of(file_crs)
     frame = frame_about(crs, middle, stated.centre_lonlat_deg, "cloud's middle")
     heights = cloud_height_system(file_crs, stated.vertical_crs, stated.height_unit)
     return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.local_frame import MapFrame, frame_about, frame_at, map_part, stated_crs
+from sionna_radar.elevation.local_frame import MapFrame, frame_about, frame_at, horizontal_crs_of, stated_crs
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
@@ -110,7 +110,7 @@ def _covered(
 
 
 def _crs_of(name: str) -> CRS:
-    crs = map_part(stated_crs(name))
+    crs = horizontal_crs_of(stated_crs(name))
     if not crs.is_projected:
         message = f"{crs.name!r} is not projected, and a mesh has no degrees; give one that is, such as 'EPSG:32632'"
         raise ScenarioError.of(f"{KEY}.crs", message)

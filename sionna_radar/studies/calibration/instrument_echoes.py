@@ -243,7 +243,7 @@ class WholeEchoes:
     ) -> Float[np.ndarray, "pulse error"]:
         """Return the change of the mean range of each echo per unit of each error."""
         feet, beam = footprints(sightings, surface), sightings.beam
-        share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.share, 0.0)
+        share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.power, 0.0)
         change = range_per_error(sightings.direction(), motion, feet, surface, names, _shift_per_rate(sightings))
         return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
 

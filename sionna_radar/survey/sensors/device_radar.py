@@ -22,9 +22,9 @@ from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs
 from sionna_radar.tracing.paths import DevicePaths, DeviceTracing, Paths
 
 
-def build_radar(given: SensorInputs) -> Sensor:
+def build_radar(inputs: SensorInputs) -> Sensor:
     """Return the radar: on a GPU where that traces the rays. Without CuPy the host makes the spectra."""
-    return DeviceRadar(given, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(given)
+    return DeviceRadar(inputs, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(inputs)
 
 
 class DeviceRadar(Radar):
@@ -33,10 +33,10 @@ class DeviceRadar(Radar):
     library: computes the spectra.
     """
 
-    def __init__(self, given: SensorInputs, library: ArrayLibrary) -> None:
-        super().__init__(given)
-        self._engine, self._library = self._engine_for(given), library
-        self._analyser = given.detector.analyser
+    def __init__(self, inputs: SensorInputs, library: ArrayLibrary) -> None:
+        super().__init__(inputs)
+        self._engine, self._library = self._engine_for(inputs), library
+        self._analyser = inputs.detector.analyser
         self._looks: deque[tuple[Pulses, Future[_Look]]] = deque()
 
     @property
@@ -69,14 +69,14 @@ class DeviceRadar(Radar):
             beats=look.beats,
         )
 
-    def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
+    def _engine_for(self, inputs: SensorInputs) -> DeviceTracing | None:
         """Return the engine if only noise is added between its paths and the spectra."""
-        receiver, detector = given.receiver, given.detector
+        receiver, detector = inputs.receiver, inputs.detector
         if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
             return None
         if receiver.chirp.squint is not None:
             return None
-        if given.angle is not None or given.bursts is not None:
+        if inputs.angle is not None or inputs.bursts is not None:
             return None
         if detector.leakage != "keep" or detector.interference != "keep":
             return None
@@ -102,7 +102,7 @@ class DeviceRadar(Radar):
         clean = library.taken(device_beats(paths, receiver.chirp))
         if receiver.chirp.sampling == "iq":
             clean = clean[..., 0] + 1j * clean[..., 1]
-        return np.sqrt(receiver.transmit_power_w) * clean + library.given(receiver.noise(paths.pulses))
+        return np.sqrt(receiver.transmit_power_w) * clean + library.from_host(receiver.noise(paths.pulses))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,9 +61,9 @@ class Lidar:
         return None
 
 
-def lidar(given: SensorInputs) -> Lidar:
+def lidar(inputs: SensorInputs) -> Lidar:
     """Return the lidar of a scenario."""
-    seed = given.engine.seed
-    materials = [surface.material for surface in given.engine.scene.surfaces]
-    receiver = lidar_receiver(given.lidar, given.weather, seed, materials)
-    return Lidar(given.engine.caster, given.lidar.range_noise_m, seed, receiver)
+    seed = inputs.engine.seed
+    materials = [surface.material for surface in inputs.engine.scene.surfaces]
+    receiver = lidar_receiver(inputs.lidar, inputs.weather, seed, materials)
+    return Lidar(inputs.engine.caster, inputs.lidar.range_noise_m, seed, receiver)

@@ -26,10 +26,10 @@ from sionna_radar.tracing.paths import Paths
 class Mimo:
     """Traces, receives and processes frames; see the module docstring."""
 
-    def __init__(self, given: SensorInputs, frames: Bursts, module: MimoArray, estimator: ArrayEstimator) -> None:
-        self._receiver, self._detector, self._frames = given.receiver, given.detector, frames
-        self._module, self._engine, self._expected = module, given.engine, given.expected_ground
-        self.tracer, self.estimator = given.tracer(), estimator
+    def __init__(self, inputs: SensorInputs, frames: Bursts, module: MimoArray, estimator: ArrayEstimator) -> None:
+        self._receiver, self._detector, self._frames = inputs.receiver, inputs.detector, frames
+        self._module, self._engine, self._expected = module, inputs.engine, inputs.expected_ground
+        self.tracer, self.estimator = inputs.tracer(), estimator
         # Dr.Jit's state belongs to a thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
 
@@ -80,11 +80,11 @@ class Mimo:
         self._thread.submit(self.tracer.release_memory).result()
 
 
-def build_mimo(given: SensorInputs) -> Mimo:
+def build_mimo(inputs: SensorInputs) -> Mimo:
     """Return the module of a scenario."""
-    if not isinstance(given.angle, ArrayEstimator) or given.module is None or given.bursts is None:
+    if not isinstance(inputs.angle, ArrayEstimator) or inputs.module is None or inputs.bursts is None:
         raise ScenarioError.of("radar.array", "missing; sensor = 'mimo' needs its elements")
-    if given.receiver.chain is not None or given.receiver.high_pass is not None:
+    if inputs.receiver.chain is not None or inputs.receiver.high_pass is not None:
         message = "an array's receivers are ideal but for noise and radar.array; remove the others"
         raise ScenarioError.of("radar.receiver", message)
-    return Mimo(given, given.bursts, given.module, given.angle)
+    return Mimo(inputs, inputs.bursts, inputs.module, inputs.angle)

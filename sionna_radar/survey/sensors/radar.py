@@ -31,20 +31,20 @@ class Radar:
     an echo becomes points in the directions that these tell. A pulse may be several chirps, which are averaged.
     """
 
-    def __init__(self, given: SensorInputs) -> None:
-        self._receiver, self._angle, self._array = given.receiver, given.angle, given.module
-        self._bursts = given.bursts
-        self.tracer = given.tracer()
+    def __init__(self, inputs: SensorInputs) -> None:
+        self._receiver, self._angle, self._array = inputs.receiver, inputs.angle, inputs.module
+        self._bursts = inputs.bursts
+        self.tracer = inputs.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
         self._receiving = ThreadPoolExecutor(1, thread_name_prefix="receive")
         self._expected: deque[tuple[Pulses, Future[Paths], Future[Reception]]] = deque()
         self.sweeps = SweepDetector(
-            detector=given.detector,
-            sweeps=given.receiver.sweeps,
-            schedule=given.schedule,
-            expected_ground=given.expected_ground,
-            beats=_beats_of(given, self.tracer, self._thread),
-            bursts=given.bursts,
+            detector=inputs.detector,
+            sweeps=inputs.receiver.sweeps,
+            schedule=inputs.schedule,
+            expected_ground=inputs.expected_ground,
+            beats=_beats_of(inputs, self.tracer, self._thread),
+            bursts=inputs.bursts,
         )
 
     def expect(self, pulses: Pulses) -> None:
@@ -146,13 +146,13 @@ class Radar:
 
 
 def _beats_of(
-    given: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
+    inputs: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
 ) -> Callable[[Pulses], Beats]:
     """Return the function that traces and receives pulses.
 
     It holds no reference to the radar, whose threads therefore end with its last user.
     """
-    receiver, bursts = given.receiver, given.bursts
+    receiver, bursts = inputs.receiver, inputs.bursts
 
     def beats(pulses: Pulses) -> Beats:
         sent = pulses if bursts is None else bursts.chirps_of(pulses)

@@ -133,12 +133,12 @@ class SensorInputs:
 
     def tracer(self) -> Tracer | SteeredTracer:
         """Return a new tracer of all that a radar sees."""
-        given = self.engine
-        engine = self.custom_engine(given) if self.custom_engine else build_engine(given.tracing, given)
+        inputs = self.engine
+        engine = self.custom_engine(inputs) if self.custom_engine else build_engine(inputs.tracing, inputs)
         require(engine, Engine, "engine")
-        if given.beams:
-            return build_steered_tracer(engine, given, self.weather)
-        return build_tracer(engine, given, self.weather)
+        if inputs.beams:
+            return build_steered_tracer(engine, inputs, self.weather)
+        return build_tracer(engine, inputs, self.weather)
 
 
 def register_sensor(
@@ -171,8 +171,8 @@ def register_sensor(
     >>> from sionna_radar.survey import Lidar
     >>> @register_sensor("biased_lidar")
     ... class BiasedLidar(Lidar):
-    ...     def __init__(self, given):
-    ...         super().__init__(given.engine.caster, range_noise_m=0.02, seed=given.engine.seed)
+    ...     def __init__(self, inputs):
+    ...         super().__init__(inputs.engine.caster, range_noise_m=0.02, seed=inputs.engine.seed)
     ...     def correct(self, echoes, pulse, measured):
     ...         return dataclasses.replace(echoes, range_m=echoes.range_m + 1.0)
     >>> overrides = {"sensor": "biased_lidar", "platform.length_m": 10.0}
@@ -182,6 +182,6 @@ def register_sensor(
     return SENSORS.register(name, parameters, Facts(provides_profiles=provides_profiles))
 
 
-def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:
+def build_sensor(scenario: Scenario, inputs: SensorInputs) -> Sensor:
     """Return the sensor of a scenario."""
-    return SENSORS.build(scenario.sensor, Sensor, scenario.sensor_parameters, given)
+    return SENSORS.build(scenario.sensor, Sensor, scenario.sensor_parameters, inputs)

@@ -67,7 +67,7 @@ class Atmosphere:
         drift_m = pulses.time_s[:, None] * np.array(self._weather.wind_mps[:2])
         rate_mm_per_h = rain.rate_mm_per_h(place_m - drift_m[:, None, :])
         k, alpha = rain_power_laws(self._weather.carrier_hz, self._mix(pose))
-        db_per_km = self._weather.still_attenuation_db_per_km + k[:, None] * rate_mm_per_h ** alpha[:, None]
+        db_per_km = self._weather.static_attenuation_db_per_km + k[:, None] * rate_mm_per_h ** alpha[:, None]
         loss_db = np.zeros((len(pulses), self._steps + 1))
         np.cumsum(db_per_km * (self._step_m / 1000), axis=1, out=loss_db[:, 1:])
         cell = np.minimum((range_m / self._step_m).astype(np.int64), self._steps - 1)

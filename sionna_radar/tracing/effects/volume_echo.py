@@ -165,7 +165,7 @@ def _cell_power(
     return far / np.diff(-1 / edge_m[-2:]) * np.diff(np.arctan(edge_m / near_m)) / near_m
 
 
-# Rain given by a map only: the rate hardly affects the share.
+# Rain given by a map only: the rate hardly affects the received fraction.
 TYPICAL_RATE_MM_PER_H = 10.0
 
 
@@ -178,10 +178,10 @@ class VolumePolarization:
 
     def received(self, echo: Paths, pulses: Pulses) -> Paths:
         """Return the echo, given for a linear co-polar antenna, as received by this one."""
-        share = self.share(pulses.true)[pulses.row_of(echo.pulse)]
-        return dataclasses.replace(echo, gain=echo.gain * np.sqrt(share))
+        fraction = self.received_fraction(pulses.true)[pulses.row_of(echo.pulse)]
+        return dataclasses.replace(echo, gain=echo.gain * np.sqrt(fraction))
 
-    def share(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
+    def received_fraction(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
         """Return the power received from boresight relative to that of a linear co-polar antenna."""
         ahead = pose.boresight
         across = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))], axis=1)
@@ -203,7 +203,7 @@ def _moments(weather: Weather) -> DropPolarization:
         drops = drop_polarization(weather.carrier_hz, marshall_palmer(rate), weather.temperature_k)
         kinds.append((weather.rain_echo(rate)[0], drops))
     hydrometeors = [snow_polarization(kind) for kind in weather.snowfall_mm_per_h]
-    still = weather.still_echoes
+    still = weather.static_echoes
     hydrometeors += [spheres()] * (len(still) - len(hydrometeors))
     kinds += [(level, moments) for (level, _), moments in zip(still, hydrometeors, strict=True)]
     share = np.array([level for level, _ in kinds])

@@ -115,12 +115,12 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 def _amplitudes(
     material: RadarMaterial,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return a_v, (a_h - a_v) / sin^2, d, x of `ScatteringParts` at evenly spaced incidence, for 1 sr."""
+    """Return a_v, (a_h - a_v) / sin^2, d, x of `ScatteringAmplitudes` at evenly spaced incidence, for 1 sr."""
     incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
     # At grazing incidence the ratio is taken just short of 90 deg, where sigma0 and the cosine both vanish.
     safe = np.minimum(incidence, np.deg2rad(89.99))
     spread = 4 * np.pi * np.cos(safe)
-    parts = material.parts(safe, spread)
+    parts = material.amplitudes(safe, spread)
     excess = np.zeros(TABLE_SIZE)
     excess[1:] = (parts.horizontal - parts.vertical)[1:] / np.sin(safe[1:]) ** 2
     excess[0] = excess[1]

@@ -83,7 +83,7 @@ def test_a_flight_is_that_of_its_estimator_smoothed_whatever_the_blocks():
     [
         ({"processing.echoes": "all"}, "follows one echo of each pulse"),
         ({"radar.scan": {"mode": "whisk_broom"}}, "set radar.scan.mode = 'fixed'"),
-        ({"processing.ranging_parameters.time_constant_s": 0.0}, "must be > 0"),
+        ({"processing.ranging_parameters.time_constant_s": 0.0}, "must be greater than 0"),
     ],
 )
 def test_what_a_tracker_cannot_follow_is_refused(keys, words):

@@ -178,9 +178,9 @@ def test_the_slope_of_the_ground_does_not_move_ranges():
 def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
     """Its mean beyond the axis: q for the far side, which is longer, less twice w^2 / r for its weaker power."""
     end, range_cells = through(25.0)[2].end, 300
-    beam = end.beam.sine.tobytes(), end.beam.share.tobytes()
+    beam = end.beam.sine.tobytes(), end.beam.power.tobytes()
     _, ground = _shapes(0, 0.0, range_cells, *beam, end.response.tobytes())
-    square, width = end.beam.share @ end.beam.sine**2, WIDTHS_CELLS[number]
+    square, width = end.beam.power @ end.beam.sine**2, WIDTHS_CELLS[number]
     mean = ground[number] @ np.arange(-HALF, HALF + 1)
     assert mean == pytest.approx(range_cells * square / 2 - width**2 / range_cells, abs=0.03 * width**2 / range_cells)
 

@@ -23,7 +23,7 @@ from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
 from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
-from sionna_radar.weather.rain import RainCell, RainTogether, rain_attenuation_db_per_km, rain_power_laws
+from sionna_radar.weather.rain import CombinedRain, RainCell, rain_attenuation_db_per_km, rain_power_laws
 from sionna_radar.weather.validity import Precipitation
 from worlds import make_surface
 
@@ -96,7 +96,7 @@ def test_rain_by_place_takes_the_integral_along_the_way(pencil):
     clear = trace_targets([Target(position_m=target, rcs_m2=1.0)], pulses, pencil, chirp, caster)
     middle = tuple(float(v) for v in pose.position_m[0, :2] + 70.0 * pose.boresight[0, :2])
     cell = RainCell(centre_m=middle, radius_m=12.0, peak_mm_per_h=80.0)
-    atmosphere = Atmosphere(Weather(carrier_hz=CARRIER_HZ, rain_map=RainTogether(parts=(cell,))), pencil, chirp, 1)
+    atmosphere = Atmosphere(Weather(carrier_hz=CARRIER_HZ, rain_map=CombinedRain(maps=(cell,))), pencil, chirp, 1)
     lost_db = power_db(clear) - power_db(atmosphere.through(clear, pulses))
 
     field = pose.R_world_antenna[0, :, 2]
@@ -116,7 +116,7 @@ def test_even_rain_told_by_place_is_even_rain(pencil):
     even = Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=20.0, air=air, snowfall_mm_per_h=snow, wet_radome_m=0.1)
     told = Weather(
         carrier_hz=CARRIER_HZ,
-        rain_map=RainTogether(parts=(), everywhere_mm_per_h=20.0),
+        rain_map=CombinedRain(maps=(), everywhere_mm_per_h=20.0),
         air=air,
         snowfall_mm_per_h=snow,
         wet_radome_m=0.1,

@@ -112,10 +112,10 @@ MOVING = {"waypoints_m": [[5.0, 0.0]], "speed_mps": 3.0}
     ("changes", "says"),
     [
         ({"rcs_dbsm": None}, "one of rcs_dbsm, rcs_table and mesh"),
-        ({"speed_mps": 3.0}, "a way needs both"),
+        ({"speed_mps": 3.0}, "motion needs both"),
         ({"closed": True}, "closed"),
-        (MOVING | {"heading_deg": 3.0}, "along which the target looks"),
-        (MOVING | {"waypoints_m": [[0.0, 0.0]]}, "two places in a row"),
+        (MOVING | {"heading_deg": 3.0}, "a moving target, which looks ahead"),
+        (MOVING | {"waypoints_m": [[0.0, 0.0]]}, "two successive waypoints are equal"),
         (MOVING | {"waypoints_m": [[500.0, 0.0]]}, "leaves the terrain"),
         ({"rotors": [{"radius_m": 0.1, "rotation_rpm": 6000.0, "rcs_dbsm": -20.0}]}, "raise radar.chirp_rate_hz"),
     ],

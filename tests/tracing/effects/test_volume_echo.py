@@ -21,7 +21,7 @@ from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.paths import VOLUME
-from sionna_radar.weather.conditions import EvenVolume, UnevenVolume, Weather
+from sionna_radar.weather.conditions import NonUniformVolume, UniformVolume, Weather
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.path import rain_clutter_power
 from sionna_radar.weather.rain import RainCell, echo_speeds
@@ -85,7 +85,7 @@ def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, weather, sampl
 
 
 def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, weather):
-    rain = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 3)
+    rain = VolumeEcho(UniformVolume(weather), pencil, make_chirp(), 3)
     paths = rain.trace(make_pulses(3000), NOTHING)
     gain = paths.gain.reshape(3000, -1)
     cell = 300
@@ -128,7 +128,7 @@ def test_the_law_near_the_antenna_is_that_of_diffraction(name):
 
 def test_close_to_the_antenna_the_echo_is_that_of_a_gaussian_beam(pencil, weather):
     """P/P_t per metre is eta lambda / (4 pi r_n) at the antenna, and the far field's less r_n^2 / r^2 far away."""
-    rain, near_m = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 1), near_field_m(pencil, C / CARRIER_HZ)
+    rain, near_m = VolumeEcho(UniformVolume(weather), pencil, make_chirp(), 1), near_field_m(pencil, C / CARRIER_HZ)
     assert near_m == pytest.approx(np.pi * (C / CARRIER_HZ) * 2 * np.log(2) / (np.pi * np.deg2rad(2.0)) ** 2, rel=0.05)
     at_antenna = weather.rain_reflectivity_per_m * (C / CARRIER_HZ) / (4 * np.pi * near_m) * rain.cell_m
     assert rain.cell_power[0] == pytest.approx(at_antenna, rel=(rain.cell_m / near_m) ** 2)
@@ -141,7 +141,7 @@ def test_rain_ends_at_the_ground(plane, weather):
     """Of a wide beam on a plane, the share still in the air at a range is that of the rays that reach farther."""
     antenna, chirp, pulses = make_antenna(10.0, 10.0), make_chirp(), make_pulses(64, incidence_deg=60.0, first=9)
     ground = BeamEngine(plane, antenna, chirp, 1, 512, 0.05).trace(pulses)
-    rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
+    rain = VolumeEcho(UniformVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
     assert np.all(tones.surface == VOLUME)
     range_m = tones.delay_s * C / 2
@@ -161,7 +161,7 @@ def test_rain_ends_at_the_ground(plane, weather):
     narrow = make_antenna(2.0, 2.0)
     pulses = make_pulses(8, incidence_deg=0.0)
     ground = BeamEngine(plane, narrow, chirp, 1, 512, 0.05).trace(pulses)
-    below = VolumeEcho(EvenVolume(weather), narrow, chirp, 1).trace(pulses, ground).delay_s * C / 2
+    below = VolumeEcho(UniformVolume(weather), narrow, chirp, 1).trace(pulses, ground).delay_s * C / 2
     assert 49.5 < below.max() < 51.5
 
 
@@ -169,7 +169,7 @@ def test_drops_recede_from_a_radar_above_and_approach_one_that_flies_into_them(p
     speeds = echo_speeds(CARRIER_HZ, drops=marshall_palmer(RATE), temperature_k=288.15)
     mean_fall = speeds.at((np.arange(10_000) + 0.5) / 10_000).mean()
     pulses = make_pulses(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
-    rate = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 1).trace(pulses, NOTHING).range_rate_mps
+    rate = VolumeEcho(UniformVolume(weather), pencil, make_chirp(), 1).trace(pulses, NOTHING).range_rate_mps
     expected = mean_fall * np.cos(np.deg2rad(60)) - 12.0 * np.sin(np.deg2rad(60))
     assert rate.mean() == pytest.approx(expected, abs=0.02)
     assert rate.std() > 0.2
@@ -177,7 +177,7 @@ def test_drops_recede_from_a_radar_above_and_approach_one_that_flies_into_them(p
 
 def test_snow_sinks_and_the_wind_carries_it(pencil):
     weather = Weather(carrier_hz=CARRIER_HZ, snowfall_mm_per_h={Precipitation.DRY_SNOW: 2.0})
-    volume, pulses = EvenVolume(weather), make_pulses(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
+    volume, pulses = UniformVolume(weather), make_pulses(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
     assert volume.reflectivity_per_m == pytest.approx(
         snow_reflectivity_per_m(
             CARRIER_HZ, snowfall_mm_per_h=2.0, kind=Precipitation.DRY_SNOW, temperature_k=weather.temperature_k
@@ -198,7 +198,7 @@ def test_a_shower_echoes_where_the_wind_has_taken_it(pencil):
     ahead, start = pulses.true.boresight[0, :2], pulses.true.position_m[0, :2]
     east, north = (float(v) for v in start + 60.0 * ahead)
     shower = RainCell(centre_m=(east, north), radius_m=10.0, peak_mm_per_h=60.0)
-    volume = UnevenVolume(Weather(carrier_hz=CARRIER_HZ, rain_map=shower), shower)
+    volume = NonUniformVolume(Weather(carrier_hz=CARRIER_HZ, rain_map=shower), shower)
     wind = (float(10 * ahead[0]), float(10 * ahead[1]), 0.0)
     echo = VolumeEcho(volume, pencil, chirp, 1, wind)
     tones = echo.trace(pulses, NOTHING)
@@ -247,7 +247,7 @@ def test_a_roof_ends_the_rain_for_its_share_of_the_beam(weather):
     step = make_scene(make_surface(lambda x, y: 0 * x), roof)
     antenna, chirp, pulses = make_antenna(6.0, 6.0), make_chirp(), make_pulses(200)
     ground = BeamEngine(step, antenna, chirp, 1, 256, 0.05).trace(pulses)
-    rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
+    rain = VolumeEcho(UniformVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
     between = (tones.delay_s * C / 2 > 33.0) & (tones.delay_s * C / 2 < 48.0)
     cells = slice(round(33.0 / rain.cell_m), round(48.0 / rain.cell_m))

@@ -188,7 +188,7 @@ def _polarized(
     received: Inexact[np.ndarray, "facet 2"],
     signs: Sequence[Float[np.ndarray, " facet"]],
 ) -> Complex[np.ndarray, " facet"]:
-    parts = model.parts(incidence_rad)
+    parts = model.amplitudes(incidence_rad)
     (transmitted_v, transmitted_h), (received_v, received_h) = transmitted.T, received.T
     kept = parts.vertical * (transmitted_v * received_v) + parts.horizontal * (transmitted_h * received_h)
     opposed = transmitted_h * received_h - transmitted_v * received_v

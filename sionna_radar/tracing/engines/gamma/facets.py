@@ -33,7 +33,7 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.randomness import FIRST_STEP, split_mix, unit_of
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import chunks, in_threads
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
@@ -138,7 +138,7 @@ class GammaEngine:
         low, count = 0, 1
         while low < len(pulses):
             count = min(count, len(pulses) - low)
-            bounds = [(low + first, low + last) for first, last in parts(count, PULSES_AT_ONCE)]
+            bounds = [(low + first, low + last) for first, last in chunks(count, PULSES_AT_ONCE)]
             echoes = _Echoes.concatenate(list(in_threads(partial(self._echoes, pulses), bounds)))
             yield echoes
             low += count
@@ -244,7 +244,7 @@ class GammaEngine:
         origin = pulses.true.position_m[echoes.row]
         visible = self._caster.visible(origin, echoes.place_m, SHADOW_TOLERANCE_M)
         seen = np.flatnonzero(visible & (echoes.gain != 0))
-        bounds = parts(len(seen), ROWS_AT_ONCE) or [(0, 0)]
+        bounds = chunks(len(seen), ROWS_AT_ONCE) or [(0, 0)]
         return Paths.concatenate(
             list(in_threads(lambda low, high: self._paths(pulses, echoes.rows(seen[low:high])), bounds))
         )

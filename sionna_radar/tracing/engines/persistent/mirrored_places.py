@@ -33,7 +33,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.surfaces.radar_material import RadarMaterial, ScatteringParts, as_radar_material
+from sionna_radar.surfaces.radar_material import RadarMaterial, ScatteringAmplitudes, as_radar_material
 from sionna_radar.tracing.effects.mirrors import TOUCHING_M, PlaneMirror, across_incidence, plane_mirrors
 from sionna_radar.tracing.engines.persistent.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import BOUNCED, Paths
@@ -191,14 +191,14 @@ class MirroredPlaces:
 
     def _parts(
         self, surface: Int[np.ndarray, " n"], first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]
-    ) -> ScatteringParts:
+    ) -> ScatteringAmplitudes:
         """Return the amplitudes of places: the geometric means of those straight back along either ray."""
         parts = np.zeros((4, len(surface)))
         for number in np.unique(surface):
             own = surface == number
             parts[:, own] = np.sqrt(self._tables[number].at(first[own]) * self._tables[number].at(second[own]))
         vertical, horizontal, opposed, exchanged = parts
-        return ScatteringParts(vertical=vertical, horizontal=horizontal, opposed=opposed, exchanged=exchanged)
+        return ScatteringAmplitudes(vertical=vertical, horizontal=horizontal, opposed=opposed, exchanged=exchanged)
 
     def _normals(self, places: SeenPlaces) -> Float[np.ndarray, "n 3"]:
         normal = np.zeros((len(places), 3))
@@ -284,7 +284,7 @@ class _Scattering:
 
     @cached_property
     def _table(self) -> Float[np.ndarray, "4 angle"]:
-        parts = self._material.parts(np.minimum(np.linspace(0.0, np.pi / 2, TABLE_SIZE), np.deg2rad(89.99)))
+        parts = self._material.amplitudes(np.minimum(np.linspace(0.0, np.pi / 2, TABLE_SIZE), np.deg2rad(89.99)))
         return np.stack([parts.vertical, parts.horizontal, parts.opposed, parts.exchanged])
 
     def at(self, cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, "4 n"]:

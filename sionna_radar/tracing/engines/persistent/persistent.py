@@ -23,7 +23,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import halton
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
-from sionna_radar.foundation.threads import beside
+from sionna_radar.foundation.threads import in_background
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.two_way_grid import TwoWayGrid
@@ -213,7 +213,7 @@ class PersistentEngine:
     def _seen(self, pulses: Pulses) -> tuple[SeenPlaces, tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]]]:
         """Return the visible places in the beams, and where those of each pulse begin in each of two parts."""
         spare = len(pulses) * self._outer.rays
-        searched = beside(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
+        searched = in_background(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
         outside = self._outside(pulses)
         table, ends = searched()
         found = table.first(int(ends[-1]))
