@@ -213,6 +213,17 @@ def test_every_page_and_example_page_is_in_the_contents():
             assert re.search(rf"^{page.stem}$|/{page.stem}$", linked, re.MULTILINE), f"{name(page)} is in no contents"
 
 
+def test_package_citation_and_changelog_name_one_release():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    number, date = re.findall(
+        r"^## \[([\d.]+)\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )[0]
+    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [version]
+    assert re.findall(r"^date-released: (.*)$", citation, re.MULTILINE) == [date]
+    assert number == version
+
+
 @pytest.mark.parametrize("key", [*LOG_KEYS, *MeshFile.model_fields])
 def test_the_page_of_real_worlds_names_every_key_of_logs_and_meshes(key):
     assert re.search(rf"\b{key}\b", (ROOT / "examples" / "WORLDS.md").read_text(encoding="utf-8"))
