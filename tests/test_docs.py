@@ -213,6 +213,22 @@ def test_every_page_and_example_page_is_in_the_contents():
             assert re.search(rf"^{page.stem}$|/{page.stem}$", linked, re.MULTILINE), f"{name(page)} is in no contents"
 
 
+def test_commands_stand_in_the_groups_of_the_help(cli):
+    shown: dict[str, list[str]] = {}
+    for line in cli("--help").stdout.splitlines():
+        if group := re.fullmatch(r"([A-Z][a-z ]+):", line):
+            commands = shown.setdefault(group[1], [])
+        elif shown and (name := re.match(r"  ([a-z-]+)\b", line)):
+            commands.append(name[1])
+    shown.pop("Options", None)
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    groups = {
+        title: re.findall(r"^\| `sionna-radar ([a-z-]+)", text, re.MULTILINE)
+        for title, text in re.findall(r"^## (.*)\n\n((?:\|.*\n)+)", page, re.MULTILINE)
+    }
+    assert {title: names for title, names in groups.items() if names} == shown
+
+
 def test_package_citation_and_changelog_name_one_release():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -69,14 +69,14 @@ def index_names(app: Sphinx, document: nodes.document) -> None:
 
 
 def commands_reference() -> str:
-    """Return the help of every command as Markdown, one heading each."""
+    """Return the help of every command as Markdown, one heading of the third level each."""
     group: Any = typer.main.get_command(commands)
     parts = []
     with typer.Context(group, info_name="sionna-radar") as context:
         for name in group.list_commands(context):
             command = group.get_command(context, name)
             parts.append(
-                get_docs_for_click(obj=command, ctx=context, indent=1, name=f"sionna-radar {name}", title=f"`{name}`")
+                get_docs_for_click(obj=command, ctx=context, indent=2, name=f"sionna-radar {name}", title=f"`{name}`")
             )
     return "\n".join(parts)
 
