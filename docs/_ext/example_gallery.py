@@ -12,7 +12,10 @@ from written import write
 
 # Folder, title, and the examples in their order, without `plot_` and `.py`.
 SECTIONS = {
-    "scripts": ("First scripts", "scenario_in_python elevation_file one_chirp custom_antenna_and_scan"),
+    "scripts": (
+        "First scripts: the mission in Python",
+        "scenario_in_python one_chirp two_engines elevation_file custom_antenna_and_scan",
+    ),
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
     "radar": (
         "What the radar and its maps do",
