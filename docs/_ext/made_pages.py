@@ -5,6 +5,8 @@ Keys and options are objects of Sphinx as functions are, so that the search list
 
 import importlib
 import inspect
+import pkgutil
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,11 +20,12 @@ from written import write
 from sionna_radar.cli.app import app as commands
 from sionna_radar.scenario import reference
 
-# All but `cli`, which has no names for scripts.
+# Rooms with names for scripts; the studies and the readers have a page each.
 ROOMS = (
     *("foundation", "raytracer", "elevation", "weather", "scenario", "surfaces", "flight", "scene", "radar"),
-    *("tracing", "signal", "detection", "mapping", "accuracy", "imaging", "survey", "studies", "report"),
+    *("tracing", "signal", "detection", "mapping", "accuracy", "survey", "report"),
 )
+HOUSES = ("studies", "readers")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -41,9 +44,18 @@ def make_pages(app: Sphinx) -> None:
     write(made / "commands.md.txt", commands_reference())
     top = importlib.import_module("sionna_radar")
     write(made / "api" / "sionna_radar.rst", package_page(top, set()))
-    for room in ROOMS:
+    for room in (*ROOMS, *rooms_of(HOUSES)):
         package = importlib.import_module(f"sionna_radar.{room}")
-        write(made / "api" / f"{room}.rst", package_page(package, set(top.__all__)))
+        write(made / "api" / f"{room.replace('.', '/')}.rst", package_page(package, set(top.__all__)))
+
+
+def rooms_of(houses: Sequence[str]) -> Iterator[str]:
+    """Yield the packages inside others that export names, by their dotted names."""
+    for house in houses:
+        outer = importlib.import_module(f"sionna_radar.{house}")
+        for found in pkgutil.iter_modules(outer.__path__):
+            if found.ispkg and getattr(importlib.import_module(f"{outer.__name__}.{found.name}"), "__all__", ()):
+                yield f"{house}.{found.name}"
 
 
 def index_names(app: Sphinx, document: nodes.document) -> None:
