@@ -14,10 +14,10 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario, run_crosscheck
+from sionna_radar import crosscheck, load_scenario
 
 small = "SIONNA_RADAR_SMALL" in os.environ
-check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0 if small else 100.0}))
+check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0 if small else 100.0}))
 print(check)
 for name, result in check.verdict().items():
     print(f"{name}: {result['value']:.3f}, tolerance {result['tolerance']:.3f}")
