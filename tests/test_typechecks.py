@@ -1,10 +1,17 @@
-"""The shapes of arguments and results are checked while the tests run."""
+"""The shapes of arguments and results are checked in runs with `--jaxtyping-packages=sionna_radar,typechecks.checked`."""
 
 import numpy as np
 import pytest
 from jaxtyping import Float, TypeCheckError, jaxtyped
 
 from typechecks import MOST_CHECKS, checked, renew
+
+
+@pytest.fixture
+def package_is_checked(request):
+    """Skip a run in which the package is not checked."""
+    if not request.config.getoption("--jaxtyping-packages"):
+        pytest.skip("run with --jaxtyping-packages=sionna_radar,typechecks.checked")
 
 
 def doubled(length: int):
@@ -30,6 +37,7 @@ def test_a_wrong_argument_and_a_wrong_result_are_told_apart():
             doubled(4)(np.zeros(3))
 
 
+@pytest.mark.usefixtures("package_is_checked")
 def test_the_package_is_checked():
     from sionna_radar.foundation.numerics import decibels
 
@@ -37,6 +45,7 @@ def test_the_package_is_checked():
         decibels(np.zeros((2, 2)))
 
 
+@pytest.mark.usefixtures("package_is_checked")
 def test_the_first_calls_of_each_test_are_checked():
     from sionna_radar.foundation.numerics import decibels
 
