@@ -120,7 +120,7 @@ def test_the_same_errors_are_those_of_one_module():
         ({"radar.array.frame_rate_hz": 500.0}, r"frame_rate_hz: 500 frames of 6 ms do not fit .* lower it to 167"),
         ({"radar.sweep": "triangular"}, r"radar\.sweep: 'triangular' is not supported with frames"),
         ({"tracing.speckle": "per_pulse"}, r"tracing\.speckle: 'per_pulse' keeps no phase"),
-        ({"radar.receiver.high_pass_corner_hz": 1e4}, r"radar\.receiver: an array's receivers are ideal"),
+        ({"radar.receiver.high_pass_corner_hz": 1e4}, r"radar\.receiver: an array's receivers support thermal noise"),
         (
             {"radar.array.receivers_wavelengths": [[0, 0], [0.5, 0], [0.5, 0.0]]},
             r"receivers_wavelengths: elements 1 and 2 are both at \[0\.5, 0\.0\]; move or remove one",
