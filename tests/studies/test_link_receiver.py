@@ -8,6 +8,7 @@ from flights import make_pulses
 from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.link import study as link_study
 from sionna_radar.studies.link.spectra import floors_of
 from sionna_radar.studies.link.study import link_budget as run_link_budget
 from surveys import WEAK
@@ -73,7 +74,9 @@ IMAGE = {"radar.receiver.converter.iq_gain_db": 3.0, "radar.receiver.converter.i
         FILTER | DRIFT | IMAGE | {"radar.receiver.anti_alias_order": 2, "radar.sampling": "iq"},
     ],
 )
-def test_ground_is_as_strong_as_the_chain_receives_it(keys):
+def test_ground_is_as_strong_as_the_chain_receives_it(keys, monkeypatch):
+    # What the survey's detector makes of these beats takes longer than they do, and is tested in clear air and rain.
+    monkeypatch.setattr(link_study, "_survey_detection", lambda *_: 1.0)
     weak = WEAK | {"processing.cfar.kind": "CA"}
     scenario = load_scenario("hills", weak | keys)
     budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)
