@@ -1,4 +1,4 @@
-"""The shapes of arguments and results are checked in runs with `--jaxtyping-packages=sionna_radar,typechecks.checked`."""
+"""Shapes of arguments and results are checked in runs with `--jaxtyping-packages=sionna_radar,typechecks.checked`."""
 
 import numpy as np
 import pytest
