@@ -1,4 +1,4 @@
-"""Readings of a beam that does not scan, as of a radar altimeter, against the heights that it was to read.
+"""Accuracy of altimeter readings, by a beam that does not scan, against the true clearance.
 
 A reading r(t) that is late by L reads what was true before: r(t) = h(t - L) + b + errors. L is the lag of least
 squares, which is that of the largest cross-correlation of readings and heights where their spreads are alike. It is
@@ -86,7 +86,7 @@ class Readings:
         share = total.drop_outs / max(total.pulses, 1)
         longest = f", the longest {self.longest_drop_out_s:.3g} s" if total.drop_outs else ""
         rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({share:.1%}){longest}"
-        rows["latency"] = "not told by heights that vary so little"
+        rows["latency"] = "not observable: the heights vary too little"
         if self.latency_s is not None:
             rows["latency"] = f"{self.latency_s:+.3f} ± {self.latency_sigma_s:.3f} s (positive: late)"
         rows["lowest clearance flown"] = f"{total.lowest_clearance_m:.2f} m over what stands below"

@@ -66,8 +66,8 @@ OUTLIERS = 4.0
 MIN_CELLS = 60
 # Fewest checkpoints from which a tilt is estimated, and an offset.
 TILT_CHECKPOINTS, OFFSET_CHECKPOINTS = 10, 3
-# Share of cells with points from which a cloud is a surface.
-SURFACE_SHARE = 0.5
+# Least fraction of cells with points at which a cloud counts as a surface.
+MIN_FILLED_FRACTION = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +180,7 @@ class ReferenceCheck:
     error: DEM minus reference, None for checkpoints. statistics: of lit cells, or of checkpoints.
     breakdown: None for checkpoints. calibration: errors over the stated standard deviations of DEM and reference
     together; None if the DEM states none.
-    untold: classes of errors that are not stated, each with the reason.
+    missing: breakdowns of the error that are not available, each with the reason.
     """
 
     name: str
@@ -192,11 +192,13 @@ class ReferenceCheck:
     statistics: DemError
     breakdown: Breakdown | None
     calibration: UncertaintyCheck | Calibration | None
-    untold: dict[str, str]
+    missing: dict[str, str]
 
     def document(self) -> dict[str, Any]:
-        """Return all but the raster as nested tables."""
-        return asdict(replace(self, error=None))
+        """Return all but the raster as nested tables; `missing` has the name `untold` in result files."""
+        document = asdict(replace(self, error=None))
+        document["untold"] = document.pop("missing")
+        return document
 
 
 def compare_with_reference(
@@ -267,10 +269,10 @@ def compare_with_reference(
     covers = covers or reference.covers(dem.grid, moved_m)
     steps = "the scenario has none" if walls is not None else "no step of the reference is as high and steep"
     walls = reference.walls(dem.grid, moved_m) if walls is None else walls
-    untold = {
-        "incidence": "" if points else "the echoes are not known",
+    missing = {
+        "incidence": "" if points else "no echoes",
         "distance from walls": "" if walls else steps,
-        "cover": "" if covers else "neither the scenario nor points of the reference tell it",
+        "cover": "" if covers else "no cover data in the scenario or the reference",
     }
     return ReferenceCheck(
         name=path.name,
@@ -282,7 +284,7 @@ def compare_with_reference(
         statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
         breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
         calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
-        untold={name: reason for name, reason in untold.items() if reason},
+        missing={name: reason for name, reason in missing.items() if reason},
     )
 
 
@@ -323,7 +325,7 @@ def _check_at(
         statistics=statistics(error_m, len(inside)),
         breakdown=None,
         calibration=None if stated is None or not np.any(known) else calibration(error_m[known], stated[known]),
-        untold={"slope, incidence, distance from walls, cover, variogram": "single points are no surface"},
+        missing={"slope, incidence, distance from walls, cover, variogram": "checkpoints do not form a surface"},
     )
 
 
@@ -532,7 +534,7 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
             raise InputFileError(f"{cloud.name}: has no height within the DEM: it {message}")
         raster = gridded(pieces, wide, "mean", 0.5)
         cells = np.argwhere(raster.filled)
-        if len(cells) < SURFACE_SHARE * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):
+        if len(cells) < MIN_FILLED_FRACTION * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):
             place_m, height_m = (np.concatenate(part) for part in zip(*pieces(), strict=True))
             own_m = np.full(len(height_m), sigma_m)
             height_m = height_m - _base_m(grid)

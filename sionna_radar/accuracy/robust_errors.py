@@ -1,4 +1,4 @@
-"""Standard deviations of least squares whose errors are alike over unknown distances.
+"""Robust standard deviations of least squares with spatially correlated errors of unknown correlation length.
 
 Data are cut into a few large blocks, equally full. What is estimated without one of them, each in turn, scatters as the
 estimate does (the jackknife over clusters: Tukey 1958; CV3 of MacKinnon, Nielsen and Webb 2023, "Leverage, influence,

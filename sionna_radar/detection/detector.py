@@ -1,4 +1,4 @@
-"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction, pairing of sweeps.
+"""The detector: spectrum, CFAR, clustering, ranging, Doppler correction, and pairing of up- and down-sweeps.
 
 The two halves of a triangular sweep give range and range rate without prior knowledge of the velocity. Motion shifts
 the echoes of the up-sweep and the down-sweep in opposite directions: their mean is the range, their difference the

@@ -177,7 +177,7 @@ def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_pa
     names = {name: error.count for name, error in survey.breakdown.by_cover.items()}
     assert sum(names.values()) == survey.lit_error.count
     assert reference_section(result.reference)["classes"]["Cover"][0][0] == "building"
-    assert result.reference.untold == {}
+    assert result.reference.missing == {}
     # A recording knows the covers of its scenario, without what stands on them.
     again = process(tmp_path / "signals.nc").with_reference(path).reference
     assert set(again.breakdown.by_cover) == {"ground", "gravel"}
@@ -254,7 +254,7 @@ def test_a_cloud_tells_the_errors_by_its_classes_and_by_its_steps(tmp_path):
     exact = Walls(buildings=(outline,), foot_m=np.zeros((0, 2))).distance_m(GRID.centres_m, 100.0)
     assert walls[20.0] == pytest.approx(error.ravel()[exact >= 20].mean(), abs=0.005)
     assert walls[2.0] == pytest.approx(error.ravel()[(exact >= 2) & (exact < 5)].mean(), abs=0.03)
-    assert check.untold == {"incidence": "the echoes are not known"}
+    assert check.missing == {"incidence": "no echoes"}
 
 
 @pytest.mark.parametrize("every", [1, 9])

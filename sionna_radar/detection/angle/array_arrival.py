@@ -1,4 +1,4 @@
-"""Points in space from a frame of an array: range and range rate of a cell, and directions from its channels.
+"""Points from a MIMO frame: range and range rate of each cell, and directions of arrival from its channels.
 
 Stationary ground of range rate v lies on the cone u.m = -v / |m| about the measured motion m of the radar. On it one
 angle is left, phi about the motion, which the channels tell: the spectrum |a(phi)^H x|^2 of a cell's channels x is that
@@ -51,9 +51,9 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import from_db, on_one_thread, window
 from sionna_radar.radar.mimo_array import MimoArray
 
-# Quantile of a map's powers that tells its noise.
+# Quantile of the powers of a map from which its noise is estimated.
 NOISE_QUANTILE = 0.1
-# Share of cells of noise in which directions are scanned.
+# Fraction of noise-only cells in which directions are scanned.
 SCANNED = 0.03
 # Directions in a spectrum per beam of the virtual array.
 STEPS_IN_BEAM = 4
@@ -61,13 +61,13 @@ STEPS_IN_BEAM = 4
 ASCENTS = 3
 # Passes over both sources.
 REFINEMENTS = 3
-# Least share of a source's vector outside of another's: a quarter of a beam.
-LEAST_APART = 0.05
+# Least fraction of a source's steering vector orthogonal to that of another source: a quarter of a beam.
+MIN_SEPARATION = 0.05
 # Cells over which the mean power about one is taken, each way.
 MEAN_CELLS = 5
-# Sources so much weaker than the strongest across the track, within so many beams, are not what fills the beam: one
+# Sources weaker than the strongest across the track by more than this, within this number of beams, are rejected: one
 # look of speckle falls by 10 dB below its mean in one cell of ten.
-WEAKER_DB, BESIDE = 12.0, 3
+CLUTTER_DYNAMIC_RANGE_DB, CLUTTER_BEAMS = 12.0, 3
 # Error of the phases of scanned directions by a range that many cells share, rad; found ones are refined at their own.
 CURVATURE_RAD = 0.3
 
@@ -326,8 +326,8 @@ class ArrayEstimator:
         beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
         highest = np.zeros(int(np.ptp(beam)) + 1)
         np.maximum.at(highest, beam - beam.min(), level)
-        around = maximum_filter(highest, size=BESIDE, mode="constant")[beam - beam.min()]
-        return level * from_db(WEAKER_DB) >= around
+        around = maximum_filter(highest, size=CLUTTER_BEAMS, mode="constant")[beam - beam.min()]
+        return level * from_db(CLUTTER_DYNAMIC_RANGE_DB) >= around
 
     @property
     def _beam(self) -> float:
@@ -579,7 +579,7 @@ class _Scan:
         if other is not None:
             shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
             a = a - shared[:, None] * other
-        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), LEAST_APART * self.array.gain)
+        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), MIN_SEPARATION * self.array.gain)
         return np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
 
     def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:

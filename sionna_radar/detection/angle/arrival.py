@@ -1,4 +1,4 @@
-"""Points along each echo from several receivers' signals: range and direction of each stretch, and their accuracy.
+"""Direction of arrival along each echo from several receivers: points with range, direction and accuracy.
 
 Averaging precedes the direction: a stretch's range and direction are means over its cells and scatterers, weighted
 with the same power, and means of points on a plane lie on it. So the means are used unmodified. A mean of unit vectors
@@ -85,7 +85,7 @@ def ratio_covariance(
 MIN_SNR = 10.0
 # Largest deficit of the coherence against that of one surface, in standard deviations.
 MIN_COHERENCE_SIGMAS = 3.0
-# Largest standard deviation of a usable direction, as a share of the beam's spread.
+# Largest standard deviation of a usable direction, as a fraction of the beam's spread.
 LARGEST_SIGMA = 0.5
 # Nodes along a strip (Gauss-Hermite).
 NODES = 7

@@ -1,4 +1,4 @@
-"""Directions in one range cell by a linear array of receivers: one or two surfaces (a roof, the ground before it).
+"""MUSIC directions of one or two surfaces in a range cell (a roof, the ground before it) by a row of receivers.
 
 In each stretch the covariance of the row's signals is summed over its cells, after removing the phase ramp of level
 ground from cell to cell, and averaged with that of the reversed row. A second surface is sought where the second
@@ -40,10 +40,10 @@ def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[n
     return (covariance + covariance[..., ::-1, ::-1].conj()) / 2
 
 
-def noise_share(
+def noise_projection(
     covariance: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"], sources: int
 ) -> Float[np.ndarray, "*point n"]:
-    """Return the share of each steering vector outside the signal subspace: MUSIC's spectrum is its inverse."""
+    """Return the projection of each steering vector on the noise subspace: MUSIC's spectrum is its inverse."""
     signal_space = np.linalg.eigh(covariance)[1][..., -sources:]
     signal_power = np.sum(np.abs(vectors.conj() @ signal_space) ** 2, axis=-1)
     return 1 - signal_power / vectors.shape[1]
@@ -140,7 +140,7 @@ class RowEstimator(AngleEstimator):
         vectors = self._vectors(cosine)
         results = []
         for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
-            toward = lowest(noise_share(covariance[selected], vectors, sources), cosine, sources)
+            toward = lowest(noise_projection(covariance[selected], vectors, sources), cosine, sources)
             if sources == 1:
                 toward = self._mean_cosine(covariance[selected], toward)
             results.append(self._sources(stretches, sampled, covariance, selected, toward))

@@ -1,4 +1,4 @@
-"""Stretches of echoes: a few range cells with one estimated direction each, and the strips of the cells in the beam.
+"""Division of echoes into stretches of a few range cells with one direction each, and their strips on the ground.
 
 The ground of a range cell lies in the beam as a strip across the direction in which the range grows. Over level ground
 the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up across the
