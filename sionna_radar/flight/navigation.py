@@ -31,7 +31,7 @@ MIN_UNIFORM = 2.0**-54
 
 
 @dataclass(frozen=True, kw_only=True)
-class ErrorParts:
+class ErrorComponents:
     """Errors of a vector: a constant, and standard deviations of its white and its Gauss-Markov part."""
 
     constant: Vector3 = ZERO
@@ -87,9 +87,9 @@ class InertialErrors:
     span_s, step_s: times of the flight and the step at which the Gauss-Markov parts are drawn.
     """
 
-    position: ErrorParts = field(default_factory=ErrorParts)
-    velocity: ErrorParts = field(default_factory=ErrorParts)
-    attitude: ErrorParts = field(default_factory=ErrorParts)
+    position: ErrorComponents = field(default_factory=ErrorComponents)
+    velocity: ErrorComponents = field(default_factory=ErrorComponents)
+    attitude: ErrorComponents = field(default_factory=ErrorComponents)
     time_offset_s: float = 0.0
     lever_arm_m: Vector3 = ZERO
     boresight_rad: Vector3 = ZERO

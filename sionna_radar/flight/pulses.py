@@ -274,8 +274,8 @@ def schedule_pulses(
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenSchedule(PulseSchedule):
-    """Pulses with given poses."""
+class MeasuredPoseSchedule(PulseSchedule):
+    """A schedule of pulses whose poses are known, instead of computed from a trajectory."""
 
     given: Pulses
 
@@ -291,7 +291,7 @@ class GivenSchedule(PulseSchedule):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenFlight:
+class MeasuredPoseFlight:
     """The pulses of a recorded flight in the metres of a scenario, before its ground is known; a `Route`.
 
     pulses: all of them; their heights are those of the map, or local ones where the ground has no place on it.
@@ -362,7 +362,7 @@ class GivenFlight:
         origin_height_m: float,
         navigation: Navigation | None = None,
         lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
-    ) -> GivenSchedule:
+    ) -> MeasuredPoseSchedule:
         """Return its pulses, with heights over the local origin.
 
         The measured poses are the given ones. The true ones are those of which the navigation system reports them, to
@@ -383,7 +383,7 @@ class GivenFlight:
                 @ pose.R_world_antenna,
             )
         given = replace(pulses, true=true, measured=local)
-        return GivenSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, given=given)
+        return MeasuredPoseSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, given=given)
 
 
 # Interval between chirps, in periods, above which the scan has paused.

@@ -1,4 +1,4 @@
-"""Antennas: separable in direction cosines, as planar arrays are, or of any pattern.
+"""Antenna patterns: separable in direction cosines (planar arrays) or arbitrary; gain, beamwidth, main lobe.
 
 In the antenna's frame (x boresight, y left, z up) a direction has the cosines u = y and v = z. The voltage
 pattern of a separable one is a product of two cuts and the projected aperture, f(u, v) = A(u) E(v) sqrt(cos), cos = x

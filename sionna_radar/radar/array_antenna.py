@@ -1,4 +1,4 @@
-"""Arrays of a scenario: rectangular ones by element counts, any planar one by a table of its elements.
+"""Phased-array antennas of a scenario: rectangular by element counts, or planar by a table of elements.
 
 Planar arrays with a Taylor taper are sized from their half-power beamwidths.
 """

@@ -1,4 +1,4 @@
-"""Planar arrays: the pattern of elements at given places, with weights, steered by their phases.
+"""Pattern of a planar phased array: element pattern times array factor, steered by phases.
 
 In direction cosines (u to the left, v up, of the array's face) the array factor is the Fourier sum of the weights over
 the places, and a linear phase moves it without changing its shape: f(u, v) = AF(u - u0, v - v0) e(u, v), with e the

@@ -1,4 +1,4 @@
-"""Arrays of transmitters and receivers: virtual elements, codes, calibration, steering vectors, difference patterns.
+"""MIMO arrays: virtual elements, multiplexing codes, calibration, steering vectors, monopulse difference patterns.
 
 A path from transmitter i over a scatterer to receiver k is as long as twice that of an element halfway between both,
 so that N transmitters and K receivers act as N K virtual elements at the sums of their places (Li and Stoica 2007,

@@ -1,4 +1,4 @@
-"""The two-way power of any antenna, on cells of direction cosines in front of it.
+"""Two-way power of an arbitrary antenna on a grid of direction cosines.
 
 The cells are narrow where the power is high, so that a pencil beam, its side lobes and a grating lobe far off the axis
 are all resolved: half of the edges divide the power into equal shares, the others are equally spaced.

@@ -1,4 +1,4 @@
-"""Rays against ground on a grid, whose triangles need no search tree.
+"""Ray casting against gridded ground, by a pyramid of maximum heights instead of a search tree.
 
 A pyramid of the greatest heights of blocks of cells tells where a ray from above can meet the ground: blocks that it
 passes over are left behind at once (Tevs, Ihrke and Seidel 2008, "Maximum mipmaps for fast, accurate, and scalable

@@ -1,4 +1,4 @@
-"""Beat signals of an array: one set of paths serves all chirps of a frame, all transmitters and all receivers.
+"""Beat signals of a MIMO array: one set of paths serves all chirps, transmitters and receivers of a frame.
 
 Scatterers stand still between the chirps, or move along their rays; the radar moves. So the ways of each chirp follow
 from the places of the scatterers and from the radar's true pose at that chirp, and those of each element from its

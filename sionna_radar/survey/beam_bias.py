@@ -1,4 +1,4 @@
-"""The bias of a beam on the ground that it sees: the mean range of its echo against the range on its axis.
+"""Beam bias of a survey: mean range of the echo minus the range on the beam's axis, over the ground that it sees.
 
 An echo placed on the beam's axis by its mean range is too near or too far where the ground slopes within the footprint:
 level ground at a slant is met by the nearer half of the beam first, and with more power. A map that places its echoes

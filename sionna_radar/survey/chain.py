@@ -1,4 +1,4 @@
-"""The whole chain, from a scenario to a DEM and its error: this file is its table of contents."""
+"""The survey pipeline: prepare, observe, place, map and compare, from a scenario to a DEM and its error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a caller gives in place of parts of a scenario: an antenna, a method, ground as heights, a file, a function."""
+"""Custom parts given from Python in place of parts of a scenario: antenna, method, sensor, terrain and others."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from sionna_radar.detection.ranging.estimators import RangeEstimator
-from sionna_radar.flight.pulses import GivenFlight, Navigation
+from sionna_radar.flight.pulses import MeasuredPoseFlight, Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.foundation.raster import Raster
@@ -25,7 +25,7 @@ from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.tracing.build import EngineInputs
 from sionna_radar.tracing.paths import Engine
 
-GivenTerrain = (
+TerrainSource = (
     Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
 )
 
@@ -73,10 +73,10 @@ class CustomParts:
     """
 
     antenna: Antenna | None = None
-    flight: GivenFlight | None = None
+    flight: MeasuredPoseFlight | None = None
     scan: Scan | None = None
     navigation: Navigation | None = None
-    terrain: GivenTerrain | None = None
+    terrain: TerrainSource | None = None
     materials: Mapping[str, Backscatter] = field(default_factory=dict)
     engine: Callable[[EngineInputs], Engine] | None = None
     sensor: Callable[[SensorInputs], Sensor] | None = None

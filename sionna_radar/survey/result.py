@@ -59,7 +59,7 @@ class _ComparedWithReference:
         if self.dem is None or self.points is None:
             message = "the recording has no poses, so that there is no DEM to compare; leave the reference out"
             raise InputFileError(message)
-        covers = self.prepared.truth.covers if isinstance(self, Survey) else known_covers(self.scenario, self.dem.grid)
+        covers = self.prepared.truth.covers if isinstance(self, Survey) else cover_masks(self.scenario, self.dem.grid)
         check = compare_with_reference(
             path,
             self.dem,
@@ -76,7 +76,7 @@ class _ComparedWithReference:
         return replace(self, reference=check)
 
 
-def known_covers(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
+def cover_masks(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
     """Return the cells of a scenario's covers; a warning, and none, where its files cannot be read."""
     try:
         scenario = load_scenario(scenario) if isinstance(scenario, Path) else scenario

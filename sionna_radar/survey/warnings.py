@@ -47,12 +47,12 @@ MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
 # Echoes on a strip narrower than this many cells count as a line; fewer echoes than the other always do.
 NARROWEST_CELLS, LEAST_ON_STRIP = 3, 3
 # Rain echoes lie tens of metres above the ground; a few ruin a DEM.
-RAIN_SHARE_WARNED = 0.01
+RAIN_FRACTION_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
 # beam of 8 deg at 71 m a speckled cell then moves points by some 0.2 m.
 STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
 # Share of echoes unexplained by a map without walls above which a warning is given.
-UNEXPLAINED_SHARE_WARNED = 0.01
+UNEXPLAINED_FRACTION_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
@@ -65,7 +65,7 @@ LEAST_PLACES = 2 / 3
 LEAST_RATES = 4
 
 # Beams, and rays across each, by which covers are looked for; the share of them that covers must move for a warning.
-COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
+COVER_BEAMS, COVER_RAYS, MOVED_FRACTION_WARNED = 1000, 200, 0.01
 # A cover darker by more is as good as silent, as calm water is.
 SILENT_DB = 60
 # Along a ray beyond the foot of a wall, from which the roof is straight above.
@@ -75,7 +75,7 @@ BEHIND_M = 0.1
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
 
 # Share of clipped pulses above which a warning is given.
-SATURATED_SHARE_WARNED = 0.001
+SATURATED_FRACTION_WARNED = 0.001
 
 
 def warnings_of(
@@ -99,11 +99,11 @@ def warnings_of(
     window = elsewhere if window_key else ""
     # No weather was asked for: what fills the beam may be the receiver's own.
     clear = "; or, if nothing is in the air, set processing.volume_clutter = 'off'" if falling == "air" else ""
-    masked = lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1)
+    masked = lost_pulses > RAIN_FRACTION_WARNED * max(pulses, 1)
     if echoes == 0 and not masked:
         yield f"no echo was detected; raise {louder}, or fly lower{window}"
         return
-    if echoes > 0 and rain_echoes > RAIN_SHARE_WARNED * echoes:
+    if echoes > 0 and rain_echoes > RAIN_FRACTION_WARNED * echoes:
         count = f"{rain_echoes:,} of {echoes:,}"
         yield (
             f"{f'most echoes ({count})' if 2 * rain_echoes > echoes else f'{count} echoes'} come from the {falling} in "
@@ -195,7 +195,7 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
 def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> Iterator[str]:
     """Yield the warning about a map without steps over ground with objects."""
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
-    if count > UNEXPLAINED_SHARE_WARNED * echoes:
+    if count > UNEXPLAINED_FRACTION_WARNED * echoes:
         yield (
             f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
             "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
@@ -242,7 +242,7 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
         )
 
 
-def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
+def lidar_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
     """Yield the warning about tables of a scenario that a lidar does not model, if they hold anything."""
     names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
     if sensor == "lidar" and names:
@@ -255,7 +255,7 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
 
     headroom_db: of its gain control; None for a fixed gain.
     """
-    if saturated_pulses > SATURATED_SHARE_WARNED * pulses:
+    if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
         remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
         yield (
             f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
@@ -417,7 +417,7 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     usual_m = np.minimum(stated_m, np.sqrt(np.mean(rest_m**2)))
     moved = np.abs(off_m) > 2 * usual_m
     share, followed = np.mean(moved), error_m[moved] @ off_m[moved]
-    if share > MOVED_SHARE_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
+    if share > MOVED_FRACTION_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
         most = filled[moved][np.argmax(ratio[moved])]
         ratio_db = to_db(shifts.ratio[most])
         contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
@@ -445,7 +445,7 @@ def survey_warnings(
             local.weather.falling or "air",
             None if prepared.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
-            louder=_louder(prepared),
+            louder=_keys_that_raise_echoes(prepared),
         )
     warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)
     warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
@@ -463,11 +463,13 @@ def survey_warnings(
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error
-    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
+    warnings += map_warnings(
+        points, len(prepared), lit.count, lit.coverage, spacing_m, _keys_that_raise_echoes(prepared)
+    )
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
-    warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    warnings += lidar_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
@@ -501,7 +503,7 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
             )
 
 
-def _louder(prepared: Prepared) -> str:
+def _keys_that_raise_echoes(prepared: Prepared) -> str:
     """Return the keys that raise echoes over what hides them."""
     radar = prepared.local.radar
     rounding = rounding_over_noise(radar, prepared.receiver) if prepared.local.sensor == "radar" else None

@@ -21,8 +21,8 @@ from sionna_radar.scene.mesh_files.part import (
     MAX_VERTICES,
     MeshError,
     MeshPart,
-    beside,
     check_count,
+    file_in_same_folder,
     read_by_trimesh,
 )
 
@@ -214,7 +214,7 @@ def _bytes_of(path: Path, uri: str, label: str) -> bytes:
             return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
         except (binascii.Error, ValueError) as error:
             raise MeshError(f"has data in {label} that is not base64; export it again") from error
-    file = beside(path, unquote(uri), label)
+    file = file_in_same_folder(path, unquote(uri), label)
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         raise MeshError(f"{label} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there")
     return file.read_bytes()

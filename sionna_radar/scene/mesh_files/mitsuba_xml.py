@@ -20,8 +20,8 @@ from sionna_radar.scene.mesh_files.part import (
     MAX_VERTICES,
     MeshError,
     MeshPart,
-    beside,
     check_count,
+    file_in_same_folder,
 )
 from sionna_radar.scene.mesh_files.ply import read_ply
 
@@ -150,7 +150,7 @@ def _cube() -> MeshPart:
 
 def _file(path: Path, shape: Any) -> Path:
     name, label = _value(shape, "filename", "string"), f"line {shape.line}"
-    file = beside(path, name, label)
+    file = file_in_same_folder(path, name, label)
     regular_file(file, f"{label} of {shown(path)} names", "put it into the scene's folder", MAX_BYTES)
     return file
 

@@ -1,4 +1,4 @@
-"""A module with an array of transmitters and receivers that maps without turning; a pulse of its survey is a frame.
+"""The MIMO sensor: an array of transmitters and receivers that maps without scanning; its pulses are frames.
 
 Paths are traced once a frame, from the pose in its middle: all chirps, transmitters and receivers share the scatterers
 (`signal.array_beats`). Those of a block, which are few, are kept for whoever records them.

@@ -1,4 +1,4 @@
-"""The radar: one sweep a pulse, or an up- and a down-sweep."""
+"""The radar sensor: trace, synthesise and detect pulses of one sweep, or of an up- and a down-sweep."""
 
 from collections import deque
 from collections.abc import Callable

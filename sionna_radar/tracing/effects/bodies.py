@@ -1,4 +1,4 @@
-"""Targets with a shape: the paths to the parts of a body that the radar sees, and the cross-section of the body.
+"""Echoes and radar cross-section of targets with a shape, by physical optics on their visible faces.
 
 Paths come in small steps of range. The cross-section, from all sides, is by physical optics and further reflections
 between the faces.

@@ -1,4 +1,4 @@
-"""Echoes of a body that sees itself: shooting and bouncing rays into physical optics.
+"""Multiple reflections inside a body: shooting and bouncing rays (SBR) with physical optics.
 
 Tubes of rays from the radar are lit faces, or parts of them. Each is reflected by geometrical optics from plane to
 plane (Ling, Chou and Lee 1989, "Shooting and bouncing rays", IEEE Trans. AP 37, 194-205), and wherever it falls on a

@@ -1,4 +1,4 @@
-"""Vegetation in front of the ground: what it takes from the ground's echo, and its own.
+"""Vegetation above the ground: attenuation of the ground's echo, and volume echo of the plants.
 
 Each diffuse path to the ground stands for a solid angle, whose ray passes through the stands on its way. With the
 extinction k (power, one way) and the cross-section eta per volume along it, the ground's echo passes with

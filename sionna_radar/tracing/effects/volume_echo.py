@@ -1,4 +1,4 @@
-"""The volume echo (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
+"""Volume echo of rain, snow, fog and dust: one random tone per pulse in each of many thin range cells.
 
 Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase uniform),
 and new in each pulse: between two chirps drops move by many wavelengths. A tone is uniformly distributed within
@@ -39,7 +39,7 @@ from sionna_radar.weather.path import rain_clutter_power
 
 CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.
-MIN_SHARE = 1e-3
+MIN_BEAM_FRACTION = 1e-3
 
 
 # Tones that each one of a wide beam becomes.
@@ -113,7 +113,7 @@ class VolumeEcho:
         surfaces: the diffuse paths of the block, which end the volume; mirror paths would be weighted too strongly.
         """
         share = self._in_air(pulses, surfaces)
-        row, cell = np.nonzero(share > MIN_SHARE)
+        row, cell = np.nonzero(share > MIN_BEAM_FRACTION)
         drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
         place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
         pose = pulses.true
@@ -134,7 +134,7 @@ class VolumeEcho:
         )
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
-        """Return the share of each pulse's two-way beam that has met no surface before each cell's centre."""
+        """Return the fraction of each pulse's two-way beam that has met no surface before each cell's centre."""
         cells = len(self.cell_power)
         ground = surfaces.surface >= 0
         range_m = surfaces.delay_s[ground] * (speed_of_light / 2)

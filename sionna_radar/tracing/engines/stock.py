@@ -1,4 +1,4 @@
-"""The slow alternative: Sionna's stock path solver, pulse by pulse, with the same material and antenna.
+"""The path_solver engine: Sionna RT's stock PathSolver, pulse by pulse, with the same material and antenna; slow.
 
 It shoots its rays over the whole sphere, so a pencil beam gets few of them; its use is to check the beam engine.
 """

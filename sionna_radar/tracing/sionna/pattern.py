@@ -69,13 +69,15 @@ def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
             azimuth, elevation = (mi.Float(cut.astype(np.float32)) for cut in (pattern.azimuth, pattern.elevation))
             return (
                 lambda ahead, left, up: (
-                    _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+                    _lookup(azimuth, _azimuth_fraction(ahead, left)) * _lookup(elevation, _elevation_fraction(up))
                 ),
                 [azimuth, elevation],
             )
         case SphericalPattern():
             table = _Table(pattern.samples)
-            return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left)), [table.samples]
+            return lambda ahead, left, up: table.at(_elevation_fraction(up), _azimuth_fraction(ahead, left)), [
+                table.samples
+            ]
         case ElementPattern():
             half = pattern.exponent / 2
             return lambda ahead, left, up: dr.power(dr.maximum(ahead, 0.0), half), []
@@ -101,11 +103,11 @@ def _steered(pattern: ArrayPattern):  # type: ignore[no-untyped-def]
     return amplitude, [table.samples, *of_element]
 
 
-def _azimuth_share(ahead, left):  # type: ignore[no-untyped-def]
+def _azimuth_fraction(ahead, left):  # type: ignore[no-untyped-def]
     return dr.atan2(left, ahead) / (2 * dr.pi) + 0.5
 
 
-def _elevation_share(up):  # type: ignore[no-untyped-def]
+def _elevation_fraction(up):  # type: ignore[no-untyped-def]
     return dr.safe_asin(up) / dr.pi + 0.5
 
 

@@ -80,7 +80,7 @@ def test_any_model_of_backscatter_works(plane, pencil):
     assert db(pulse_power(paths)[0] / expected) == pytest.approx(0.0, abs=0.05)
 
 
-@pytest.mark.parametrize("finer", [{"range_cells": 1.0}, {"beam_share": 0.2}])
+@pytest.mark.parametrize("finer", [{"range_cells": 1.0}, {"beam_fraction": 0.2}])
 def test_finer_facets_change_no_power(plane, pencil, over_plane, finer):
     pulses = make_pulses(4, incidence_deg=45.0, scan_deg=np.array([-20.0, 0.0, 7.0, 30.0]))
     coarse, fine = over_plane.trace(pulses), engine_over(plane, pencil, make_chirp(), **finer).trace(pulses)

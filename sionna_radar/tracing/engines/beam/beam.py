@@ -215,7 +215,7 @@ class BeamEngine:
             moved -= dr.floor(moved)
             unit.append(1 - moved if self._opposite else moved)
         in_beam = ray < sampler.beam_rays
-        (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
+        (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_fraction)
         probability = dr.select(valid, 4 * dr.pi * sampler.rays * density, 0.0)
         axes = [dr.gather(mi.Vector3f, vector_of(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * ahead + axes[1] * left + axes[2] * up), probability

@@ -40,7 +40,7 @@ class BeamSampler:
         return len(self.unit)
 
     @property
-    def beam_share(self) -> float:
+    def beam_fraction(self) -> float:
         """Share of the rays that follow the beam."""
         return self.beam_rays / self.rays
 
@@ -85,11 +85,11 @@ class CutRays:
         cuts = [quantiles_of(cut, one_way=one_way) for cut in (antenna.azimuth, antenna.elevation)]
         self._quantiles = [mi.Float(q.astype(np.float32)) for q in cuts]
 
-    def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
+    def shoot(self, unit: Any, in_beam: Any, beam_fraction: float) -> tuple[Any, Any, Any]:
         """Return directions (ahead, left, up), densities per steradian, and which are valid.
 
         unit: two columns of points in the unit square; in_beam: which rays follow the beam; the others are spread
-        evenly. beam_share: share of the former.
+        evenly. beam_fraction: share of the former.
         """
         wide = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*unit))
         cosines = [
@@ -99,7 +99,7 @@ class CutRays:
         u, v = cosines
         cos = dr.safe_sqrt(1 - u * u - v * v)
         beam = cos * _density(self._quantiles[0], u) * _density(self._quantiles[1], v)
-        density = beam_share * beam + (1 - beam_share) / (2 * dr.pi)
+        density = beam_fraction * beam + (1 - beam_fraction) / (2 * dr.pi)
         # Quantiles of the two cuts can combine to invalid direction cosines; such a ray carries no power.
         return (cos, u, v), density, u * u + v * v < 1
 
@@ -120,7 +120,7 @@ class GridRays:
         turn = grid.R_face_antenna
         self._turn = [[dr.opaque(mi.Float, float(value)) for value in row] for row in turn]
 
-    def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
+    def shoot(self, unit: Any, in_beam: Any, beam_fraction: float) -> tuple[Any, Any, Any]:
         """Return directions, densities per steradian, and which are valid; see `CutRays.shoot`."""
         sphere = mi.warp.square_to_uniform_sphere(mi.Point2f(*unit))
         row = _cell(self._row_below, mi.UInt32(0), self._rows, unit[1])
@@ -131,7 +131,7 @@ class GridRays:
         valid = ~in_beam | (u * u + v * v < 1)
         normal = dr.select(in_beam, dr.safe_sqrt(1 - u * u - v * v), sphere.z)
         u, v = dr.select(in_beam, u, sphere.x), dr.select(in_beam, v, sphere.y)
-        density = beam_share * self._density(normal, u, v) + (1 - beam_share) / (4 * dr.pi)
+        density = beam_fraction * self._density(normal, u, v) + (1 - beam_fraction) / (4 * dr.pi)
         across = [self._turn[0][i] * normal + self._turn[1][i] * u + self._turn[2][i] * v for i in range(3)]
         return (across[0], across[1], across[2]), density, valid
 

@@ -1,4 +1,4 @@
-"""Which facets lie in a beam: a tree of bounding spheres, searched with the beam's envelope."""
+"""Search for the facets inside a beam: a tree of bounding spheres against the beam's envelope."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Triangles as scatterers: their subdivision, their identity, which determines the phase, and their backscatter.
+"""Facets as scatterers: subdivision of triangles, identities (which determine phases), and backscatter.
 
 The backscatter of a facet, polarization included, is the scattering matrix of `RadarMaterial` in plain NumPy. With e
 the field that the antenna transmits toward a facet and r the one that it receives, both unit vectors across the line of

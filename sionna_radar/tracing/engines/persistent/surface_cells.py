@@ -1,4 +1,4 @@
-"""Cells of space with the pieces of surface in them: the ground on which scatterers are drawn.
+"""Spatial cells with their pieces of surface, in which scatterers are drawn.
 
 The triangles of each surface are divided until they are hardly larger than a cell, and every piece belongs to the cell
 that holds its centre. A cell's expected number of scatterers is the integral of the density over its pieces.
