@@ -334,7 +334,7 @@ def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, 
     """Return the shift of a DEM against a surface, without a horizontal one where the relief does not tell it."""
     known = int((cells & reference.on(dem.grid).filled).sum())
     if known < MIN_CELLS:
-        message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give one of its ground"
+        message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give a reference that covers it"
         raise InputFileError(message)
     shift = _fitted(dem, reference, cells, _coarse_shift(dem, reference, cells))
     at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
@@ -470,7 +470,7 @@ def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSur
     elif not reference.on(grid).filled.any():
         covered = spans(_extent_on(grid, reference))
         message = f"has no height within the DEM: it covers {covered}, and the DEM {spans(_map_extent(grid))}"
-        raise InputFileError(f"{KEY} = {shown(path)}: {message}; give one of its ground")
+        raise InputFileError(f"{KEY} = {shown(path)}: {message}; give a reference that covers it")
     return reference
 
 
@@ -530,7 +530,7 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
         ours_west, ours_east, ours_south, ours_north = wide.extent_m
         if not (west < ours_east and east > ours_west and south < ours_north and north > ours_south):
             covered = spans((west + east_m, south + north_m, east + east_m, north + north_m))
-            message = f"covers {covered}, and the DEM {spans(_map_extent(grid))}; give one of its ground"
+            message = f"covers {covered}, and the DEM {spans(_map_extent(grid))}; give a reference that covers it"
             raise InputFileError(f"{cloud.name}: has no height within the DEM: it {message}")
         raster = gridded(pieces, wide, "mean", 0.5)
         cells = np.argwhere(raster.filled)
@@ -558,7 +558,7 @@ def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
         raise InputFileError(f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more")
     if (empty := np.flatnonzero((given[:, 2] == UNDECLARED_NODATA) | (np.abs(given[:, 2]) > MAX_HEIGHT_M))).size:
         raise InputFileError(
-            f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {given[empty[0], 2]:g}, no height on Earth "
+            f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {given[empty[0], 2]:g}, not a height on Earth "
             f"({len(empty)} of {len(given)} lines); leave such lines out"
         )
     position_m = given[:, :3] - np.array(_origin_m(grid))

@@ -45,7 +45,7 @@ def build_angle_estimator(
         return None
     if frames is not None:
         if detector.analyser.chirp.gate_s:
-            message = "is not for frames of an array; set 0, or take single chirps of one receiver"
+            message = "is not supported with frames of an array; set 0, or process single chirps of one receiver"
             raise ScenarioError.of("radar.gate_delay_us", message)
         return frames.to(
             ArrayEstimator,

@@ -172,7 +172,7 @@ def in_wind(trajectory: Trajectory, wind: Wind, height_m: float, speed_mps: floa
     """
     if trajectory.end_s / STEP_S > MAX_STEPS:
         message = (
-            f"gusts are drawn for {MAX_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
+            f"gusts are limited to flights of {MAX_STEPS * STEP_S:,.0f} s, and this one takes {trajectory.end_s:,.0f}"
         )
         raise ScenarioError.of("platform.wind", f"{message}; shorten it")
     toward = wind.from_rad + np.pi

@@ -96,7 +96,7 @@ def squinting(
         return antenna, sweeps
     key, rad_per_hz = "radar.antenna.squint_deg_per_ghz", float(np.deg2rad(table.squint_deg_per_ghz)) * 1e-9
     if not antenna.separable:
-        message = f"{table.squint_deg_per_ghz:g} is of antennas of two cuts, such as kind = 'taylor'; set 0"
+        message = f"{table.squint_deg_per_ghz:g} applies to antennas of two cuts only, such as kind = 'taylor'; set 0"
         raise ScenarioError.of(key, message)
     if (widths := abs(rad_per_hz) * sweeps[0].bandwidth_hz / antenna.beamwidths_rad[0]) > WIDEST_SQUINT:
         message = (

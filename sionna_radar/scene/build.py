@@ -178,7 +178,7 @@ def build_ground(
         land = terrain(inputs) if terrain else build_landscape(scenario.terrain, inputs)
     require(land, Landscape, "terrain")
     if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
-        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
+        message = "it has no surface, or a vertex that is not finite; check its heights"
         raise ScenarioError.of("terrain", message)
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
     standing = _objects(scenario, land) + _footprints(scenario, land, inputs) + boxes

@@ -73,7 +73,7 @@ def run(
     (100, ())
     """
     if isinstance(scenario, Prepared) and parts is not None:
-        message = "a prepared survey has its parts already; give them to `prepare`"
+        message = "custom parts cannot be given for a prepared survey; give them to `prepare`"
         raise TypeError(message)
     source = (scenario.scenario if isinstance(scenario, Prepared) else scenario).source
     execution, recorders_of = execution or Execution(), _recorders(recordings, sample_type)

@@ -130,6 +130,7 @@ def refuse_for_workers(replaced: Mapping[str, str]) -> None:
     """Raise PluginError for parts that were given in Python, by the keys that they replace."""
     if replaced:
         raise PluginError(
-            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
-            "a package with the entry point sionna_radar.plugins that they have, too"
+            f"{', '.join(replaced)} replaced from Python: not available on workers; run without workers, or "
+            "register it in "
+            "a package with the entry point sionna_radar.plugins that is installed on them"
         )

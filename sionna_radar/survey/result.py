@@ -57,7 +57,7 @@ class _ComparedWithReference:
         """
         assert isinstance(self, Survey | Processed)
         if self.dem is None or self.points is None:
-            message = "the recording has no poses, so that there is no DEM to compare; leave the reference out"
+            message = "the recording has no poses, and so no DEM to compare; omit the reference"
             raise InputFileError(message)
         covers = self.prepared.truth.covers if isinstance(self, Survey) else cover_masks(self.scenario, self.dem.grid)
         check = compare_with_reference(
@@ -82,7 +82,7 @@ def cover_masks(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[
         scenario = load_scenario(scenario) if isinstance(scenario, Path) else scenario
         return {} if scenario is None else covers_on(scenario.terrain, grid)
     except RadarError as error:
-        logger.warning("errors by cover are not stated: %s", error)
+        logger.warning("errors by land cover are not available: %s", error)
         return {}
 
 

@@ -111,7 +111,7 @@ def warnings_of(
         )
     if stepped_behind_volume:
         yield (
-            f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
+            f"{falling}: dem.method = 'stepped' mistakes parts of its echo for walls and roofs; set dem.method = "
             f"'refined' or 'linear'{clear}"
         )
     if masked:
@@ -197,7 +197,8 @@ def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: s
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
     if count > UNEXPLAINED_FRACTION_WARNED * echoes:
         yield (
-            f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
+            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not "
+            "model walls: "
             "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
             "'linear', or map buildings with 'stepped'"
         )
@@ -247,7 +248,7 @@ def lidar_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
     names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
     if sensor == "lidar" and names:
         remedy = "remove them where it is compared with a radar"
-        yield f"the lidar does not know {names} and sees the ground behind; {remedy}"
+        yield f"the lidar does not model {names} and measures the ground behind; {remedy}"
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
@@ -281,7 +282,8 @@ def array_warnings(
     """
     if falling:
         yield (
-            f"{falling} fills all cells in front of the ground, and an array does not tell it from ground: the map is "
+            f"{falling} fills all cells in front of the ground, and an array does not separate it from ground: the "
+            "map is "
             "mostly wrong by metres, as dem_sigma.tif says; fly in clear air, or take a pencil beam (sensor = 'radar')"
         )
     gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
@@ -294,14 +296,15 @@ def array_warnings(
         )
     if len(array.duplicates) < LEAST_PLACES * array.channels:
         yield (
-            f"{doubled} places of virtual elements are taken more than once: {array.channels} channels make "
+            f"{doubled} places of virtual elements are occupied more than once: {array.channels} channels make "
             f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"
         )
     ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
     if ahead_mps > array.highest_rate_mps:
         yield (
             f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
-            "directions alone tell them apart; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
+            "only their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer "
+            "transmitters"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
@@ -396,7 +399,7 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
 
 
 def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | None, remedy: str) -> Iterator[str]:
-    """Yield the warning about beams over covers of different backscatter, of which a map knows nothing.
+    """Yield the warning about beams over covers of different backscatter, which a map does not model.
 
     Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
     by more than one: a map that has found level ground knows better than some of its echoes.
@@ -425,7 +428,7 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
         yield (
             f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
             f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
-            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` says "
+            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` states "
             f"{sigma_m:.2g} m; {remedy}"
         )
 
@@ -497,8 +500,9 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
         share = calibration(comparison.error.height_m[known], sigma.height_m[known]).coverage["95"]
         if share < LEAST_IN_95:
             yield (
-                f"the intervals of 95 % that `dem_sigma.tif` states hold {share:.0%} of the lit cells: the map errs by "
-                "more than it knows; `dem_uncertainty` in summary.json tells where. Narrow the beam, or compare with "
+                f"the intervals of 95 % that `dem_sigma.tif` states contain {share:.0%} of the lit cells: errors "
+                "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
+                "compare with "
                 "another dem.method"
             )
 

@@ -304,7 +304,7 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
         ("x,y,z\n0,0,1\n0,1,high\n", "line 3 reads '0,1,high'; give finite numbers"),
         ("x,y,z\n0,0\n", "line 2 reads '0,0'"),
         ("x,y,z,sigma\n0,0,1,-1\n", "line 2 has a negative sigma"),
-        ("x,y,z\n0,0,1\n0,1,-9999\n1,1,-32767\n", "line 3 has z = -9999, no height on Earth (2 of 3 lines)"),
+        ("x,y,z\n0,0,1\n0,1,-9999\n1,1,-32767\n", "line 3 has z = -9999, not a height on Earth (2 of 3 lines)"),
         ("x,y,z\n900,0,1\n901,0,1\n902,0,1\n", "0 of 3 places lie within the DEM"),
         ("", "line 1 reads ''"),
     ],

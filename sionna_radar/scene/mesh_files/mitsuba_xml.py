@@ -108,7 +108,7 @@ def _parsed(path: Path) -> Any:
     except DefusedXmlException as error:
         raise MeshError("has a document type or entities, which no scene needs; remove them") from error
     except ParseError as error:
-        raise MeshError(f"is not XML ({error}); correct it at that place") from error
+        raise MeshError(f"is not XML ({error}); correct it there") from error
 
 
 def _refuse(element: Any, reason: str) -> None:

@@ -85,6 +85,6 @@ def build_mimo(inputs: SensorInputs) -> Mimo:
     if not isinstance(inputs.angle, ArrayEstimator) or inputs.module is None or inputs.bursts is None:
         raise ScenarioError.of("radar.array", "missing; sensor = 'mimo' needs its elements")
     if inputs.receiver.chain is not None or inputs.receiver.high_pass is not None:
-        message = "an array's receivers are ideal but for noise and radar.array; remove the others"
+        message = "an array's receivers support thermal noise and radar.array only; remove the other keys"
         raise ScenarioError.of("radar.receiver", message)
     return Mimo(inputs, inputs.bursts, inputs.module, inputs.angle)
