@@ -50,6 +50,10 @@ def by_class(
         Classified value of each cell.
     bounds:
         Bounds of the classes, ascending.
+
+    Returns
+    -------
+    Error statistics of the classes that are not empty.
     """
     number = np.searchsorted(bounds, value, side="right") - 1
     number[value == bounds[-1]] = len(bounds) - 2
@@ -136,6 +140,10 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
         Cells to use, where filled.
     seed:
         Seed of the scenario.
+
+    Returns
+    -------
+    The empirical variogram, m²; None without enough cells.
     """
     valid = error.filled & cells
     row, column = np.nonzero(valid)
@@ -234,6 +242,10 @@ def break_down(
         See `checkpoint_test`.
     covers:
         Cells of each cover.
+
+    Returns
+    -------
+    The error by classes, with checkpoints and variogram.
     """
     cells = error.filled & lit
     sample = _some(cells, seed)

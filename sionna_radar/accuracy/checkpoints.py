@@ -39,7 +39,17 @@ def gradient(raster: Raster) -> tuple[Float[np.ndarray, "row column"], Float[np.
 
 
 def slope_deg(raster: Raster) -> Float[np.ndarray, "row column"]:
-    """Return the slope of each cell in degrees; NaN as for `gradient`."""
+    """Return the slope of each cell in degrees; NaN as for `gradient`.
+
+    Parameters
+    ----------
+    raster:
+        Heights in m.
+
+    Returns
+    -------
+    Slope of each cell in degrees; NaN at the border and next to empty cells.
+    """
     return np.rad2deg(np.arctan(np.hypot(*gradient(raster))))
 
 
@@ -108,6 +118,10 @@ def checkpoint_test(
         Shares of the cells covered by anything but open ground, by kind of cover.
     own_error_m:
         Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
+
+    Returns
+    -------
+    Result of the test, heights in m.
     """
     cells = error.filled & lit
     wanted = checkpoints_wanted(float(cells.sum()) * error.grid.spacing_m**2)

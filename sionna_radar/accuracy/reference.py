@@ -238,6 +238,10 @@ def compare_with_reference(
     seed:
         Of the random choice of checkpoints among cells.
 
+    Returns
+    -------
+    Shift, error statistics and breakdown of the DEM against the reference.
+
     Raises
     ------
     InputFileError

@@ -82,6 +82,10 @@ def antenna_pose(
         Antenna in the platform.
     lever_arm_m:
         From the navigation system to the antenna: nose, right, down.
+
+    Returns
+    -------
+    Positions, velocities and orientations of the antenna in the world frame.
     """
     motion = body_motion(trajectory, time_s)
     position_m, velocity_mps = antenna_place(motion, lever_arm_m)

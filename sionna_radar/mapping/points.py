@@ -78,6 +78,10 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         Sorted indices of the block's pulses.
     measured:
         Their poses as the navigation system reports them.
+
+    Returns
+    -------
+    Points in the world frame, in the order of the echoes.
     """
     row = rows_of(pulse, echoes.pulse)
     origin = measured.position_m[row]

@@ -53,7 +53,22 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 
 def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario."""
+    """Return the antenna of a scenario.
+
+    Parameters
+    ----------
+    table:
+        Table `[radar.antenna]`.
+
+    Returns
+    -------
+    The antenna.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The antenna cannot be built from its table or its pattern file.
+    """
     return ANTENNAS.build(table.kind, Antenna, table)
 
 
@@ -198,12 +213,32 @@ def build_array(table: ArrayTable, chirp: Chirp, period_s: float, seed: int) -> 
 
 
 def build_chirp(radar: RadarTable) -> Chirp:
-    """Return the chirp of a scenario; for a triangular sweep its rising half."""
+    """Return the chirp of a scenario; for a triangular sweep its rising half.
+
+    Parameters
+    ----------
+    radar:
+        Table `[radar]`.
+
+    Returns
+    -------
+    The chirp; for a triangular sweep its rising half.
+    """
     return build_sweeps(radar)[0]
 
 
 def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
-    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
+    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples.
+
+    Parameters
+    ----------
+    radar:
+        Table `[radar]`.
+
+    Returns
+    -------
+    The sweep of a pulse, or its rising and its falling half.
+    """
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)

@@ -35,6 +35,10 @@ def plane_echo(
         Wavelength, and height above the plane.
     incidence_rad:
         Angle of the boresight from nadir.
+
+    Returns
+    -------
+    Received over transmitted power, a ratio.
     """
     cos_incidence, weight = _beam_quadrature(antenna, incidence_rad)
     if not antenna.separable:

@@ -38,6 +38,10 @@ def scenes_directory() -> Path:
 def shipped_scenarios() -> dict[str, Path]:
     """Return the files of the shipped scenarios by name.
 
+    Returns
+    -------
+    Paths of TOML files by name of the scenario.
+
     Examples
     --------
     >>> "hills" in shipped_scenarios()
@@ -56,6 +60,10 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     overrides:
         Values by dotted key; None removes a key, a table replaces the whole table. Conflicting keys of a shipped
         scenario are removed.
+
+    Returns
+    -------
+    The validated scenario.
 
     Raises
     ------
@@ -109,6 +117,10 @@ def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
     source:
         Name of the scenario in errors.
 
+    Returns
+    -------
+    The validated scenario.
+
     Raises
     ------
     ScenarioError
@@ -139,6 +151,10 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
         The scenario; its parameters of custom parts are written, too.
     defaults:
         Whether keys that have their default are written.
+
+    Returns
+    -------
+    TOML text.
 
     Raises
     ------

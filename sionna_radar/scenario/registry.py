@@ -228,6 +228,10 @@ name:
 parameters:
     Its table of parameters, `{table}`{none}.
 
+Returns
+-------
+A decorator that registers the builder and returns it unchanged.
+
 Raises
 ------
 PluginError

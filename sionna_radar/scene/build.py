@@ -287,5 +287,15 @@ def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 
 def box_of(table: Building) -> Box:
-    """Return the box of a building: an entry of a scenario's `buildings`."""
+    """Return the box of a building: an entry of a scenario's `buildings`.
+
+    Parameters
+    ----------
+    table:
+        Table of the building.
+
+    Returns
+    -------
+    The box in local metres, its heading in radians.
+    """
     return table.to(Box, heading_rad=float(np.deg2rad(table.heading_deg)))

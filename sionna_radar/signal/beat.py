@@ -83,6 +83,10 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The pulses of the block.
     chirp:
         The sweep.
+
+    Returns
+    -------
+    Beat signals in sqrt(W) for 1 W of transmitted power; complex for I/Q samples.
     """
     beat = analytic_beats(paths, pulses, chirp)
     return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real

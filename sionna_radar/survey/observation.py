@@ -130,6 +130,17 @@ def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[Observe
 
     With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
     another thread.
+
+    Parameters
+    ----------
+    blocks:
+        Blocks of pulses, in order.
+    sensor:
+        The sensor that observes them.
+
+    Returns
+    -------
+    An iterator over the blocks with their observations.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)
@@ -224,6 +235,10 @@ def observe(
         Recorders of further data; with any, this process simulates the whole survey.
     work:
         Module-level function that observes a segment on a worker; default: of prepared surveys.
+
+    Returns
+    -------
+    The sensor and the observations of the whole survey.
 
     Raises
     ------
@@ -350,7 +365,23 @@ class SegmentObserver:
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
-    """Correct and locate echoes by the poses that a schedule's navigation reports."""
+    """Correct and locate echoes by the poses that a schedule's navigation reports.
+
+    Parameters
+    ----------
+    echoes:
+        Echoes of the survey, not corrected for Doppler.
+    sensor:
+        Corrects the ranges of the echoes.
+    schedule:
+        All pulses, with the navigation that reports their poses.
+    block_size:
+        Number of echoes that are located at once.
+
+    Returns
+    -------
+    Points in the world frame, in the order of the echoes.
+    """
     located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
         own = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)

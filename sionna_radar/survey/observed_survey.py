@@ -74,6 +74,10 @@ def observe_survey(
     parts, execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    The prepared survey, its sensor and its observations.
+
     Raises
     ------
     ScenarioError, InputFileError

@@ -78,6 +78,20 @@ def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
     An average over many rain events; at 10 mm/h its water flux is 16 % larger than the rate.
     At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
     2000RS002369).
+
+    Parameters
+    ----------
+    rain_rate_mm_per_h:
+        Rain rate, mm/h.
+
+    Returns
+    -------
+    The exponential drop-size distribution.
+
+    Raises
+    ------
+    ValidityError
+        The rain rate is not positive.
     """
     if not rain_rate_mm_per_h > 0:
         raise ValidityError(f"rain_rate_mm_per_h = {rain_rate_mm_per_h:g} must be positive")

@@ -95,6 +95,19 @@ def landscape_of_heights(
 ) -> Landscape:
     """Return ground of given heights, with the covers of its table.
 
+    Parameters
+    ----------
+    raster:
+        Heights in local metres.
+    terrain:
+        Table with the material and the covers of the ground.
+    georeference:
+        Position of the local frame on the map; None if unknown.
+
+    Returns
+    -------
+    The ground with its surfaces, bare heights and covers.
+
     Raises
     ------
     ScenarioError, InputFileError
@@ -258,7 +271,24 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
 
 
 def build_landscape(table: TerrainParameters, inputs: TerrainInputs) -> Landscape:
-    """Return the ground of a scenario."""
+    """Return the ground of a scenario.
+
+    Parameters
+    ----------
+    table:
+        Table `[terrain]`.
+    inputs:
+        Window of the survey, carrier, materials and further inputs.
+
+    Returns
+    -------
+    The ground with its surfaces, bare heights and covers.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The terrain cannot be built from its table or its files.
+    """
     landscape: Landscape = TERRAINS.build(table.kind, Landscape, table, inputs)
     if landscape.georeference is None:
         return replace(landscape, georeference=_stated_place(table))
