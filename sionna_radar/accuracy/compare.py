@@ -1,4 +1,4 @@
-"""Comparison of a DEM with the true surface, and of two engines' DEMs with each other.
+"""DEM error statistics against the true surface, and tests between the DEMs of two engines.
 
 A randomisation test over tiles of the map decides whether two engines' DEMs differ by more than speckle. It takes four
 DEMs of one survey, two seeds of each engine. If both engines see the same surface, the four are exchangeable in every

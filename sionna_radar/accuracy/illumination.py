@@ -1,4 +1,4 @@
-"""The mappable ground of a survey: in the main beam, and not in geometric shadow.
+"""Mappable ground of a survey: cells in the main beam and not in geometric shadow.
 
 Masks of places within half a beam footprint of a wall, and wall distances.
 """

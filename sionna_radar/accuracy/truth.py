@@ -1,4 +1,4 @@
-"""The truth of a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
+"""Ground truth of a survey: true surface, illuminated cells, DEM error, and echoes of volume clutter.
 
 The label of an echo as volume clutter (rain, snow, fog, dust) serves a warning, and is not available to mapping.
 """

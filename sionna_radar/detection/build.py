@@ -1,4 +1,4 @@
-"""The processing of a scenario: its detector, range estimator, expected ground and estimator of angles of arrival."""
+"""Builder of the processing of a scenario: detector, range estimator, expected ground, angle of arrival."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Threshold multipliers of a CFAR: factors on its noise level for a specified probability of false alarm.
+"""CFAR threshold multipliers for a false-alarm probability, with correlated cells.
 
 The power of a cell of noise is exponential, so a cell under test passes a multiple a of the noise level Z with
 probability E[exp(-a Z)], Z being measured in units of the noise power. A window correlates neighbouring cells.

@@ -1,4 +1,4 @@
-"""Heights of an elevation file at the cells of a grid, its cells without data, and seeded detail below its spacing.
+"""Resampling of an elevation file to a grid, treatment of its holes, and seeded fractal detail below its spacing.
 
 The cells are interpolated from the file one by one (bilinear between its cell centres, after averaging if the file is
 finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and voids would cost

@@ -1,4 +1,4 @@
-"""A surface of gridded heights: bilinear between the cells, constant beyond the border."""
+"""Gridded height field: bilinear heights, slopes and ray intersections."""
 
 from dataclasses import dataclass
 from typing import no_type_check

@@ -1,4 +1,4 @@
-"""Frames, the rotations between them, and the motion of the platform and of an antenna at the end of a lever arm.
+"""Coordinate frames, rotations between them, and the motion of an antenna at the end of a lever arm.
 
 world   east, north, up (ENU): the frame of scenes and points
 level   forward, right, down with the heading of the platform: the paper's absolute coordinates

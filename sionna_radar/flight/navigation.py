@@ -1,4 +1,4 @@
-"""A GPS/IMU with errors: the antenna pose that it reports, and errors as stated by a flight log.
+"""GPS/IMU error models: the antenna pose reported with errors, stated by a scenario or by a flight log.
 
 The trajectory is the true motion of the inertial navigation system (INS). Its report has errors of position,
 velocity and attitude, each the sum of three parts: constant, white (new at every pulse) and first-order

@@ -1,4 +1,4 @@
-"""The pulses of a survey: time, position and direction of each transmitted chirp, and bursts of averaged chirps.
+"""Pulse schedule of a survey: time and antenna pose of each transmitted chirp, and bursts of averaged chirps.
 
 The chirps of a burst are averaged to one pulse of the survey, in the middle of its chirps.
 """

@@ -1,4 +1,4 @@
-"""Tracks with turns: straight legs and arcs, parameterised by distance along the track, and the bank in the arcs.
+"""Tracks with turns: straight legs and circular arcs, parameterised by distance, and the bank in the arcs.
 
 In a coordinated turn at speed v the radius r and the bank satisfy tan(bank) = v^2 / (g r). The bank changes at a
 steady rate while the aircraft rolls in and out, half of it before and half of it after the arc begins or ends; the arc

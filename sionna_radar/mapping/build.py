@@ -1,4 +1,4 @@
-"""Build the mapper of a scenario: its DEM method from `[dem]`, and the speckle decorrelation of its ground."""
+"""Builder of the mapper of a scenario: DEM method, land cover, and speckle decorrelation of its ground."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Mapping of points and echoes to a DEM: the inputs of methods, their registration by name, and the grid of cells.
+"""The mapper: inputs and registration of DEM methods, and the grid of the DEM.
 
 A mapper knows the measured poses, the antenna and the echoes, but not the truth.
 """

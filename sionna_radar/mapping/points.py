@@ -1,4 +1,4 @@
-"""Location of echoes in the world frame, on the beam axis or inside the beam, from the measured pose."""
+"""Geolocation of echoes: points in the world frame from ranges, directions and measured poses."""
 
 from dataclasses import dataclass, fields
 from hashlib import sha256

@@ -1,4 +1,4 @@
-"""The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
+"""Builder of the radar of a scenario: antenna, sweeps, second receivers and MIMO array."""
 
 import logging
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The radar equation over an extended plane, by quadrature over the beam."""
+"""Radar equation over an extended plane, by quadrature over the beam; near-field range of a volume echo."""
 
 from dataclasses import dataclass
 

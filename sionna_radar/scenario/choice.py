@@ -1,4 +1,4 @@
-"""Selection of registered parts in a scenario: by a key of the part's own table, or by a key beside it."""
+"""Validation of keys that select a registered part: by a tag in its own table, or by a name beside its parameters."""
 
 from __future__ import annotations
 

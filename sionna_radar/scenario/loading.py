@@ -1,4 +1,4 @@
-"""Reading of scenarios from TOML files or shipped names, with overrides and actionable errors.
+"""Loading, validation and writing of scenarios: TOML files, shipped scenarios, overrides, and input files they name.
 
 Identifies the input files of a scenario as well, so that a resumed run can detect changes.
 """

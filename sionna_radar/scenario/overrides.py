@@ -1,4 +1,4 @@
-"""Overrides of a scenario file: read from `KEY=VALUE` or a file, and merged into the file's tables.
+"""Overrides of a scenario: parsing of `KEY=VALUE` and override files, and merging into its tables.
 
 A key is dotted, with numbers for the entries of a list. The value None removes a key, a table replaces the whole
 table. Conflicting keys not written by the user are removed: see `drop_conflicting_keys`.

@@ -1,4 +1,4 @@
-"""Registries of the parts of a survey selected by name in a scenario, built-in and custom alike.
+"""Registries of scans, antennas, sensors, methods and other parts that a scenario names, built-in and custom.
 
 A part is registered under a name with its builder and, if any, its table of parameters. Names come from
 three sources: this package, installed packages with the entry-point group `sionna_radar.plugins`, and

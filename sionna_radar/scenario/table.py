@@ -1,4 +1,4 @@
-"""The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
+"""Base class of all scenario tables: frozen pydantic models, strict numbers with bounds, errors with a key, units.
 
 The meaning of a key is its field's description, or the string under it (`reference.meanings`); pydantic would read
 the source of each table to find it whenever the package is imported, which takes 0.1 s. The unit of a key is the end

@@ -1,4 +1,4 @@
-"""Building the scene of a scenario: terrain or city, buildings, targets, materials."""
+"""Builder of the scene of a scenario: terrain, buildings, meshes, targets, vegetation and materials."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

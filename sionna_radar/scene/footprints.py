@@ -1,4 +1,4 @@
-"""Buildings: extruded from the outlines of a vector file, thousands at a time, and boxes on the ground."""
+"""Buildings extruded from the outlines of a vector file, and boxes on the ground."""
 
 import logging
 import re

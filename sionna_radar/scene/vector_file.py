@@ -1,4 +1,4 @@
-"""Reading of polygons from vector files of footprints and land cover: GeoJSON, GeoPackage, Shapefile.
+"""Reader of polygons from vector files (GeoJSON, GeoPackage, Shapefile), for footprints and land cover.
 
 GDAL opens far more than files, and follows references in small files regardless of their suffix. A file's first bytes
 must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.

@@ -1,4 +1,4 @@
-"""Stands of vegetation over the ground, on a grid traversed by rays."""
+"""Vegetation stands as a gridded layer above the ground, which rays traverse."""
 
 import logging
 import math

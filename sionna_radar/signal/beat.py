@@ -1,4 +1,4 @@
-"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp, on a grid of times.
+"""Synthesis of beat signals from paths, as a non-uniform Fourier sum for each chirp.
 
 With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the transmitted and the
 received wave is (t from the middle of the sweep, S its slope)

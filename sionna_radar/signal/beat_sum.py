@@ -1,4 +1,4 @@
-"""Sums of complex exponentials for a block of beat signals, by a non-uniform Fourier transform.
+"""Non-uniform FFT: sums of complex exponentials for a block of beat signals.
 
 Each exponential of u cycles per sample is spread over a few points of a fine grid of frequencies, around its own; an
 ordinary Fourier transform of the grid then gives the samples, after division by the transform of the spreading function

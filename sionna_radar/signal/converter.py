@@ -1,4 +1,4 @@
-"""The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding and its step.
+"""Analogue-to-digital converter: I/Q imbalance, offset, gain control, clipping and quantisation.
 
 Samples are returned on the scale of the antenna: the known gain in front of the converter is divided out.
 """

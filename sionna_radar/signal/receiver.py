@@ -1,4 +1,4 @@
-"""The receiver: from paths to sampled beat signals, with thermal noise."""
+"""The receiver: noisy sampled beat signals from paths."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The materials of a scenario at its carrier and polarization: registration, models by name, media and validity."""
+"""Builder of the materials of a scenario: registration, models by name, permittivity, and checks of validity."""
 
 import logging
 import re

@@ -1,4 +1,4 @@
-"""An observed survey, mapped again per navigation system, or in tiles on workers.
+"""An observed survey that can be mapped again, with other navigation errors or in tiles on workers.
 
 Navigation errors do not affect tracing: the survey is observed once, and only Doppler correction, location, DEM and
 comparison are repeated.

@@ -1,4 +1,4 @@
-"""Warnings about the result of a survey: what degrades it, and the remedy."""
+"""Warnings about the result of a survey, each with a remedy."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The tracer of a scenario: its engine by name, and plants, mirrors, targets and the air around it."""
+"""Builder of the tracer of a scenario: engine by name, weather, vegetation, mirrors and targets."""
 
 import math
 from collections.abc import Callable

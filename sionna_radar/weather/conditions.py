@@ -1,4 +1,4 @@
-"""The weather of a survey at one carrier: specific attenuation, reflectivity, and fall speeds of what is in the air."""
+"""Weather at one carrier: specific attenuation, reflectivity and fall speeds of precipitation and obscurants."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Raindrops: size distribution, shape and its effect on polarization, and the distribution of echo over fall speed.
+"""Raindrops: size distribution, oblateness and depolarization, and fall speeds weighted by echo.
 
 The shape of falling drops affects the polarization of the rain echo. Drag flattens larger drops more, and turbulence
 tilts their axes about the vertical. With v the axis across the line of sight in the vertical plane and h the horizontal

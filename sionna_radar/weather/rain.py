@@ -1,4 +1,4 @@
-"""Rain: attenuation (ITU-R P.838), backscatter (Mie over Marshall-Palmer), and where it falls: showers and fields.
+"""Rain: attenuation (ITU-R P.838), reflectivity (Mie over Marshall-Palmer), and maps of rain cells and rain fields.
 
 The two have different standing. P.838 is the recommended prediction of attenuation, the one to use.
 For the backscatter at 77 GHz no recommendation was found, so it is computed from the drop size distribution.

@@ -1,4 +1,4 @@
-"""Range estimators: range and uncertainty of an echo from its detected span of bins.
+"""Range estimators (peak, centroid, leading edge, threshold, model fit, tracker) with their uncertainty.
 
 Strongest bin, centroid, leading edge, threshold, the fit of a plane's mean echo, and a first-order loop over pulses.
 

@@ -1,4 +1,4 @@
-"""The mean echo of a sloping plane through a beam, and its fit to measured powers.
+"""Model fit of ranges: the mean echo of a sloping plane through a beam, fitted to measured powers.
 
 On a plane whose normal makes the angle t with the boresight, a ray turned by the small angles of sines s in the plane
 of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), with the mean square for u^2. The

@@ -1,4 +1,4 @@
-"""The beam model of mapping: nodes and samples of the main lobe, and their two-way power.
+"""Discretised main lobe of the antenna for mapping: directions and two-way power of beam samples.
 
 The samples form a low-discrepancy set rather than a lattice, so that few of them cross an edge at once.
 """

@@ -1,4 +1,4 @@
-"""The forward model of echoes as machine code, pulse by pulse; `model` says what it computes.
+"""Numba kernels of the echo model: likelihood of range profiles, its score and curvature.
 
 Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
 profile, with a margin of `pad` cells on both sides for the response of the window. The response is that of cells over

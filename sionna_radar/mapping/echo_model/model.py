@@ -1,4 +1,4 @@
-"""The forward model of echoes: profiles predicted for a surface, their derivatives by its heights, and mean ranges.
+"""Forward model of echoes: predicted range profiles over a surface, their derivatives by heights, and mean ranges.
 
 A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
 meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of

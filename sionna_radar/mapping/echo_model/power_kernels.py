@@ -1,4 +1,4 @@
-"""Where a beam meets a surface, and in which range cells its power falls, as machine code, pulse by pulse.
+"""Numba kernels of the echo model: intersections of beam and surface, and power per range cell.
 
 Cells are numbered from the first of a profile, with a margin of `pad` cells on both sides for the response of the
 window; see `kernels`.

@@ -1,4 +1,4 @@
-"""Speckle correlation length in pulses: geometry, beam, ground motion.
+"""Correlation of speckle between pulses, from geometry, beam and motion of the ground.
 
 The field in a range cell is the sum over fixed random scatterers on the ground, weighted with the beam's gain
 and the phase of their range. The fields of pulses p and q correlate by the overlap of their

@@ -1,4 +1,4 @@
-"""The Delaunay triangles of many points, piece by piece: the whole takes over half a kilobyte of memory a point.
+"""Delaunay triangulation of many points, piece by piece to bound memory.
 
 A triangle is a Delaunay triangle if the circle through its corners holds no point. So points are triangulated in pieces
 with those around them: a circle that lies within the box around a piece is empty for good. A point all of whose

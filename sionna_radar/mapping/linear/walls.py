@@ -1,4 +1,4 @@
-"""Classification of triangles between the foot and the top of a wall.
+"""Detection of wall triangles, between the foot and the top of a wall, in a triangulation.
 
 Two signs, each enough. A triangle is steep, and ground as steep would go on being steep at one of its ends. Or one of
 its sides joins two levels: it is steeper than the ground beyond both of its ends, by more than half of 45 deg's slope.

@@ -1,4 +1,4 @@
-"""The information matrix of all echoes about the heights of grid cells, as a linear operator.
+"""Fisher information of all echoes on the heights of grid cells, as a linear operator.
 
 The factor F of a pulse acts on the heights under its nodes, and those are bilinear in the cells around. Where a
 footprint covers fewer cells than there are nodes, F is brought onto the cells once, which is then less work each time

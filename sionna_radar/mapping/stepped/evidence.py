@@ -1,4 +1,4 @@
-"""Evidence of the echoes for and against a surface at every height over every cell of a map.
+"""Log-likelihood of a surface at every height over every cell, from range profiles.
 
 A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, contributes at least the mean power
 m = n + g w to its range cell, n being the receiver noise; the power P there is exponential about the

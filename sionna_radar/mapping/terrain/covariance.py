@@ -1,4 +1,4 @@
-"""Covariance of terrain heights, estimated from scattered measurements of them by maximum likelihood.
+"""Matern covariance of terrain heights, fitted to scattered heights by maximum likelihood.
 
 The Matern family spans rough to infinitely smooth terrain by its smoothness, from fractal (0.3 to 1, the Hurst
 exponent) to Gaussian (infinite), with a length and a variance (Stein 1999, "Interpolation of Spatial Data").

@@ -1,4 +1,4 @@
-"""Smoothing surfaces: the most probable terrain given scattered heights, their noise and a covariance.
+"""Gaussian-process smoothing: the most probable terrain given scattered heights, noise and a covariance.
 
 A terrain is a plane plus a Gaussian field, z = trend + root * white, on a padded periodic grid where `root` acts by
 the fast Fourier transform. Where relief varies, long and short waves have fields of their own, the latter times the

@@ -1,4 +1,4 @@
-"""The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells.
+"""Uncertainty of a DEM by Bayesian model averaging: standard deviation of cells, and of means over windows.
 
 The echoes allow terrains of several covariances, one for each smoothness, with the probability of each. Echoes hardly
 resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So

@@ -1,4 +1,4 @@
-"""glTF 2.0 scenes, binary (GLB) and text: read by trimesh from a reduced document of nodes, triangles and materials.
+"""Reader of glTF 2.0 scenes, binary (GLB) and text, by trimesh from a document reduced to triangles and materials.
 
 Trimesh does not check accessors against their buffers or nodes for cycles, so both are checked before. Features that it
 silently ignores are rejected: fans, `normalized` and sparse accessors, and nodes with two parents.

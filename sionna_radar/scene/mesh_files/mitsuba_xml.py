@@ -1,4 +1,4 @@
-"""Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; other elements are ignored.
+"""Reader of Mitsuba 3 and Sionna RT scenes (XML): shapes, transforms and names of materials.
 
 Sionna's own loader runs a scene's plug-ins and reads any file; this one reads only meshes of the scene's folder.
 Mitsuba also stores positions as float32, in steps of 0.25 m at a northing of 5,000 km.

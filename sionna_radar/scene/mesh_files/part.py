@@ -1,4 +1,4 @@
-"""Parts of a mesh as returned by all readers, their bounds, triangulation, and reading by trimesh.
+"""Mesh parts as returned by all mesh readers: bounds, triangulation, index checks, and reading by trimesh.
 
 Polygons of a mesh file are split into triangles, also concave ones, which trimesh splits as fans. Trimesh reads
 unprocessed triangles, without merging vertices, and only from the given bytes.

@@ -1,4 +1,4 @@
-"""The ground of a scenario from `[terrain]`: the registry of sources, and the built-in ones by their tables."""
+"""Builder and registry of terrains: the ground of a scenario from `[terrain]`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace

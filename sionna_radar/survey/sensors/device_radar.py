@@ -1,4 +1,4 @@
-"""A radar whose signals stay in the ray tracer's memory, from fields to range profiles.
+"""The radar sensor on a GPU: signals stay in the ray tracer's memory, from fields to range profiles.
 
 It is used on a GPU, for engines that trace all that the radar sees, one sweep per pulse, and receivers that only add
 noise. Pulses examined before the flight and all other cases use `Radar` on the host.

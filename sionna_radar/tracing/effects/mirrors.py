@@ -1,4 +1,4 @@
-"""Mirror reflections: plane patches of a surface that return the wave coherently, by physical optics.
+"""Coherent mirror reflections of plane surface patches, by physical optics.
 
 An infinite plane is a mirror: its echo is that of the radar's own image, twice as far away as the plane, so
 |gain| = G |R| lambda / (4 pi 2 h), with R the coherent reflection at normal incidence and h the distance to the foot of

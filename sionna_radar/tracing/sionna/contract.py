@@ -1,4 +1,4 @@
-"""Check of the undocumented parts of Sionna RT that the engines rely on, on a path with known gain.
+"""Self-test of the undocumented parts of Sionna RT that the engines rely on.
 
 The engines fill Sionna's path buffer through private names. Another release may rename one, and would then compute from
 zeros, or from uninitialised memory, without an error.

@@ -1,4 +1,4 @@
-"""A backscatter model as a radio material of Sionna RT."""
+"""Adapter of backscatter models as a radio material of Sionna RT."""
 
 from typing import Any
 

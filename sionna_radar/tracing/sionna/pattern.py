@@ -1,4 +1,4 @@
-"""Our antenna as an antenna pattern of Sionna RT."""
+"""Adapter of antennas as an antenna pattern of Sionna RT."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""A `Scene` as Sionna RT objects."""
+"""Conversion of a `Scene` to a Sionna RT scene."""
 
 from copy import copy
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""The beam engine: a block of pulses traced in one wavefront, with Sionna's field calculator.
+"""The beam engine: rays of a block of pulses in one wavefront, fields by Sionna RT's field calculator.
 
 Rays are shot only inside the beam (see `rays`). One of K rays drawn with the density p per steradian
 represents the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the

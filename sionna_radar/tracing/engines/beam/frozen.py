@@ -1,4 +1,4 @@
-"""Echoes as differentiable functions of the radar, its antenna and the materials, on the facets that rays have met.
+"""Differentiable echoes: profiles as functions of radar, antenna and materials over fixed ray hits.
 
 The echo of a pulse is an integral over the illuminated surface. Rays find its places once; then fields are evaluated
 again by Sionna's field calculator for a radar that moves, turns, or has another pattern, over other materials.

@@ -1,4 +1,4 @@
-"""Ray directions inside a beam, drawn on the device from the two cuts of the beam or the cells of its power.
+"""Importance sampling of ray directions inside a beam, on the device.
 
 A few hundred rays represent the whole echo. Most rays are drawn in proportion to the two-way power of the beam, a small
 share uniformly over the half sphere in front of the antenna, for the side lobes. Within a pulse the rays form a

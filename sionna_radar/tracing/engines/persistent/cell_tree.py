@@ -1,4 +1,4 @@
-"""Cells of space: their pieces of surface, their order along a curve, and the tree searched for those in a beam.
+"""Spatial cells in Morton order, and a bounding-box tree to find those inside a beam.
 
 Cells near each other are close along the curve. The tree bounds groups of cells, down to those that a beam reaches.
 """

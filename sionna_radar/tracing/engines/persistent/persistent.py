@@ -1,4 +1,4 @@
-"""The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
+"""The persistent engine: tracing of scatterers fixed to the surface, coherent from chirp to chirp.
 
 Each pulse sees the scatterers within its beam, truncated in azimuth and in elevation, that a ray reaches. Their fields
 come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and

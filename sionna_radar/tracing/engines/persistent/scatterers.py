@@ -1,4 +1,4 @@
-"""Scatterers fixed to the surface, so that the phase from chirp to chirp is that of a real scene.
+"""Random scatterers fixed to surfaces, drawn on demand where beams need them.
 
 Their density follows the place (see `density`), decided before the flight, so that all pulses see scatterers of one
 and the same surface. They are drawn cell by cell of space when a beam first reaches the cell, from the seed, the
