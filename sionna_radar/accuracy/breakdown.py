@@ -223,7 +223,7 @@ def break_down(
     walls: Walls | None,
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
-    own_error_m: float | None = None,
+    checkpoint_sigma_m: float | None = None,
     covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
 ) -> Breakdown:
     """Return the breakdown of a DEM's error by classes of ground and view, with checkpoints and variogram.
@@ -238,7 +238,7 @@ def break_down(
         Walls of the scene; None if they are not known.
     seed:
         Seed of the scenario, for checkpoints and pairs.
-    covered, own_error_m:
+    covered, checkpoint_sigma_m:
         See `checkpoint_test`.
     covers:
         Cells of each cover.
@@ -260,7 +260,7 @@ def break_down(
         if (cells & own).any()
     }
     return Breakdown(
-        checkpoints=checkpoint_test(error, truth, lit, seed, covered, own_error_m),
+        checkpoints=checkpoint_test(error, truth, lit, seed, covered, checkpoint_sigma_m),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
         by_incidence=by_class(error_m, incidence_deg(truth, points, sample), INCIDENCES_DEG),
         by_wall_distance=distances,

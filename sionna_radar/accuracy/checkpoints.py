@@ -102,7 +102,7 @@ def checkpoint_test(
     lit: Bool[np.ndarray, "row column"],
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
-    own_error_m: float | None = None,
+    checkpoint_sigma_m: float | None = None,
 ) -> CheckpointTest:
     """Return the test of a DEM with seeded checkpoints on lit cells that it fills.
 
@@ -116,7 +116,7 @@ def checkpoint_test(
         Seed of the scenario.
     covered:
         Shares of the cells covered by anything but open ground, by kind of cover.
-    own_error_m:
+    checkpoint_sigma_m:
         Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
 
     Returns
@@ -134,7 +134,7 @@ def checkpoint_test(
     if len(values) == 0:
         rms_m = mean_m = std_m = greatest_m = float("nan")
     else:
-        rms_m = float(np.sqrt(np.mean(values**2) + (own_error_m or 0.0) ** 2))
+        rms_m = float(np.sqrt(np.mean(values**2) + (checkpoint_sigma_m or 0.0) ** 2))
         mean_m, std_m = float(values.mean()), float(values.std())
         greatest_m = float(np.abs(values).max())
     hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MAX_COVERED]
@@ -151,7 +151,7 @@ def checkpoint_test(
         greatest_m=greatest_m,
         class_cm=class_cm,
         where=_where(even),
-        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden, own_error_m),
+        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden, checkpoint_sigma_m),
     )
 
 
@@ -205,7 +205,7 @@ def _statement(
     rms_m: float,
     class_cm: int | None,
     hidden: Sequence[str],
-    own_error_m: float | None,
+    checkpoint_sigma_m: float | None,
 ) -> str:
     standard = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2 (2023)"
     if hidden:
@@ -213,9 +213,13 @@ def _statement(
     if class_cm is None:
         return f"not tested by the {standard}: it asks for {required} checkpoints, and there are {count} cells for them"
     kind, own = "simulated", "without error"
-    if own_error_m is not None:
+    if checkpoint_sigma_m is not None:
         kind = "measured"
-        own = f"with an error of {100 * own_error_m:.1f} cm, included" if own_error_m else "with an error unknown"
+        own = (
+            f"with an error of {100 * checkpoint_sigma_m:.1f} cm, included"
+            if checkpoint_sigma_m
+            else "with an error unknown"
+        )
     return (
         f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
         f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {own}"

@@ -4,7 +4,7 @@ A reading r(t) that is late by L reads what was true before: r(t) = h(t - L) + b
 squares, which is that of the largest cross-correlation of readings and heights where their spreads are alike. It is
 found by Gauss-Newton steps from L = 0: to first order r(t) - h(t - L) changes by h'(t - L) per second of lag.
 Neighbouring errors are alike; the standard deviation is that of lags without one of eight stretches of the flight
-(`accuracy.robust_errors`). Over level ground, flown level, h' is zero and nothing tells a lag.
+(`accuracy.robust_errors`). Over level ground, flown level, h' is zero and a lag is not observable.
 """
 
 from dataclasses import asdict, dataclass
@@ -49,7 +49,7 @@ class Readings:
     errors: of all pulses; by_cover: of those over each cover.
     longest_drop_out_s: longest time between two readings, or between one and the start or end, less one interval.
     latency_s, latency_sigma_s: lag of the readings behind the true heights, positive for late ones, and its standard
-        deviation; None where the heights do not tell it.
+        deviation; None where it is not observable.
     by_readings_m: lowest clearance of the same flight steered by these readings instead of by the true ground; None for
         a flight that is not steered by what is sensed (`platform.height = "sensed"`).
     """
@@ -166,7 +166,7 @@ def latency(
 ) -> tuple[float, float] | None:
     """Return the lag of readings behind the true heights, and its standard deviation, s.
 
-    None where the heights vary too little to tell it to within a tenth of the flight, and with too few readings.
+    None where the heights vary too little to determine it to within a tenth of the flight, and with too few readings.
     """
     whole = np.isfinite(true_m)
     used = whole & np.isfinite(reading_m)

@@ -76,7 +76,7 @@ class Shift:
 
     The standard deviations come from few parts of the map; 1.96 of them to either side are an interval of 95 %.
 
-    east_m, north_m: horizontal; None for checkpoints, and where the relief does not tell.
+    east_m, north_m: horizontal; None for checkpoints, and where the relief does not determine it.
     up_m: vertical, in the middle of the DEM.
     tilt_east, tilt_north: slopes of the difference, m per m.
     rms_m, shifted_rms_m: of DEM minus reference, without outliers, before and after the shift is taken out.
@@ -286,7 +286,9 @@ def compare_with_reference(
         applied=apply_shift,
         error=error,
         statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
-        breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
+        breakdown=break_down(
+            error, surface, known, points, walls, seed, checkpoint_sigma_m=reference.sigma_m, covers=covers
+        ),
         calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
         missing={name: reason for name, reason in missing.items() if reason},
     )
@@ -335,7 +337,7 @@ def _check_at(
 
 # ----------------------------------------------------------------------------------------------------------- shift
 def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], path: Path) -> Shift:
-    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not tell it."""
+    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not determine it."""
     known = int((cells & reference.on(dem.grid).filled).sum())
     if known < MIN_CELLS:
         message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give a reference that covers it"
@@ -368,7 +370,8 @@ def _fitted(
         instruments = np.column_stack([*slopes, constant]) if moved else constant
         usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
         if moved and not usable.any():
-            # No cell has slopes on both surfaces, as where the DEM has single cells only: nothing tells the direction.
+            # No cell has slopes on both surfaces, as where the DEM has single cells only: the direction is not
+            # determined.
             return _fitted(dem, reference, cells, None)
         usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
         solved = robust_fit(model[usable], instruments[usable], residual[usable], blocks_of(place[usable]))

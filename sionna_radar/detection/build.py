@@ -115,7 +115,7 @@ def build_detector(
     high_pass: high-pass of the receiver, which the calibration removes from the spectra.
     estimator: a range estimator in place of that of `processing`.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
-    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells
+    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then gives
         the rain.
 
     Raises ScenarioError if the window leaks the cell under test into the training cells.

@@ -118,7 +118,7 @@ class SpectrumAnalyser:
         over_rows(transform, len(beat))
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
-    def power_where_they_are(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
+    def power_on_device(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
         """Return the power spectra of beat signals held in another library's arrays, without a high-pass."""
         spectrum = self._transform(beat, library)
         return library.fetched(spectrum.real**2 + spectrum.imag**2).astype(np.float64)

@@ -281,17 +281,17 @@ def schedule_pulses(
 class MeasuredPoseSchedule(PulseSchedule):
     """A schedule of pulses whose poses are known, instead of computed from a trajectory."""
 
-    given: Pulses
+    poses: Pulses
 
     def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
         """Return pulses by their numbers; their times are known."""
         del time_s
-        return replace(self.given.rows(index), index=index)
+        return replace(self.poses.rows(index), index=index)
 
     @property
     def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
         """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
-        return self.given.scan_number
+        return self.poses.scan_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -386,8 +386,8 @@ class MeasuredPoseFlight:
                 @ reported.R_world_antenna.transpose(0, 2, 1)
                 @ pose.R_world_antenna,
             )
-        given = replace(pulses, true=true, measured=local)
-        return MeasuredPoseSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, given=given)
+        poses = replace(pulses, true=true, measured=local)
+        return MeasuredPoseSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, poses=poses)
 
 
 # Interval between chirps, in periods, above which the scan has paused.

@@ -10,7 +10,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import KnownCover
+from sionna_radar.mapping.echo_model.model import LandCover
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
@@ -90,7 +90,7 @@ def build_mapper(
     errors: known ones of the instrument: those of its ranges; poses are without them.
     ground: the scenario whose covers `dem.cover` may know, in local metres; None if there is none.
 
-    Raises ScenarioError, InputFileError as `known_cover`.
+    Raises ScenarioError, InputFileError as `land_cover_of`.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:
@@ -109,7 +109,7 @@ def build_mapper(
         min_confidence_m=dem.min_confidence_m,
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
-        cover=None if dem.cover == "unknown" else known_cover(ground, grid),
+        cover=None if dem.cover == "unknown" else land_cover_of(ground, grid),
     )
 
 
@@ -117,7 +117,7 @@ def build_mapper(
 COVER_CELLS, COVER_BORDER_M = 2, 20.0
 
 
-def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
+def land_cover_of(scenario: Scenario | None, grid: Grid) -> LandCover:
     """Return the covers of a scenario in local metres around a DEM, with their levels.
 
     Raises ScenarioError where nothing says what covers the ground, InputFileError for covers that cannot be read.
@@ -136,7 +136,7 @@ def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
     incidence_rad = np.deg2rad(np.arange(90.0))
     gamma = np.stack([materials[name].sigma0(incidence_rad) for name in own]) / np.cos(incidence_rad)
     cover = of_name[number].astype(np.uint16)
-    return KnownCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
+    return LandCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:

@@ -71,7 +71,7 @@ class Chirp:
 
     @property
     def range_cells(self) -> int:
-        """Number of range cells that the samples tell apart."""
+        """Number of unambiguous range cells of the samples."""
         return self.samples // (2 if self.sampling == "real" else 1)
 
     @property

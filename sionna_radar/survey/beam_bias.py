@@ -56,12 +56,12 @@ def beam_bias(schedule: PulseSchedule, built: BuiltScene, beam: BeamNodes) -> Be
     power = np.where(met, share / np.where(met, range_m, 1.0) ** 2, 0.0)
     total = power.sum(axis=1)
     axis_m = built.caster.cast(pose.position_m, pose.boresight).distance_m
-    told = np.isfinite(axis_m) & (total > 0)
-    mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[told] / total[told]
-    ahead = pose.boresight[told]
+    lit = np.isfinite(axis_m) & (total > 0)
+    mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[lit] / total[lit]
+    ahead = pose.boresight[lit]
     return BeamBias(
-        place_m=(pose.position_m[told] + axis_m[told, None] * ahead)[:, :2],
-        height_m=(axis_m[told] - mean_m) * -ahead[:, 2],
+        place_m=(pose.position_m[lit] + axis_m[lit, None] * ahead)[:, :2],
+        height_m=(axis_m[lit] - mean_m) * -ahead[:, 2],
     )
 
 

@@ -94,8 +94,8 @@ class Survey(_ComparedWithReference, Comparison):
     paths: number of traced paths.
     points: the located echoes.
     dem: on the grid of the comparison.
-    dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
-        both None for a method that tells nothing of its errors.
+    dem_sigma: standard deviation of each cell of the DEM, as its method states it; uncertainty: of means over
+        cells; both None for a method without stated errors.
     dem_sigma_navigation: standard deviation of each cell due to stated navigation errors, which neighbouring cells
     share; None if none are stated.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.

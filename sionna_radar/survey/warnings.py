@@ -330,7 +330,7 @@ class CoverShifts:
     """By how much the covers under each of some beams move its echo; see `cover_shifts`.
 
     place_m: where the axis meets level ground at the height of the footprint.
-    shift_m: of the height that the echo tells; positive where that is too high.
+    shift_m: error of the height by the echo; positive where that is too high.
     ratio: of the brightest to the darkest cover in the beam, in power; brightest, darkest: their names.
     incidence_rad: of the axis on level ground.
     """

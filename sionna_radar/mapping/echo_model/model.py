@@ -41,7 +41,7 @@ FOLLOWED = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)
-class KnownCover:
+class LandCover:
     """Land cover known beforehand: what of the ground is brighter, and by how much.
 
     grid: cells of the cover, continued beyond its borders.
@@ -99,7 +99,7 @@ class Sightings:
     microrelief_m: float = 0.0
     range_bias_m: float = 0.0
     range_scale: float = 0.0
-    cover: KnownCover | None = None
+    cover: LandCover | None = None
 
     def __len__(self) -> int:
         return len(self.profiles)

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import BeamFootprints, KnownCover, MeanRanges, Sightings, predicted_means
+from sionna_radar.mapping.echo_model.model import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
@@ -103,7 +103,7 @@ def heights_over(
     heights = _heights(sightings, echoes, pose.position_m + on_axis_m[:, None] * axis, reach, options)
     on_place_m = surface.at(*heights.place_m.T)
     if sightings.cover is not None and feet is not None:
-        place_m, footprint_m = _bright_parts(sightings, sightings.cover, feet)
+        place_m, footprint_m = _bright_centres(sightings, sightings.cover, feet)
         place_m[~known], footprint_m[~known] = heights.place_m[~known], heights.footprint_m[~known]
         heights = replace(heights, place_m=place_m, footprint_m=footprint_m)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
@@ -116,8 +116,8 @@ def heights_over(
     return replace(heights, height_m=heights.height_m + mean - on_place_m), fits
 
 
-def _bright_parts(
-    sightings: Sightings, cover: KnownCover, feet: BeamFootprints
+def _bright_centres(
+    sightings: Sightings, cover: LandCover, feet: BeamFootprints
 ) -> tuple[Float[np.ndarray, "pulse 2"], Float[np.ndarray, "pulse 2 2"]]:
     """Return the centre of the power of each footprint over a known cover, and its axes; see `Heights`."""
     beam = sightings.beam

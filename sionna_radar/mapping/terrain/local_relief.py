@@ -235,7 +235,7 @@ def low_relief_mask(measured: Measured, window_heights: int = SMOOTH.window_heig
 def local_relief(
     measured: Measured, fitted: FittedCovariance, window_heights: int = SMOOTH.window_heights
 ) -> LocalRelief | None:
-    """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights to tell.
+    """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights.
 
     measured: heights above a trend.
     fitted: the covariance that the amplitude is relative to.
@@ -304,7 +304,7 @@ def _cross_line_errors(
     fitted: FittedCovariance,
     relief: LocalRelief,
     tables: DividedTables,
-) -> Float[np.ndarray, " told"]:
+) -> Float[np.ndarray, " window"]:
     """Return the errors of predicting the first height of windows from those of other scan lines, over their sigmas.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4). Windows with too few
@@ -314,8 +314,8 @@ def _cross_line_errors(
     line = _scan_line(measured.order[member])
     used = line != line[:, :1]
     used[:, 0] = True
-    told = (used.sum(axis=1) > MIN_OTHERS) & (line.min(axis=1) < line[:, 0]) & (line[:, 0] < line.max(axis=1))
-    member, used = member[told], used[told]
+    usable = (used.sum(axis=1) > MIN_OTHERS) & (line.min(axis=1) < line[:, 0]) & (line[:, 0] < line.max(axis=1))
+    member, used = member[usable], used[usable]
     place, spread = measured.place_m[member], np.where(used, measured.spread_m[member], np.nan)
     long, short = tables.between(place, np.nanmedian(spread, axis=1))
     amplitude = relief.at(place)
@@ -393,12 +393,12 @@ def _posterior_mean(
 ) -> Float[np.ndarray, " node"] | None:
     """Return the mean of a^2 at each node; None where no width of its prior is likelier than none, so that it is one.
 
-    overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
+    overlap: windows that each height is in, about: the sum over all nodes overcounts the information by this factor.
     """
     prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
     prior -= log_sum_exp(prior, axis=1, keepdims=True)
-    told = np.column_stack([log_sum_exp(log_likelihood + each, axis=1) for each in prior])
-    evidence = told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
+    by_width = np.column_stack([log_sum_exp(log_likelihood + each, axis=1) for each in prior])
+    evidence = by_width.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
     if log_likelihood[:, LOG_SQUARES == 0].sum() / overlap >= evidence.max():
         return None
     posterior = log_likelihood + prior[np.argmax(evidence)]

@@ -64,14 +64,14 @@ ITERATIONS, TOLERANCE = 12, 1e-4
 
 
 @dataclass(frozen=True)
-class Plausible:
+class PlausibleTerrain:
     """A covariance of the terrain that is plausible given the echoes, and its probability."""
 
     probability: float
     terrain: FittedCovariance
 
 
-def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Plausible, ...]:
+def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[PlausibleTerrain, ...]:
     """Return the plausible terrains given measured heights, the most probable first.
 
     measured: scattered heights.
@@ -114,7 +114,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     for number, (_, logarithms) in found.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
         terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
-        every.append(Plausible(float(weight[number] / sum(weight.values())), terrain))
+        every.append(PlausibleTerrain(float(weight[number] / sum(weight.values())), terrain))
     return tuple(sorted(every, key=lambda each: -each.probability))
 
 
@@ -140,14 +140,14 @@ class Information:
     def gain(self, noise_factor: float) -> float:
         """Return the information ratio of whole echoes to mean ranges in the longest waves, at least 1."""
         longest = self.wavenumber == self.wavenumber.min()
-        told = float(self.by_means[longest].sum()) / noise_factor
-        return max(1.0, float(self.by_echoes[longest].sum()) / told)
+        by_means = float(self.by_means[longest].sum()) / noise_factor
+        return max(1.0, float(self.by_echoes[longest].sum()) / by_means)
 
     def posterior_variance_m2(
         self,
         variance_m2: Float[np.ndarray, " n"],
         taken: FittedCovariance,
-        plausible: Sequence[Plausible],
+        plausible: Sequence[PlausibleTerrain],
         local: LocalRelief | None,
         place_m: Float[np.ndarray, "n 2"],
         window_m: float = 0.0,
@@ -184,8 +184,8 @@ class Information:
     ) -> Float[np.ndarray, " wave"]:
         """Return the posterior power of each wave; relief: factor on its prior power."""
         prior = np.maximum(relief * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
-        told = self.by_means / terrain.noise_factor
-        return 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
+        by_means = self.by_means / terrain.noise_factor
+        return 1 / (1 / prior + (np.maximum(by_means, self.by_echoes) if whole else by_means))
 
 
 def information_of(
@@ -274,7 +274,7 @@ class TileUncertainty:
     bounds_m: tuple[float, float, float, float]
     kriging: Kriging
     information: Information
-    plausible: tuple[Plausible, ...]
+    plausible: tuple[PlausibleTerrain, ...]
     outstanding: Float[np.ndarray, "echo 4"] | None = None
     misfit: float = 1.0
 

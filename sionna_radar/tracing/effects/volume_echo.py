@@ -47,7 +47,7 @@ TONES_IN_BEAM = 24
 
 
 def spread_over_beam(paths: Paths, pulses: Pulses, antenna: Antenna, caster: RayCaster, seed: int) -> Paths:
-    """Return paths with the tones of the volume spread over the beam, for receivers that tell directions apart.
+    """Return paths with the tones of the volume spread over the beam, for receivers that resolve directions.
 
     Each becomes some of random phases, in directions drawn from the two-way power, as far as the ground leaves the air
     there; together they have its power.

@@ -254,7 +254,7 @@ def test_the_search_finds_what_a_look_at_every_facet_does(rough, pencil):
     row, place, coarse = index.search(footprint, fineness, pose, 3, 40)
     for pulse in range(3, 40):
         away = index.scatterers.place_m - pose.position_m[pulse]
-        divided = fineness.parts(index.side_m, np.linalg.norm(away, axis=1)) > 1
+        divided = fineness.subdivisions(index.side_m, np.linalg.norm(away, axis=1)) > 1
         met = footprint.meets(away @ pose.R_world_antenna[pulse], np.where(divided, index.radius_m, 0.0))
         np.testing.assert_array_equal(place[row == pulse], np.flatnonzero(met))
         np.testing.assert_array_equal(coarse[row == pulse], divided[met])

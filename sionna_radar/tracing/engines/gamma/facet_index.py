@@ -59,7 +59,7 @@ class Footprint:
 
     @property
     def directions(self) -> tuple[object, ...]:
-        """What the machine code is told of it."""
+        """The footprint as arguments of compiled code."""
         return self.azimuth, self.elevation, self.least_voltage, self.counts, self.cells
 
     def meets(
@@ -110,7 +110,7 @@ class Fineness:
     per_metre: float
     longest_m: float
 
-    def parts(
+    def subdivisions(
         self, side_m: Float[np.ndarray, " facet"], distance_m: Float[np.ndarray, " facet"]
     ) -> Int[np.ndarray, " facet"]:
         """Return the number of parts of each facet's sides, from its longest side and its distance."""

@@ -221,7 +221,7 @@ class GammaEngine:
                 raise _TooManyError
             away = facets.centre_m - pose.position_m[row]
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
-            cuts = self._fineness.parts(side, np.sqrt(np.einsum("fi,fi->f", away, away)))
+            cuts = self._fineness.subdivisions(side, np.sqrt(np.einsum("fi,fi->f", away, away)))
             # No point of a triangle lies farther from its centroid than two thirds of the longest side.
             radius = np.where(cuts > 1, 2 / 3 * side, 0.0)
             met = self._footprint.meets(_seen_along(away, pose.R_world_antenna[row]), radius)

@@ -175,7 +175,7 @@ class MirroredPlaces:
         across_in, across_out = across_incidence(ways.out, normal), across_incidence(ways.leg, normal)
         arriving = across_in, np.cross(ways.out, across_in)
         leaving = across_out, np.cross(-ways.leg, across_out)
-        parts = self._parts(places.surface, *(np.einsum("ni,ni->n", normal, way) for way in (ways.out, ways.leg)))
+        parts = self._amplitudes(places.surface, *(np.einsum("ni,ni->n", normal, way) for way in (ways.out, ways.leg)))
         one, two = _signs(places.hit_m)
         diagonal = parts.horizontal + 1j * one * parts.opposed, parts.vertical - 1j * one * parts.opposed
         matrix = sum(
@@ -189,7 +189,7 @@ class MirroredPlaces:
         )
         return np.asarray(matrix)
 
-    def _parts(
+    def _amplitudes(
         self, surface: Int[np.ndarray, " n"], first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]
     ) -> ScatteringAmplitudes:
         """Return the amplitudes of places: the geometric means of those straight back along either ray."""

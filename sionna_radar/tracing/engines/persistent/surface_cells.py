@@ -236,7 +236,7 @@ def density_at(x, y, density):
 
 @compiled
 @no_type_check
-def _parts(corner, longest):
+def _subdivisions(corner, longest):
     """Return the number of parts into which the sides of a triangle are divided, so that none is longer."""
     longest2 = 0.0
     for k in range(3):
@@ -269,7 +269,7 @@ def _pieces(
         if outside:
             continue
         # No side is longer than the box around the triangle.
-        m = 1 if across2 <= longest * longest else min(_parts(corner, longest), most_parts)
+        m = 1 if across2 <= longest * longest else min(_subdivisions(corner, longest), most_parts)
         for k in range(first_part, m * m):
             n, area = expected_of(corner, m, k, density, piece)
             if n * area <= 0.0:
