@@ -1,4 +1,5 @@
-"""The shapes of arguments and results are checked in runs with `--jaxtyping-packages=sionna_radar,typechecks.checked`."""
+"""The shapes of arguments and results are checked in runs with "
+"`--jaxtyping-packages=sionna_radar,typechecks.checked`."""
 
 import numpy as np
 import pytest

@@ -187,8 +187,8 @@ def _length_m(lags: list[VariogramLag], variance_m2: float) -> float | None:
     threshold_m2 = (1 - np.exp(-1.0)) * variance_m2
     for near, far in pairwise(lags):
         if near.semivariance_m2 < threshold_m2 <= far.semivariance_m2:
-            share = (threshold_m2 - near.semivariance_m2) / (far.semivariance_m2 - near.semivariance_m2)
-            return near.lag_m + share * (far.lag_m - near.lag_m)
+            fraction = (threshold_m2 - near.semivariance_m2) / (far.semivariance_m2 - near.semivariance_m2)
+            return near.lag_m + fraction * (far.lag_m - near.lag_m)
     return None
 
 
@@ -255,9 +255,9 @@ def break_down(
         place = error.grid.centres_m[sample.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
     by_cover = {
-        name: statistics(error.height_m[cells & own], int((lit & own).sum()))
-        for name, own in (covers or {}).items()
-        if (cells & own).any()
+        name: statistics(error.height_m[cells & cover_cells], int((lit & cover_cells).sum()))
+        for name, cover_cells in (covers or {}).items()
+        if (cells & cover_cells).any()
     }
     return Breakdown(
         checkpoints=checkpoint_test(error, truth, lit, seed, covered, checkpoint_sigma_m),

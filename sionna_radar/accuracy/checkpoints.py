@@ -137,7 +137,7 @@ def checkpoint_test(
         rms_m = float(np.sqrt(np.mean(values**2) + (checkpoint_sigma_m or 0.0) ** 2))
         mean_m, std_m = float(values.mean()), float(values.std())
         greatest_m = float(np.abs(values).max())
-    hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MAX_COVERED]
+    hidden = [f"{what} hold {fraction:.0%}" for what, fraction in covered.items() if fraction >= MAX_COVERED]
     tested = len(values) >= wanted and not hidden
     class_cm = max(int(np.ceil(round(100 * rms_m, 6))), 1) if tested else None
     return CheckpointTest(
@@ -212,15 +212,15 @@ def _statement(
         return f"not tested by the {standard}, whose checkpoints lie in the open: {' and '.join(hidden)} of the cells"
     if class_cm is None:
         return f"not tested by the {standard}: it asks for {required} checkpoints, and there are {count} cells for them"
-    kind, own = "simulated", "without error"
+    kind, sigma_text = "simulated", "without error"
     if checkpoint_sigma_m is not None:
         kind = "measured"
-        own = (
+        sigma_text = (
             f"with an error of {100 * checkpoint_sigma_m:.1f} cm, included"
             if checkpoint_sigma_m
             else "with an error unknown"
         )
     return (
         f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
-        f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {own}"
+        f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {sigma_text}"
     )

@@ -104,9 +104,9 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
     Error statistics in m, and coverage as a fraction.
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
-    found = statistics(values, len(values))
+    error_statistics = statistics(values, len(values))
     mappable = int(illuminated.sum())
-    return replace(found, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
+    return replace(error_statistics, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
 
 
 def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:

@@ -296,8 +296,8 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     step_m = grid.spacing_m / FOOT_POINTS_PER_CELL
     pieces = np.ceil(np.linalg.norm(edge, axis=1) / step_m).astype(int) + 1
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    share = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
-    point = np.repeat(start, pieces, axis=0) + share[:, None] * np.repeat(edge, pieces, axis=0)
+    fraction = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
+    point = np.repeat(start, pieces, axis=0) + fraction[:, None] * np.repeat(edge, pieces, axis=0)
     on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
     # Duplicates: triangles share edges, and a wall's coincide in plan.
     return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4

@@ -83,9 +83,9 @@ class Readings:
         rows = {f"reading less {self.subject}": _words(total)}
         if len(self.by_cover) > 1:
             rows |= {f"  over {name!r}": _words(errors) for name, errors in self.by_cover.items()}
-        share = total.drop_outs / max(total.pulses, 1)
+        drop_out_fraction = total.drop_outs / max(total.pulses, 1)
         longest = f", the longest {self.longest_drop_out_s:.3g} s" if total.drop_outs else ""
-        rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({share:.1%}){longest}"
+        rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({drop_out_fraction:.1%}){longest}"
         rows["latency"] = "not observable: the heights vary too little"
         if self.latency_s is not None:
             rows["latency"] = f"{self.latency_s:+.3f} ± {self.latency_sigma_s:.3f} s (positive: late)"
@@ -125,9 +125,9 @@ def readings_of(
         cover=cover,
         errors=_errors(error_m, np.isnan(reading_m), clearance_m),
         by_cover={
-            name: _errors(error_m[own], np.isnan(reading_m[own]), clearance_m[own])
+            name: _errors(error_m[of_cover], np.isnan(reading_m[of_cover]), clearance_m[of_cover])
             for name in sorted(set(cover))
-            for own in [names == name]
+            for of_cover in [names == name]
         },
         longest_drop_out_s=_longest_gap_s(time_s, np.isfinite(reading_m)),
         latency_s=None if lag is None else lag[0],
@@ -139,8 +139,8 @@ def readings_of(
 def _errors(
     error_m: Float[np.ndarray, " pulse"], dropped: Bool[np.ndarray, " pulse"], clearance_m: Float[np.ndarray, " pulse"]
 ) -> ReadingErrors:
-    known = error_m[np.isfinite(error_m)]
-    some = known if len(known) else np.array([np.nan])
+    valid = error_m[np.isfinite(error_m)]
+    some = valid if len(valid) else np.array([np.nan])
     over = clearance_m[np.isfinite(clearance_m)]
     return ReadingErrors(
         pulses=len(error_m),

@@ -146,7 +146,7 @@ class GroundTruth:
         above = np.column_stack([centres_m, np.full(len(centres_m), scene.bounds_m[1, 2] + CLEAR_M)])
         hits = self.built.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
         name = scene.covers(hits.surface, centres_m).reshape(self.grid.shape)
-        return {str(own): name == own for own in np.unique(name[name != ""])}
+        return {str(cover): name == cover for cover in np.unique(name[name != ""])}
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""

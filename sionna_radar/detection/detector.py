@@ -306,11 +306,11 @@ def find_spans(power, threshold, limit, low, high, gap, spans):
         start, stop, detected = -1, -1, False
         for b in range(low[row], high[row] + 1):
             inside = b < high[row]
-            found = inside and values[b] > levels[b]
-            if inside and not found and not values[b] > least:
+            above = inside and values[b] > levels[b]
+            if inside and not above and not values[b] > least:
                 continue
             if inside and start >= 0 and b - stop <= gap:
-                stop, detected = b + 1, detected or found
+                stop, detected = b + 1, detected or above
                 continue
             if detected:
                 peak = start
@@ -320,7 +320,7 @@ def find_spans(power, threshold, limit, low, high, gap, spans):
                 if count < len(spans):
                     spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
                 count += 1
-            start, stop, detected = b, b + 1, found
+            start, stop, detected = b, b + 1, above
     return count
 
 

@@ -87,8 +87,8 @@ def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, facto
     if looks == 1:
         return single
     raised = factor * weight / sides
-    share = raised / (1 + raised)
-    powers = np.array([looks * sides * np.sum(share**k) for k in range(1, looks)])
+    fraction = raised / (1 + raised)
+    powers = np.array([looks * sides * np.sum(fraction**k) for k in range(1, looks)])
     term = np.ones(looks)
     for k in range(1, looks):
         term[k] = powers[:k] @ term[k - 1 :: -1] / k

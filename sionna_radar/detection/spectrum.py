@@ -140,9 +140,9 @@ class SpectrumAnalyser:
         assert self.high_pass is not None
         cell_hz = 1 / self.chirp.duration_s
         bin_hz = (np.arange(len(self.range_m)) / self.zero_padding + self.chirp.lead_cells) * cell_hz
-        share = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
+        response = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
         offset_hz = np.arange(-SEEN_CELLS * STEPS_PER_CELL, SEEN_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL * cell_hz
-        mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(share, offset_hz, strict=True))
+        mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(response, offset_hz, strict=True))
         return np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
 
     @property

@@ -58,8 +58,8 @@ def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
     entry, parameters = DEM_METHODS.entry(table.map_method), table.method_parameters
     # Parameters of another method, kept by a copied table, are replaced by defaults.
-    own = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
-    method: DemMethod = entry(own)
+    method_parameters = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
+    method: DemMethod = entry(method_parameters)
     require(method, DemMethod, str(entry))
     return method
 
@@ -131,10 +131,10 @@ def land_cover_of(scenario: Scenario | None, grid: Grid) -> LandCover:
     if scenario is None or number is None or not names:
         message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
         raise ScenarioError([Problem("dem.cover", message)])
-    own, of_name = np.unique(names, return_inverse=True)
-    materials = build_materials({name: scenario.all_materials[name] for name in own}, scenario.radar)
+    cover_names, of_name = np.unique(names, return_inverse=True)
+    materials = build_materials({name: scenario.all_materials[name] for name in cover_names}, scenario.radar)
     incidence_rad = np.deg2rad(np.arange(90.0))
-    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in own]) / np.cos(incidence_rad)
+    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in cover_names]) / np.cos(incidence_rad)
     cover = of_name[number].astype(np.uint16)
     return LandCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
 

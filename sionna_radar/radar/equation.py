@@ -125,5 +125,5 @@ def _beam_quadrature(
 
 def _equal_power_cosines(cut: Cut) -> Float[np.ndarray, " node"]:
     """Return direction cosines that divide the two-way power of a cut into equal shares."""
-    shares = (np.arange(NODES) + 0.5) / NODES
-    return np.interp(shares, cut.two_way_distribution, cut.cosine)
+    quantiles = (np.arange(NODES) + 0.5) / NODES
+    return np.interp(quantiles, cut.two_way_distribution, cut.cosine)

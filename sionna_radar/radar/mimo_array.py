@@ -265,9 +265,14 @@ def receiver_mixing(
         that of the way (Svantesson 1999 takes the same form for a first order of mutual coupling).
     wavelength_m: of the carrier.
     """
-    apart = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
-    np.fill_diagonal(apart, np.inf)
-    coupled = coupling * 0.5 / apart * np.exp(-2j * np.pi * np.where(np.isfinite(apart), apart, 0.0))
+    distance_wavelengths = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
+    np.fill_diagonal(distance_wavelengths, np.inf)
+    coupled = (
+        coupling
+        * 0.5
+        / distance_wavelengths
+        * np.exp(-2j * np.pi * np.where(np.isfinite(distance_wavelengths), distance_wavelengths, 0.0))
+    )
     return error[:, None] * (np.eye(len(place_m)) + coupled)
 
 

@@ -194,12 +194,12 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
     for source in sources:
         path = Path(source).expanduser()
         if source in PRESETS:
-            table, given = "radar", {"preset": source}
+            table, table_values = "radar", {"preset": source}
             others = copy.deepcopy(dict(PRESETS[source].scenario))
         elif path.suffix.lower() in SOURCES:
             regular_file(path, "--from", "give a file that exists, or the name of a preset", MAX_SOURCE_BYTES)
             table, kind = SOURCES[path.suffix.lower()]
-            given = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
+            table_values = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
         else:
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
@@ -207,7 +207,7 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
             raise ScenarioError.of("--from", message, "command line")
         if table in tables:
             raise ScenarioError.of("--from", f"{source!r} is a second [{table}]; give one", "command line")
-        tables[table] = given
+        tables[table] = table_values
     if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
         tables["platform"]["log_shift"] = "to_terrain"
     if "platform" not in tables:
@@ -267,9 +267,9 @@ def content_key(tables: Mapping[str, Any]) -> str | None:
     for path in sorted(set(_paths(document))):
         if path.suffix.lower() in NAMES_OTHERS or not path.is_file():
             return None
-        for beside in sorted(path.parent.glob(f"{escape(path.stem)}*")):
-            stat = beside.stat()
-            stamps[str(beside.resolve())] = (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        for side_file in sorted(path.parent.glob(f"{escape(path.stem)}*")):
+            stat = side_file.stat()
+            stamps[str(side_file.resolve())] = (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
     return repr((document, stamps))
 
 

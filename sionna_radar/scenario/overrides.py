@@ -164,11 +164,11 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     for key, value in overrides.items():
         _set_dotted(data, key, value)
     for key, (place, registry) in NAMED.items():
-        beside = _lookup(data, place)
-        if key in overrides and isinstance(beside, dict):
+        parameters = _lookup(data, place)
+        if key in overrides and isinstance(parameters, dict):
             allowed = _fields_of_part(registry, overrides[key])
-            _drop(data, overrides, [f"{place}.{name}" for name in beside if name not in allowed])
-            if not beside:
+            _drop(data, overrides, [f"{place}.{name}" for name in parameters if name not in allowed])
+            if not parameters:
                 _drop(data, overrides, [place])
 
 
@@ -302,7 +302,7 @@ def _resolved(text: str, folder: Path) -> str:
     if is_address(text):
         return text
     try:
-        beside = folder / text
-        return str((beside if beside.exists() else Path(text)).absolute())
+        in_folder = folder / text
+        return str((in_folder if in_folder.exists() else Path(text)).absolute())
     except (OSError, ValueError):
         return text

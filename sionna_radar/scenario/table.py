@@ -150,7 +150,7 @@ def _differing(value: Any, dumped: Any) -> Any:
     if isinstance(value, Table):
         return value.differing()
     if isinstance(value, tuple) and any(isinstance(entry, Table) for entry in value):
-        return [_differing(entry, own) for entry, own in zip(value, dumped, strict=True)]
+        return [_differing(entry, entry_dump) for entry, entry_dump in zip(value, dumped, strict=True)]
     if isinstance(value, dict):
         return {key: _differing(entry, dumped[key]) for key, entry in value.items() if key in dumped}
     return dumped

@@ -244,8 +244,8 @@ def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None
 def _under(plan_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Return points within the convex hull of a mesh in plan: its corners, and samples inside."""
     lower, upper = plan_m.min(axis=0), plan_m.max(axis=0)
-    share = np.linspace(0.0, 1.0, GROUND_SAMPLES)
-    grid = np.stack(np.meshgrid(*(a + share * (b - a) for a, b in zip(lower, upper, strict=True))), axis=-1).reshape(
+    fraction = np.linspace(0.0, 1.0, GROUND_SAMPLES)
+    grid = np.stack(np.meshgrid(*(a + fraction * (b - a) for a, b in zip(lower, upper, strict=True))), axis=-1).reshape(
         -1, 2
     )
     try:

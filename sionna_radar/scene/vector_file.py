@@ -131,9 +131,9 @@ def _kind(path: Path, name: str) -> str:
         return "gpkg"
     if suffix == ".shp" and head.startswith(SHAPE_MAGIC):
         stem = path.stem.lower()
-        for beside in path.parent.iterdir():
-            if beside.stem.lower() == stem and beside.suffix.lower() in SIDE_CARS:
-                regular_file(beside, name, "remove it", MAX_BYTES)
+        for side_file in path.parent.iterdir():
+            if side_file.stem.lower() == stem and side_file.suffix.lower() in SIDE_CARS:
+                regular_file(side_file, name, "remove it", MAX_BYTES)
         return "shp"
     message = f"{name} {shown(path)} is not a GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
     raise InputFileError(message)

@@ -164,14 +164,14 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
         # Vectorised: no dependence on the previous path, and views, whose indices are known not to be negative.
-        own = slice(first[row], last[row])
+        paths_of_row = slice(first[row], last[row])
         f, w, x, tau, rate, amplitude = (
-            frequency[own],
-            weight[own],
-            excess[own],
-            delay_s[own],
-            range_rate_mps[own],
-            gain[own],
+            frequency[paths_of_row],
+            weight[paths_of_row],
+            excess[paths_of_row],
+            delay_s[paths_of_row],
+            range_rate_mps[paths_of_row],
+            gain[paths_of_row],
         )
         for n in range(len(f)):
             stretch = 2.0 * rate[n] / c

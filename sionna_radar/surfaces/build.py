@@ -212,11 +212,11 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
     validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
     messages += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
-    share = material.scattered_fraction(np.deg2rad(angle_deg))
-    if share.max() > 1:
-        exceeding_deg = angle_deg[share > 1]
+    scattered = material.scattered_fraction(np.deg2rad(angle_deg))
+    if scattered.max() > 1:
+        exceeding_deg = angle_deg[scattered > 1]
         messages.append(
-            f"it would scatter up to {100 * (share.max() - 1):.4g} % more power than it receives, between "
+            f"it would scatter up to {100 * (scattered.max() - 1):.4g} % more power than it receives, between "
             f"{exceeding_deg[0]} and {exceeding_deg[-1]} deg of incidence"
         )
     return messages

@@ -48,12 +48,12 @@ def beam_bias(schedule: PulseSchedule, built: BuiltScene, beam: BeamNodes) -> Be
     of ground, which returns sigma0 over r^4.
     """
     pose = schedule.sample(BEAMS).true
-    inner, share = beam_samples(beam, RAYS)
+    inner, weight = beam_samples(beam, RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     hits = built.caster.cast(np.repeat(pose.position_m, len(inner), axis=0), direction)
     range_m = hits.distance_m.reshape(len(pose), -1)
     met = np.isfinite(range_m)
-    power = np.where(met, share / np.where(met, range_m, 1.0) ** 2, 0.0)
+    power = np.where(met, weight / np.where(met, range_m, 1.0) ** 2, 0.0)
     total = power.sum(axis=1)
     axis_m = built.caster.cast(pose.position_m, pose.boresight).distance_m
     lit = np.isfinite(axis_m) & (total > 0)
@@ -93,10 +93,10 @@ def unmodelled_bias_warnings(bias: BeamBias, sigma: Raster | None) -> Iterator[s
         return
     row, column, inside = sigma.grid.cell_of(bias.place_m)
     stated_m = np.where(inside, sigma.height_m[row, column], np.nan)
-    known = np.isfinite(stated_m)
-    if not known.any():
+    has_sigma = np.isfinite(stated_m)
+    if not has_sigma.any():
         return
-    bias_m, sigma_m = (float(np.sqrt(np.mean(own[known] ** 2))) for own in (bias.height_m, stated_m))
+    bias_m, sigma_m = (float(np.sqrt(np.mean(values_m[has_sigma] ** 2))) for values_m in (bias.height_m, stated_m))
     if bias_m > sigma_m:
         yield (
             f"the beam biases heights by {bias_m:.2g} m RMS on the slopes that it sees, and `dem_sigma.tif` states "

@@ -49,9 +49,9 @@ def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster
 
 def over_file(scenario: Scenario, path: str | Path) -> Scenario:
     """Return a scenario over an elevation file, with the material and the covers of its own terrain."""
-    own = scenario.terrain.model_dump(exclude_unset=True)
+    terrain_keys = scenario.terrain.model_dump(exclude_unset=True)
     kept = RasterTerrain.model_fields if isinstance(scenario.terrain, RasterTerrain) else CoveredTerrain.model_fields
-    terrain = {name: value for name, value in own.items() if name in kept} | {"kind": "raster", "path": path}
+    terrain = {name: value for name, value in terrain_keys.items() if name in kept} | {"kind": "raster", "path": path}
     return scenario.replace({"terrain": terrain})
 
 

@@ -257,7 +257,7 @@ def observe(
         if execution.distributed:
             building = in_background(source.build_sensor)
             with timed("workers"):
-                found = _results(execution, tasks, work or segment_task, steps)
+                results = _results(execution, tasks, work or segment_task, steps)
             sensor = building()
         else:
             with timed("prepare"):
@@ -266,12 +266,12 @@ def observe(
             observer = SegmentObserver(source, sensor, blocks, recorders)
             if execution.checkpoints is None:
                 # Nothing leaves this process.
-                found = {key: observer.observed(task) for key, task in tasks.items()}
+                results = {key: observer.observed(task) for key, task in tasks.items()}
             else:
-                found = _results(execution, tasks, observer.segment, steps)
-    whole = Segment.joined([found[key][0] for key in tasks])
+                results = _results(execution, tasks, observer.segment, steps)
+    whole = Segment.joined([results[key][0] for key in tasks])
     tally = source.tally()
-    for _, counted in (found[key] for key in tasks):
+    for _, counted in (results[key] for key in tasks):
         if tally is not None and counted is not None:
             tally.add_counted(counted)
     return sensor, Observed(**vars(whole), hits=None if tally is None else tally.hits())
@@ -384,8 +384,8 @@ def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size
     """
     located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
-        own = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
-        located.append(locate(own, pulses.index, pulses.measured))
+        echoes_of_block = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
+        located.append(locate(echoes_of_block, pulses.index, pulses.measured))
     return Points.concatenate(located)
 
 

@@ -121,9 +121,9 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         work = tile_task if distributed else lambda task: _content_of(tiles.piece(task["tile"]))
         shared = observed.packed() if distributed else None
         done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, tiles.steps), side_by_side=True)
-        found = dict(done)
+        pieces = dict(done)
         for key in tasks:
-            content = found.pop(key)
+            content = pieces.pop(key)
             yield None if content == NOTHING else tiles.unpacked(content)
 
     return prepared.mapper.map(points, observed.profiles, prepared.measured, each)

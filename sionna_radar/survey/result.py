@@ -303,7 +303,9 @@ class Processed(_ComparedWithReference):
         if compared is None or self.points is None:
             return None
         lit, beside_wall = compared.lit, compared.beside_wall
-        beside = 0.0 if beside_wall is None or not lit.any() else float((lit & beside_wall).sum() / lit.sum())
+        near_wall_fraction = (
+            0.0 if beside_wall is None or not lit.any() else float((lit & beside_wall).sum() / lit.sum())
+        )
         return break_down(
             error=compared.error,
             truth=compared.truth,
@@ -311,7 +313,7 @@ class Processed(_ComparedWithReference):
             points=self.points,
             walls=None,
             seed=self.scenario.seed if self.scenario else 0,
-            covered={"walls and what is beside them": beside},
+            covered={"walls and what is beside them": near_wall_fraction},
         )
 
     @cached_property

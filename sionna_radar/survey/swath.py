@@ -39,13 +39,15 @@ def mapped_ground(prepared: Prepared, mapped: Bool[np.ndarray, "row column"]) ->
     area_m2 = float(mapped.sum()) * grid.spacing_m**2
     way_m = way_flown_m(prepared.flight)
     planned = planned_swath(prepared)
-    share = np.nan
+    fraction = np.nan
     if planned is not None:
         of_plan, cells = planned
         row, column, inside = of_plan.cell_of(grid.centres_m[mapped.ravel()])
-        share = float((cells[row, column] & inside).sum() / cells.sum())
+        fraction = float((cells[row, column] & inside).sum() / cells.sum())
     return MappedGround(
-        mapped_m2=area_m2, mapped_swath_m=area_m2 / way_m if way_m > grid.spacing_m else np.nan, coverage_of_swath=share
+        mapped_m2=area_m2,
+        mapped_swath_m=area_m2 / way_m if way_m > grid.spacing_m else np.nan,
+        coverage_of_swath=fraction,
     )
 
 

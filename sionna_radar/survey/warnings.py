@@ -134,8 +134,8 @@ def map_warnings(
         return
     silent = pulses - len(np.unique(points.pulse))
     if silent > MAX_SILENT * pulses:
-        share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        yield f"{share} have no echo; raise {louder}, or fly lower"
+        silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
+        yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
     width_m = _strip_m(points)
@@ -145,9 +145,9 @@ def map_warnings(
             "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
         )
     elif coverage < MIN_COVERAGE:
-        share = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
+        silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
         remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
-        yield f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
+        yield f"{silent_text} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
 
 
 def _strip_m(points: Points) -> float:
@@ -174,10 +174,10 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
         return
     row = isinstance(angle, RowEstimator)
     if row or len(set(angle.axes)) == 1:
-        own = angle.axes[-1]
-        off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, own]), 0.0, 1.0))
-        share = float(np.mean(off > STRIP_OFF_RAD))
-        if share > STRIP_SHARE_WARNED:
+        axis = angle.axes[-1]
+        off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, axis]), 0.0, 1.0))
+        fraction = float(np.mean(off > STRIP_OFF_RAD))
+        if fraction > STRIP_SHARE_WARNED:
             harm = (
                 "the row's axis, and their spread is interpreted as a second surface; set radar.scan.mode = 'conical'"
                 if row
@@ -185,7 +185,7 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
                 "radar.second_receiver.axis = 'both'"
             )
             yield (
-                f"in {share:.0%} of the pulses range cells lie across the beam by more than "
+                f"in {fraction:.0%} of the pulses range cells lie across the beam by more than "
                 f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off {harm}"
             )
     if points == 0:
@@ -354,11 +354,11 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
     beams: of pulses spread over the survey.
     """
     scene, beam = prepared.scene.scene, prepared.mapper.beam
-    own = sorted({surface.material for surface in scene.surfaces})
-    if beam is None or len(own) == 1 or prepared.angle is not None:
+    materials = sorted({surface.material for surface in scene.surfaces})
+    if beam is None or len(materials) == 1 or prepared.angle is not None:
         return None
     pose = prepared.flight.sample(beams).true
-    inner, share = beam_samples(beam, COVER_RAYS)
+    inner, weight = beam_samples(beam, COVER_RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     origin_m = np.repeat(pose.position_m, len(inner), axis=0)
     hits = prepared.scene.caster.cast(origin_m, direction)
@@ -375,10 +375,12 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
 
     down = np.clip(-pose.boresight[:, 2], 0.02, 1.0)
     incidence_rad = np.arccos(down)
-    gamma = np.array([scene.materials[name].sigma0(incidence_rad) / down for name in own])
-    number = np.searchsorted(own, [surface.material for surface in scene.surfaces])[hits.surface].reshape(lies.shape)
+    gamma = np.array([scene.materials[name].sigma0(incidence_rad) / down for name in materials])
+    number = np.searchsorted(materials, [surface.material for surface in scene.surfaces])[hits.surface].reshape(
+        lies.shape
+    )
     range_m = np.where(lies, hits.distance_m.reshape(lies.shape), 1.0)
-    power = np.where(lies, share / range_m**2, 0.0)
+    power = np.where(lies, weight / range_m**2, 0.0)
     level = np.take_along_axis(np.maximum(gamma, np.finfo(float).tiny).T, number, axis=1)
 
     def mean_m(power: Float[np.ndarray, "beam ray"]) -> Float[np.ndarray, " beam"]:
@@ -392,8 +394,8 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
         place_m=(pose.position_m + plain_m[:, None] * pose.boresight)[met, :2],
         shift_m=((plain_m - mean_m(power * level)) * down)[met],
         ratio=(level[each, brightest] / level[each, darkest])[met],
-        brightest=[own[number[beam, ray]] for beam, ray in zip(each[met], brightest[met], strict=True)],
-        darkest=[own[number[beam, ray]] for beam, ray in zip(each[met], darkest[met], strict=True)],
+        brightest=[materials[number[beam, ray]] for beam, ray in zip(each[met], brightest[met], strict=True)],
+        darkest=[materials[number[beam, ray]] for beam, ray in zip(each[met], darkest[met], strict=True)],
         incidence_rad=incidence_rad[met],
     )
 
@@ -419,16 +421,16 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     rest_m = error_m - off_m * (error_m @ off_m) / (off_m @ off_m)
     usual_m = np.minimum(stated_m, np.sqrt(np.mean(rest_m**2)))
     moved = np.abs(off_m) > 2 * usual_m
-    share, followed = np.mean(moved), error_m[moved] @ off_m[moved]
-    if share > MOVED_FRACTION_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
+    fraction, followed = np.mean(moved), error_m[moved] @ off_m[moved]
+    if fraction > MOVED_FRACTION_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
         most = filled[moved][np.argmax(ratio[moved])]
         ratio_db = to_db(shifts.ratio[most])
         contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
-        rms_m, sigma_m = (np.sqrt(np.mean(own[moved] ** 2)) for own in (error_m, stated_m))
+        rms_m, sigma_m = (np.sqrt(np.mean(values_m[moved] ** 2)) for values_m in (error_m, stated_m))
         yield (
             f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
             f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
-            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` states "
+            f"brighter: in {fraction:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` states "
             f"{sigma_m:.2g} m; {remedy}"
         )
 
@@ -495,12 +497,12 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
     """Yield the warning about intervals that hold far fewer true heights than they state."""
     if sigma is None:
         return
-    known = comparison.lit & comparison.error.filled & sigma.filled
-    if known.sum() >= LEAST_CELLS:
-        share = calibration(comparison.error.height_m[known], sigma.height_m[known]).coverage["95"]
-        if share < LEAST_IN_95:
+    compared = comparison.lit & comparison.error.filled & sigma.filled
+    if compared.sum() >= LEAST_CELLS:
+        coverage = calibration(comparison.error.height_m[compared], sigma.height_m[compared]).coverage["95"]
+        if coverage < LEAST_IN_95:
             yield (
-                f"the intervals of 95 % that `dem_sigma.tif` states contain {share:.0%} of the lit cells: errors "
+                f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
                 "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
                 "compare with "
                 "another dem.method"

@@ -218,7 +218,7 @@ def _canted(
     """Return the three moments of `DropPolarization` at one angle, averaged over the drops' tilt."""
     node, weight = np.polynomial.hermite_e.hermegauss(TILT_NODES)
     x, y = np.meshgrid(CANTING_RAD * node, CANTING_RAD * node)
-    share = np.outer(weight, weight) / weight.sum() ** 2
+    weights = np.outer(weight, weight) / weight.sum() ** 2
     axis = np.stack([np.tan(x), np.tan(y), np.ones_like(x)]) / np.sqrt(1 + np.tan(x) ** 2 + np.tan(y) ** 2)
     # The line of sight lies in the x-z plane; components of the drop's axis along v and h.
     along_v = axis[2] * np.sin(angle_rad) - axis[0] * np.cos(angle_rad)
@@ -228,9 +228,9 @@ def _canted(
     level = np.interp(angle_to_axis, LOOKS_RAD, power)
     return np.array(
         [
-            np.sum(share * phasor.real * np.interp(angle_to_axis, LOOKS_RAD, mean)),
-            np.sum(share * phasor.real**2 * level),
-            np.sum(share * phasor.imag**2 * level),
+            np.sum(weights * phasor.real * np.interp(angle_to_axis, LOOKS_RAD, mean)),
+            np.sum(weights * phasor.real**2 * level),
+            np.sum(weights * phasor.imag**2 * level),
         ]
     )
 

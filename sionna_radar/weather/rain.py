@@ -257,9 +257,9 @@ class RainField:
         """Return the rain rate at positions east and north."""
         grid_position = position_m * (self.NODES_PER_LENGTH / self.correlation_m)
         node = np.floor(grid_position).astype(np.int64)
-        share = grid_position - node
+        fraction = grid_position - node
         count = self.NODES_PER_LENGTH * self.PERIOD
-        (i, j), (u, v) = np.moveaxis(node % count, -1, 0), np.moveaxis(share, -1, 0)
+        (i, j), (u, v) = np.moveaxis(node % count, -1, 0), np.moveaxis(fraction, -1, 0)
         next_i, next_j = (i + 1) % count, (j + 1) % count
         field = self._normal
         normal = (1 - u) * ((1 - v) * field[i, j] + v * field[i, next_j]) + u * (

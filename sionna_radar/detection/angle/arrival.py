@@ -202,8 +202,8 @@ class AngleEstimator:
 
     def _by_ratio(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
         strips = stretches.strips
-        place, share = np.polynomial.hermite_e.hermegauss(NODES)
-        share = share / share.sum()
+        place, weight = np.polynomial.hermite_e.hermegauss(NODES)
+        weight = weight / weight.sum()
         cosine, ratio, slope = [], [], []
         for pattern, signal in zip(self.array.difference, signals[1:], strict=True):
             cross, _ = stretches.cross(signal, signals[0], np.zeros(len(stretches.row)))
@@ -212,7 +212,7 @@ class AngleEstimator:
             along = (strips.strip[:, pattern.axis - 1] * strips.along)[:, None] * place
             ratio.append(pattern.at(cosine[-1][:, None] + along))
             slope.append(pattern.slope)
-        covariance = ratio_covariance(np.stack(ratio, axis=1), share, stretches.snr, stretches.looks)
+        covariance = ratio_covariance(np.stack(ratio, axis=1), weight, stretches.snr, stretches.looks)
         everywhere = np.ones(len(stretches.row), dtype=bool)
         return self._placed(stretches, np.stack(cosine), covariance / np.outer(slope, slope), everywhere)
 

@@ -98,8 +98,8 @@ class VolumeClutter:
         mean = np.convolve(self._near_mean(power), kernel)[about] / count
         chance = 1 / (count * looks * max(self.farther.size, 1))
         # Shrink towards the survey's mean as far as speckle explains the difference.
-        share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
-        return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
+        weight = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
+        return np.clip(1 + weight * (mean - 1), *STRENGTH_LIMITS)
 
     def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float, smoothed_cells: int) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
@@ -131,8 +131,8 @@ def first_guess(
 
     """
     # A volume over part of the survey shows in the strongest pulses only.
-    for share in (0.5, 0.8):
-        volume = _volume_at(share, power, range_m, first, last)
+    for quantile in (0.5, 0.8):
+        volume = _volume_at(quantile, power, range_m, first, last)
         if volume is not None:
             return volume
     return None
@@ -194,8 +194,8 @@ def _law(
     for _ in range(12):
         mean = guess.mean * np.exp(k - loss * reach)
         # Weight of a cell: sensitivity of its mean to the volume's, given the receiver noise.
-        share = mean / (mean + guess.noise)
-        weight = np.where(observed, count * share**2, 0.0)
+        signal_fraction = mean / (mean + guess.noise)
+        weight = np.where(observed, count * signal_fraction**2, 0.0)
         excess = np.where(observed, total / np.maximum(count, 1.0) / mean - 1, 0.0)
         design = np.column_stack([np.ones(len(reach)), -reach])
         normal = design.T @ (weight[:, None] * design) + np.diag([1e-9, 1e-9])
@@ -369,9 +369,11 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
     for _ in range(MAX_STEPS):
         range_m, volume = law(value)
         mean = volume + cells.noise
-        share = volume / mean
-        by_rate = share * (2 * range_m / (range_m**2 + cells.near_field_m**2) + value[4]) * cells.shift_m
-        slopes = np.stack([*(cells.boresight.T[:, :, None] * by_rate), share, -range_m * share]).reshape(5, -1)
+        signal_fraction = volume / mean
+        by_rate = signal_fraction * (2 * range_m / (range_m**2 + cells.near_field_m**2) + value[4]) * cells.shift_m
+        slopes = np.stack(
+            [*(cells.boresight.T[:, :, None] * by_rate), signal_fraction, -range_m * signal_fraction]
+        ).reshape(5, -1)
         information = looks * slopes @ slopes.T + np.diag(precision)
         score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
         step = np.clip(np.linalg.solve(information[free, free], score[free]), -MAX_STEP, MAX_STEP)

@@ -306,9 +306,9 @@ class VolumeEnd:
 
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
         """Return the mean behind the ground over the volume's, in steps of 3 dB."""
-        share = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
+        noise_fraction = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
         floor = self.floor_share
-        steps = np.round(np.log2(np.clip(share, floor, 1.0) / floor))
+        steps = np.round(np.log2(np.clip(noise_fraction, floor, 1.0) / floor))
         return np.minimum(floor * 2.0**steps, 1.0)
 
     def _behind(

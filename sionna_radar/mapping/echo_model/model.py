@@ -118,8 +118,8 @@ class Sightings:
 
         of_power: in the powers of whole echoes, instead of their mean ranges.
         """
-        own = self.pose.rows, range_m, self.beam, self.chirp, self.memory
-        return speckle_reach(self.profiles.pulse, *own, of_power=of_power)
+        geometry = self.pose.rows, range_m, self.beam, self.chirp, self.memory
+        return speckle_reach(self.profiles.pulse, *geometry, of_power=of_power)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

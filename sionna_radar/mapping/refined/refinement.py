@@ -280,6 +280,6 @@ class Smooth:
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
         fitted = smooth(heights, inputs.grid, window_heights=window, microrelief_m=ground_m)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
-        own = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
-        uncertainty = TiledUncertainty((own,))
+        uncertainty_of_points = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
+        uncertainty = TiledUncertainty((uncertainty_of_points,))
         return Estimate.with_sigma(visible_surface(fitted.surface, inputs), uncertainty)

@@ -125,10 +125,10 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
     low, typical, high = np.percentile(level, [5, 25, 99])
-    share, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
-    lowest, highest = np.log(share * low), np.log(high / share)
+    weakest, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
+    lowest, highest = np.log(weakest * low), np.log(high / weakest)
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
-    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), share * float(typical), span)
+    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), weakest * float(typical), span)
 
 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:

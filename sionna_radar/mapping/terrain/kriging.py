@@ -106,13 +106,13 @@ class Kriging:
                 if rounding > 1.0:  # so the covariance is not finite
                     raise
                 rounding *= 10
-        tree, known, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
-        while known < count:
+        tree, done, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
+        while done < count:
             # A quarter more at once, which do not predict each other.
-            new = np.arange(known, min(known + -(-known // 4), count))
+            new = np.arange(done, min(done + -(-done // 4), count))
             member = np.concatenate([member, np.column_stack([tree.query(place_m[new], k=NEAREST)[1], new])])
-            known += len(new)
-            tree = KDTree(place_m[:known])
+            done += len(new)
+            tree = KDTree(place_m[:done])
 
         def some(low: int, high: int) -> Float[np.ndarray, "some member"]:
             last = np.zeros((high - low, NEAREST + 1, 1))
@@ -160,9 +160,9 @@ class Kriging:
 
     def _plane_m2(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         """Return the variance of the height of the plane through all measured heights at some places."""
-        middle, known = self._plane
+        middle, covariance = self._plane
         design = np.column_stack([np.ones(len(place_m)), place_m - middle])
-        return np.einsum("ni,ij,nj->n", design, known, design)
+        return np.einsum("ni,ij,nj->n", design, covariance, design)
 
     @cached_property
     def _plane(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
@@ -235,8 +235,8 @@ def _in_squares(
     low, extent = place_m.min(axis=0), np.ptp(place_m, axis=0)
     side = float(np.sqrt(extent.prod() / MAX_WINDOW_SQUARES))
     square = np.floor((place_m - low) / side)
-    _, own, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
-    middle = np.stack([np.bincount(own, column) for column in place_m.T], axis=1) / count[:, None]
+    _, square_of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    middle = np.stack([np.bincount(square_of, column) for column in place_m.T], axis=1) / count[:, None]
     return middle, count / len(place_m), side
 
 

@@ -155,10 +155,10 @@ class TerrainModel:
             return flat + informed.ravel().view(float)
 
         start = np.ascontiguousarray(every[low])
-        given = start.ravel().view(float)
-        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=float)
-        found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
-        every[low] = found.view(complex).reshape(down.shape)
+        right_side = start.ravel().view(float)
+        system = LinearOperator((len(right_side), len(right_side)), matvec=normal, dtype=float)
+        solution, _ = cg(system, right_side, rtol=tolerance, maxiter=iterations)
+        every[low] = solution.view(complex).reshape(down.shape)
         return scipy.fft.irfft2(every / twice, s=shape, overwrite_x=True, workers=workers).ravel()
 
     @staticmethod

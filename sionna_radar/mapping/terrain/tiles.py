@@ -175,19 +175,19 @@ class Tiles:
         taper, options = self.tiling.taper, self.tiling.options
         across, along = taper(self.grid.x_m, west, east), taper(self.grid.y_m, south, north)
         window = _span(along > 0), _span(across > 0)
-        part = self.grid.cut(*window)
-        own = self.sightings.rows(here), self._echoes.rows(here)
-        smoothed, first, information = self.tiling.surface(*own, part, options)
+        tile_grid = self.grid.cut(*window)
+        tile_echoes = self.sightings.rows(here), self._echoes.rows(here)
+        smoothed, first, information = self.tiling.surface(*tile_echoes, tile_grid, options)
         factor = first.smoothed.noise_factor
         if self.sightings.profiles.volume is not None:
             # Errors that neighbours share look like little noise.
             factor = max(factor, 1.0)
         kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), factor, smoothed.model.local)
-        east_m, north_m = np.meshgrid(part.x_m, part.y_m)
+        east_m, north_m = np.meshgrid(tile_grid.x_m, tile_grid.y_m)
         return Piece(
             first=np.array([side.start for side in window]),
             weight=across[window[1]] * along[window[0], None],
-            height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
+            height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(tile_grid.shape),
             uncertainty=TileUncertainty.of(
                 bounds,
                 kriging,
@@ -246,8 +246,8 @@ class Tiles:
 
 def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:
     """Return the cells of a row that are wanted, which lie together."""
-    found = np.flatnonzero(wanted)
-    return slice(int(found[0]), int(found[-1]) + 1)
+    wanted_cells = np.flatnonzero(wanted)
+    return slice(int(wanted_cells[0]), int(wanted_cells[-1]) + 1)
 
 
 def _numbers(each: PlausibleTerrain) -> tuple[float, ...]:

@@ -84,7 +84,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     first = int(
         np.argmin(np.abs(np.log(np.minimum(tried, GAUSSIAN_SMOOTHNESS) / min(taken.smoothness, GAUSSIAN_SMOOTHNESS))))
     )
-    found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
+    searched: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
     def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
         for number in numbers:
@@ -98,20 +98,20 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
             )
             start, onward = result.x, result.x - start
-            found[number] = (
+            searched[number] = (
                 float(result.fun) + SMOOTHNESS_PRIOR_EXPONENT * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS))),
                 result.x,
             )
-            if found[number][0] > min(loss for loss, _ in found.values()) + MAX_LOG_ODDS:
+            if searched[number][0] > min(loss for loss, _ in searched.values()) + MAX_LOG_ODDS:
                 return
 
     search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
-    search(range(first + 1, len(tried)), found[first][1], np.zeros(3))
-    search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
-    least = min(loss for loss, _ in found.values())
-    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
+    search(range(first + 1, len(tried)), searched[first][1], np.zeros(3))
+    search(range(first - 1, -1, -1), searched[first][1], np.zeros(3))
+    least = min(loss for loss, _ in searched.values())
+    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in searched.items()}
     every = []
-    for number, (_, logarithms) in found.items():
+    for number, (_, logarithms) in searched.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
         terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
         every.append(PlausibleTerrain(float(weight[number] / sum(weight.values())), terrain))
@@ -214,11 +214,11 @@ def information_of(
         linear = linearised(pulses)
 
         def of_echo(row: int, _: int) -> None:
-            own = linear.rows_of(row)
+            rows = linear.rows_of(row)
             phase = (linear.place_m[row] - heights.place_m[pulses[row]]) @ wave.T
-            turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
+            turned = linear.factor[rows] @ np.cos(phase) + 1j * (linear.factor[rows] @ np.sin(phase))
             power[row] = np.sum(np.abs(turned) ** 2, axis=0)
-            noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+            noise[row] = _noise(turned, linear.weight[rows], looks_per_cell)
 
         list(in_threads(of_echo, chunks(len(pulses), 1)))
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
@@ -239,8 +239,8 @@ def _noise(
     # A residual of the weight w has the variance w, in units of that of a look: the faint cells, which count for
     # little, are known better than they count for.
     turned = np.sqrt(weight)[:, None] * turned
-    beside = (1 / looks_per_cell - 1) / 2
-    neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
+    neighbour_correlation = (1 / looks_per_cell - 1) / 2
+    neighbours = 2 * neighbour_correlation * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
     return (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
 
@@ -358,14 +358,14 @@ class TiledUncertainty:
     @property
     def unexplained(self) -> int:
         """Number of echoes that the surface does not explain."""
-        own = ((tile, tile.outstanding) for tile in self.tiles)
-        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in own if out is not None)
+        by_tile = ((tile, tile.outstanding) for tile in self.tiles)
+        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in by_tile if out is not None)
 
     @cached_property
     def _heights(self) -> Heights:
         """The heights of all tiles, each from the tile that it lies in."""
-        own = (tile.kriging.heights for tile in self.tiles)
+        by_tile = (tile.kriging.heights for tile in self.tiles)
         inside = [
-            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, own, strict=True)
+            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, by_tile, strict=True)
         ]
         return Heights.concatenate(inside)

@@ -72,7 +72,7 @@ def covers_on(terrain: TerrainParameters, grid: Grid) -> dict[str, Bool[np.ndarr
     """
     names, number = cover_numbers(terrain, grid)
     name = np.array(names)[number]
-    return {str(own): name == own for own in (np.unique(name) if names else ())}
+    return {str(cover): name == cover for cover in (np.unique(name) if names else ())}
 
 
 def cover_numbers(terrain: TerrainParameters, grid: Grid) -> tuple[list[str], Int[np.ndarray, "row column"]]:
@@ -186,7 +186,7 @@ def _mesh_ground(terrain: MeshTerrain) -> MeshGround:
 
 def city(terrain: CityTerrain, inputs: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
-    chosen = {name: None if own == KEEP_SIONNA else own for name, own in terrain.materials.items()}
+    chosen = {name: None if material == KEEP_SIONNA else material for name, material in terrain.materials.items()}
     return city_landscape(terrain.city, chosen, inputs.carrier_hz, inputs.channel)
 
 

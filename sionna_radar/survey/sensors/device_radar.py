@@ -60,12 +60,12 @@ class DeviceRadar(Radar):
         with timed("trace"):
             look = self._looks.popleft()[1].result()
         with timed("detect"):
-            found = self.sweeps.detect_in(look.power, pulses)
+            detections = self.sweeps.detect_in(look.power, pulses)
         return Observation(
             paths=look.paths,
-            echoes=found.echoes,
-            profiles=found.profiles,
-            through_volume=found.through_volume,
+            echoes=detections.echoes,
+            profiles=detections.profiles,
+            through_volume=detections.through_volume,
             beats=look.beats,
         )
 

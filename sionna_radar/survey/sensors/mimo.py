@@ -54,9 +54,9 @@ class Mimo:
 
     def _received(self, paths: Paths, frame: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         receiver = self._receiver
-        own = paths.rows(slice(*np.searchsorted(paths.pulse, [frame.index[0], frame.index[0] + 1])))
+        frame_paths = paths.rows(slice(*np.searchsorted(paths.pulse, [frame.index[0], frame.index[0] + 1])))
         chirps = self._frames.chirps_of(frame)
-        beats = array_beats(FramePaths.of(own, frame.true), chirps.true, self._module, receiver.chirp)
+        beats = array_beats(FramePaths.of(frame_paths, frame.true), chirps.true, self._module, receiver.chirp)
         beats *= np.sqrt(receiver.transmit_power_w)
         if receiver.chirp.sampling == "real":
             beats = np.sqrt(2) * beats.real

@@ -145,10 +145,12 @@ class SweepDetector:
         """Return the echoes in the power spectra of single sweeps."""
         through, window_m = self.through[0], self.window_m(pulses)
         if through is None:
-            found = self.detector.find_in(power, pulses.index, window_m)
+            detections = self.detector.find_in(power, pulses.index, window_m)
         else:
-            found = through.find(power, pulses, self.sweeps[0], window_m)
-        return SweepDetections(echoes=found.echoes, profiles=found.profiles, through_volume=through is not None)
+            detections = through.find(power, pulses, self.sweeps[0], window_m)
+        return SweepDetections(
+            echoes=detections.echoes, profiles=detections.profiles, through_volume=through is not None
+        )
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
@@ -185,7 +187,7 @@ class SweepDetector:
             echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp), on_axis=True).echoes
             spectra = replace(spectra, threshold=through.threshold(spectra))
         threshold = np.where(np.isfinite(spectra.threshold), spectra.threshold, np.nan)
-        own = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
+        echoes_of_pulse = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
         return [
             ChirpRecord(
                 pulse=int(pulses.index[row]),
@@ -194,8 +196,8 @@ class SweepDetector:
                 range_m=detector.analyser.range_m,
                 power=spectra.power[row],
                 threshold=threshold[row],
-                echo_range_m=own[row].range_m,
-                echo_power=own[row].power,
+                echo_range_m=echoes_of_pulse[row].range_m,
+                echo_power=echoes_of_pulse[row].power,
             )
             for row in range(len(pulses))
         ]

@@ -81,7 +81,7 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
     radius = np.array([m.patch.radius_m for m in mirrors])
     outline = [m.patch.centre_m + m.patch.border_m.reshape(-1, 2) @ m.patch.axes for m in mirrors]
     near = KDTree(centre).query_ball_point(centre, 2 * radius + TOUCHING_M)
-    found = []
+    dihedrals = []
     for one, others in enumerate(near):
         other = np.sort(np.array(others, dtype=np.int64))
         other = other[other > one]
@@ -92,8 +92,8 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
             ahead = ((outline[number] - centre[one]) @ normal[one]).max() > TOUCHING_M
             if ahead and ((outline[one] - centre[number]) @ normal[number]).max() > TOUCHING_M:
                 corner = _dihedral(mirrors[one], mirrors[number])
-                found += [] if corner is None else [corner]
-    return found
+                dihedrals += [] if corner is None else [corner]
+    return dihedrals
 
 
 def _dihedral(one: PlaneMirror, other: PlaneMirror) -> Dihedral | None:

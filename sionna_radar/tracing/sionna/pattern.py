@@ -27,7 +27,7 @@ class SionnaPattern(rt.AntennaPattern):
 
     def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
         # Reversing one axis swaps the two senses of circular polarization.
-        shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
+        components = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         whole = antenna.transmit if jones is None or antenna.receive is None else antenna.receive
         self.tables: list[Any]
         voltage_toward, self.tables = _product_of_cuts(antenna) if whole is None else _whole(whole, antenna.efficiency)
@@ -36,7 +36,7 @@ class SionnaPattern(rt.AntennaPattern):
             sin_theta, cos_theta = dr.sincos(theta)
             sin_phi, cos_phi = dr.sincos(phi)
             voltage = voltage_toward(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
-            return tuple(mi.Complex2f(voltage * share.real, voltage * share.imag) for share in shares)
+            return tuple(mi.Complex2f(voltage * component.real, voltage * component.imag) for component in components)
 
         self.patterns = [pattern]
 
@@ -135,8 +135,8 @@ def _lookup(table, share):  # type: ignore[no-untyped-def]
     """Return a table at a share of its length, linear between samples."""
     position = share * (dr.width(table) - 1)
     below = mi.UInt32(dr.minimum(position, dr.width(table) - 2))
-    part = position - mi.Float(below)
-    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), part)
+    fraction = position - mi.Float(below)
+    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), fraction)
 
 
 def sionna_angles(R_world_antenna: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

@@ -139,9 +139,9 @@ class GridRays:
         """Return the density per steradian of the rays that follow the beam; none behind the face."""
         row = _cell(self._up, mi.UInt32(0), self._rows, v)
         column = _cell(self._left, mi.UInt32(0), self._columns, u)
-        share = _step(self._row_below, row) * _step(self._below, row * (self._columns + 1) + column)
+        probability = _step(self._row_below, row) * _step(self._below, row * (self._columns + 1) + column)
         area = dr.maximum(_step(self._up, row) * _step(self._left, column), 1e-20)
-        return dr.select(normal > 0, dr.maximum(normal, 0.0) * share / area, 0.0)
+        return dr.select(normal > 0, dr.maximum(normal, 0.0) * probability / area, 0.0)
 
 
 def _cell(edges: Any, first: Any, cells: int, value: Any) -> Any:
@@ -156,16 +156,16 @@ def _step(edges: Any, cell: Any) -> Any:
 
 def _within(below: Any, edges: Any, at: Any, cell: Any, share: Any) -> Any:
     """Return the place inside a cell of a share of all, between the shares at its two edges."""
-    part = (share - dr.gather(mi.Float, below, at)) / dr.maximum(_step(below, at), 1e-30)
-    return dr.lerp(dr.gather(mi.Float, edges, cell), dr.gather(mi.Float, edges, cell + 1), dr.clip(part, 0.0, 1.0))
+    fraction = (share - dr.gather(mi.Float, below, at)) / dr.maximum(_step(below, at), 1e-30)
+    return dr.lerp(dr.gather(mi.Float, edges, cell), dr.gather(mi.Float, edges, cell + 1), dr.clip(fraction, 0.0, 1.0))
 
 
 def _quantile(quantiles, probability):  # type: ignore[no-untyped-def]
     position = probability * (dr.width(quantiles) - 1)
     below = mi.UInt32(dr.minimum(position, dr.width(quantiles) - 2))
-    share = position - mi.Float(below)
+    fraction = position - mi.Float(below)
     low, high = dr.gather(mi.Float, quantiles, below), dr.gather(mi.Float, quantiles, below + 1)
-    return dr.lerp(low, high, share)
+    return dr.lerp(low, high, fraction)
 
 
 def _density(quantiles, cosine):  # type: ignore[no-untyped-def]

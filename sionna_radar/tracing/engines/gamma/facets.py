@@ -205,11 +205,11 @@ class GammaEngine:
         row, place, coarse = self._index.search(self._footprint, self._fineness, pose, low, high)
         if not coarse.any():
             return row, self._index.scatterers.rows(place)
-        found = [(row[~coarse], self._index.scatterers.rows(place[~coarse]))]
-        found += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
-        row = np.concatenate([rows for rows, _ in found])
+        groups = [(row[~coarse], self._index.scatterers.rows(place[~coarse]))]
+        groups += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
+        row = np.concatenate([rows for rows, _ in groups])
         order = np.argsort(row, kind="stable")
-        return row[order], FacetScatterers.concatenate([facets for _, facets in found]).rows(order)
+        return row[order], FacetScatterers.concatenate([facets for _, facets in groups]).rows(order)
 
     def _divided(
         self, facets: Facets, row: Int[np.ndarray, " facet"], pose: Pose
@@ -229,9 +229,9 @@ class GammaEngine:
             fine.append((row[whole], facets.rows(whole).scatterers))
             few = met & (cuts > 1) & (cuts <= MAX_PARTS)
             for count in np.unique(cuts[few]):
-                own = few & (cuts == count)
-                pieces = facets.rows(own).divided(int(count)).scatterers
-                rows = np.tile(row[own], int(count) ** 2)
+                selected = few & (cuts == count)
+                pieces = facets.rows(selected).divided(int(count)).scatterers
+                rows = np.tile(row[selected], int(count) ** 2)
                 away = pieces.place_m - pose.position_m[rows]
                 inside = self._footprint.meets(_seen_along(away, pose.R_world_antenna[rows]), 0.0)
                 fine.append((rows[inside], pieces.rows(inside)))
@@ -278,8 +278,8 @@ class GammaEngine:
 
     def _wander(self, identity: UInt64[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return a number of the two-sided exponential distribution of mean size one for each facet."""
-        share = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
-        return np.sign(share) * -np.log(np.maximum(1 - np.abs(share), 2.0**-60))
+        uniform = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
+        return np.sign(uniform) * -np.log(np.maximum(1 - np.abs(uniform), 2.0**-60))
 
 
 def _seen_along(

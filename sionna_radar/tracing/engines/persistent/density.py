@@ -83,8 +83,8 @@ def _cells(cut: Cut) -> tuple[Float[np.ndarray, " edge"], Float[np.ndarray, " ce
     cosine = cut.cosine
     below = np.concatenate([[0.0], np.cumsum((cut.voltage[1:] ** 2 + cut.voltage[:-1] ** 2) / 2)])
     rising = np.concatenate([[True], np.diff(below) > 0])
-    shares = np.interp(np.linspace(0, below[-1], EDGES + 1)[1:-1], below[rising], cosine[rising])
-    edges = np.unique(np.concatenate([shares, np.linspace(-1.0, 1.0, EDGES + 1)]))
+    equal_power = np.interp(np.linspace(0, below[-1], EDGES + 1)[1:-1], below[rising], cosine[rising])
+    edges = np.unique(np.concatenate([equal_power, np.linspace(-1.0, 1.0, EDGES + 1)]))
     return edges, np.diff(np.interp(edges, cosine, cut.two_way_distribution))
 
 
