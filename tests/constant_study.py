@@ -27,7 +27,7 @@ ROOMS = ("mapping", "detection")
 PRELOADED = ["numba", "scipy.optimize", "scipy.spatial", "scipy.ndimage", "scipy.interpolate", "scipy.integrate",
              "scipy.signal", "pydantic", "jaxtyping", "rasterio", "h5netcdf", "matplotlib.path", "pyproj"]  # fmt: skip
 # Shares near one: the rest to one is halved and doubled.
-SHARES = {"MIN_PROBABILITY", "MIN_FILL_FACTOR", "MIN_RAISED_FRACTION", "EDGE_SHARE"}
+SHARES = {"MIN_PROBABILITY", "MIN_FILL_FACTOR", "MIN_RAISED_FRACTION", "EDGE_LEVEL"}
 HALF, DOUBLE = 0.5, 2.0
 # Names of what is no quantity, or bounds memory alone, by the reason.
 NOT_VARIED = {

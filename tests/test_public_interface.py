@@ -99,6 +99,31 @@ def test_a_public_name_says_what_it_is_with_an_example(name):
         assert "Raises\n------" in text
 
 
+# Rooms of the core, whose functions take and return numbers with units and shapes.
+CORE = (
+    *("foundation", "elevation", "weather", "scenario", "surfaces", "flight", "scene"),
+    *("radar", "tracing", "signal", "detection", "mapping", "accuracy", "survey"),
+)
+
+
+def public_functions():
+    """Return the public functions of the core by their full names."""
+    rooms = [importlib.import_module(f"sionna_radar.{room}") for room in CORE]
+    named = {f"{room.__name__}.{name}": getattr(room, name) for room in rooms for name in room.__all__}
+    return {name: function for name, function in named.items() if inspect.isfunction(function)}
+
+
+@pytest.mark.parametrize("name", sorted(public_functions()))
+def test_a_public_function_states_its_parameters_and_what_it_returns(name):
+    function = public_functions()[name]
+    text, signature = inspect.getdoc(function), inspect.signature(function)
+    assert "Returns\n-------\n" in text
+    if signature.parameters:
+        section = text.partition("Parameters\n----------\n")[2]
+        stated = {word for line in re.findall(r"^(\w.*):$", section, re.MULTILINE) for word in line.split(", ")}
+        assert set(signature.parameters) <= stated
+
+
 def load_coarse(name, overrides=None):
     """Load a scenario; the hills of the examples on a coarser mesh, so that their flights are quick."""
     overrides = overrides or {}

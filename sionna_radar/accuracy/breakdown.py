@@ -50,6 +50,10 @@ def by_class(
         Classified value of each cell.
     bounds:
         Bounds of the classes, ascending.
+
+    Returns
+    -------
+    Error statistics of the classes that are not empty.
     """
     number = np.searchsorted(bounds, value, side="right") - 1
     number[value == bounds[-1]] = len(bounds) - 2
@@ -136,6 +140,10 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
         Cells to use, where filled.
     seed:
         Seed of the scenario.
+
+    Returns
+    -------
+    The empirical variogram, m²; None without enough cells.
     """
     valid = error.filled & cells
     row, column = np.nonzero(valid)
@@ -179,8 +187,8 @@ def _length_m(lags: list[VariogramLag], variance_m2: float) -> float | None:
     threshold_m2 = (1 - np.exp(-1.0)) * variance_m2
     for near, far in pairwise(lags):
         if near.semivariance_m2 < threshold_m2 <= far.semivariance_m2:
-            share = (threshold_m2 - near.semivariance_m2) / (far.semivariance_m2 - near.semivariance_m2)
-            return near.lag_m + share * (far.lag_m - near.lag_m)
+            fraction = (threshold_m2 - near.semivariance_m2) / (far.semivariance_m2 - near.semivariance_m2)
+            return near.lag_m + fraction * (far.lag_m - near.lag_m)
     return None
 
 
@@ -215,7 +223,7 @@ def break_down(
     walls: Walls | None,
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
-    own_error_m: float | None = None,
+    checkpoint_sigma_m: float | None = None,
     covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
 ) -> Breakdown:
     """Return the breakdown of a DEM's error by classes of ground and view, with checkpoints and variogram.
@@ -230,10 +238,14 @@ def break_down(
         Walls of the scene; None if they are not known.
     seed:
         Seed of the scenario, for checkpoints and pairs.
-    covered, own_error_m:
+    covered, checkpoint_sigma_m:
         See `checkpoint_test`.
     covers:
         Cells of each cover.
+
+    Returns
+    -------
+    The error by classes, with checkpoints and variogram.
     """
     cells = error.filled & lit
     sample = _some(cells, seed)
@@ -243,12 +255,12 @@ def break_down(
         place = error.grid.centres_m[sample.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
     by_cover = {
-        name: statistics(error.height_m[cells & own], int((lit & own).sum()))
-        for name, own in (covers or {}).items()
-        if (cells & own).any()
+        name: statistics(error.height_m[cells & cover_cells], int((lit & cover_cells).sum()))
+        for name, cover_cells in (covers or {}).items()
+        if (cells & cover_cells).any()
     }
     return Breakdown(
-        checkpoints=checkpoint_test(error, truth, lit, seed, covered, own_error_m),
+        checkpoints=checkpoint_test(error, truth, lit, seed, covered, checkpoint_sigma_m),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
         by_incidence=by_class(error_m, incidence_deg(truth, points, sample), INCIDENCES_DEG),
         by_wall_distance=distances,

@@ -39,7 +39,17 @@ def gradient(raster: Raster) -> tuple[Float[np.ndarray, "row column"], Float[np.
 
 
 def slope_deg(raster: Raster) -> Float[np.ndarray, "row column"]:
-    """Return the slope of each cell in degrees; NaN as for `gradient`."""
+    """Return the slope of each cell in degrees; NaN as for `gradient`.
+
+    Parameters
+    ----------
+    raster:
+        Heights in m.
+
+    Returns
+    -------
+    Slope of each cell in degrees; NaN at the border and next to empty cells.
+    """
     return np.rad2deg(np.arctan(np.hypot(*gradient(raster))))
 
 
@@ -92,7 +102,7 @@ def checkpoint_test(
     lit: Bool[np.ndarray, "row column"],
     seed: int,
     covered: Mapping[str, float] = NOTHING_COVERED,
-    own_error_m: float | None = None,
+    checkpoint_sigma_m: float | None = None,
 ) -> CheckpointTest:
     """Return the test of a DEM with seeded checkpoints on lit cells that it fills.
 
@@ -106,8 +116,12 @@ def checkpoint_test(
         Seed of the scenario.
     covered:
         Shares of the cells covered by anything but open ground, by kind of cover.
-    own_error_m:
+    checkpoint_sigma_m:
         Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
+
+    Returns
+    -------
+    Result of the test, heights in m.
     """
     cells = error.filled & lit
     wanted = checkpoints_wanted(float(cells.sum()) * error.grid.spacing_m**2)
@@ -120,10 +134,10 @@ def checkpoint_test(
     if len(values) == 0:
         rms_m = mean_m = std_m = greatest_m = float("nan")
     else:
-        rms_m = float(np.sqrt(np.mean(values**2) + (own_error_m or 0.0) ** 2))
+        rms_m = float(np.sqrt(np.mean(values**2) + (checkpoint_sigma_m or 0.0) ** 2))
         mean_m, std_m = float(values.mean()), float(values.std())
         greatest_m = float(np.abs(values).max())
-    hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MAX_COVERED]
+    hidden = [f"{what} hold {fraction:.0%}" for what, fraction in covered.items() if fraction >= MAX_COVERED]
     tested = len(values) >= wanted and not hidden
     class_cm = max(int(np.ceil(round(100 * rms_m, 6))), 1) if tested else None
     return CheckpointTest(
@@ -137,7 +151,7 @@ def checkpoint_test(
         greatest_m=greatest_m,
         class_cm=class_cm,
         where=_where(even),
-        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden, own_error_m),
+        statement=_statement(len(values), wanted, _where(even), rms_m, class_cm, hidden, checkpoint_sigma_m),
     )
 
 
@@ -191,18 +205,22 @@ def _statement(
     rms_m: float,
     class_cm: int | None,
     hidden: Sequence[str],
-    own_error_m: float | None,
+    checkpoint_sigma_m: float | None,
 ) -> str:
     standard = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2 (2023)"
     if hidden:
         return f"not tested by the {standard}, whose checkpoints lie in the open: {' and '.join(hidden)} of the cells"
     if class_cm is None:
         return f"not tested by the {standard}: it asks for {required} checkpoints, and there are {count} cells for them"
-    kind, own = "simulated", "without error"
-    if own_error_m is not None:
+    kind, sigma_text = "simulated", "without error"
+    if checkpoint_sigma_m is not None:
         kind = "measured"
-        own = f"with an error of {100 * own_error_m:.1f} cm, included" if own_error_m else "with an error unknown"
+        sigma_text = (
+            f"with an error of {100 * checkpoint_sigma_m:.1f} cm, included"
+            if checkpoint_sigma_m
+            else "with an error unknown"
+        )
     return (
         f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
-        f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {own}"
+        f"{100 * rms_m:.1f} cm of {count} {kind} checkpoints on {where}, themselves {sigma_text}"
     )

@@ -1,4 +1,4 @@
-"""Comparison of a DEM with the true surface, and of two engines' DEMs with each other.
+"""DEM error statistics against the true surface, and tests between the DEMs of two engines.
 
 A randomisation test over tiles of the map decides whether two engines' DEMs differ by more than speckle. It takes four
 DEMs of one survey, two seeds of each engine. If both engines see the same surface, the four are exchangeable in every
@@ -68,7 +68,21 @@ class DemError:
 def difference(dem: Raster, truth: Raster) -> Raster:
     """Return DEM minus truth on their common grid.
 
-    Raises ValueError where their grids differ.
+    Parameters
+    ----------
+    dem:
+        Estimated heights, m.
+    truth:
+        True heights on the same grid, m.
+
+    Returns
+    -------
+    DEM minus truth, m; NaN where either is empty.
+
+    Raises
+    ------
+    ValueError
+        The grids differ.
     """
     if dem.grid != truth.grid:
         raise ValueError(f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other")
@@ -84,11 +98,15 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
         DEM minus truth; empty where either is empty.
     illuminated:
         Mappable cells, the reference of the coverage.
+
+    Returns
+    -------
+    Error statistics in m, and coverage as a fraction.
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
-    found = statistics(values, len(values))
+    error_statistics = statistics(values, len(values))
     mappable = int(illuminated.sum())
-    return replace(found, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
+    return replace(error_statistics, coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0)
 
 
 def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
@@ -115,7 +133,17 @@ def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
 
 
 def nmad(values: Float[np.ndarray, " cell"]) -> float:
-    """Return the normalised median absolute deviation (Hoehle and Hoehle 2009)."""
+    """Return the normalised median absolute deviation (Hoehle and Hoehle 2009).
+
+    Parameters
+    ----------
+    values:
+        Errors, finite.
+
+    Returns
+    -------
+    1.4826 times the median absolute deviation from the median, in the unit of the values.
+    """
     return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 

@@ -1,4 +1,4 @@
-"""The mappable ground of a survey: in the main beam, and not in geometric shadow.
+"""Mappable ground of a survey: cells in the main beam and not in geometric shadow.
 
 Masks of places within half a beam footprint of a wall, and wall distances.
 """
@@ -132,6 +132,10 @@ def shadowed(
         Start and end of a straight, level flight.
     incidence_rad, half_swath_rad:
         The scan.
+
+    Returns
+    -------
+    Mask of the cells in radar shadow.
     """
     start, end = track_m
     length = float(np.linalg.norm(end - start))
@@ -213,7 +217,19 @@ def raster_walls(
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:
-    """Return each point's footprint semi-major axis on level ground, m."""
+    """Return each point's footprint semi-major axis on level ground, m.
+
+    Parameters
+    ----------
+    points:
+        Located echoes.
+    beamwidth_rad:
+        Half-power beamwidth, rad.
+
+    Returns
+    -------
+    Semi-major axis of each footprint, m.
+    """
     down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
     return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
 
@@ -230,7 +246,21 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
 def near_buildings(
     place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Box]
 ) -> Bool[np.ndarray, " n"]:
-    """Return the mask of places within reach of a building's outline, inside it or outside."""
+    """Return the mask of places within reach of a building's outline, inside it or outside.
+
+    Parameters
+    ----------
+    place_m:
+        Horizontal positions, m.
+    reach_m:
+        Distance of each position within which a building counts as near, m.
+    buildings:
+        Boxes of the buildings.
+
+    Returns
+    -------
+    Mask of the positions within reach of an outline, or inside it.
+    """
     near = np.zeros(len(place_m), dtype=bool)
     for building in buildings:
         near |= np.abs(_signed_distance_m(place_m, building)) <= reach_m
@@ -266,8 +296,8 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     step_m = grid.spacing_m / FOOT_POINTS_PER_CELL
     pieces = np.ceil(np.linalg.norm(edge, axis=1) / step_m).astype(int) + 1
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    share = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
-    point = np.repeat(start, pieces, axis=0) + share[:, None] * np.repeat(edge, pieces, axis=0)
+    fraction = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
+    point = np.repeat(start, pieces, axis=0) + fraction[:, None] * np.repeat(edge, pieces, axis=0)
     on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
     # Duplicates: triangles share edges, and a wall's coincide in plan.
     return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4

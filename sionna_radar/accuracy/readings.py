@@ -1,10 +1,10 @@
-"""Readings of a beam that does not scan, as of a radar altimeter, against the heights that it was to read.
+"""Accuracy of altimeter readings, by a beam that does not scan, against the true clearance.
 
 A reading r(t) that is late by L reads what was true before: r(t) = h(t - L) + b + errors. L is the lag of least
 squares, which is that of the largest cross-correlation of readings and heights where their spreads are alike. It is
 found by Gauss-Newton steps from L = 0: to first order r(t) - h(t - L) changes by h'(t - L) per second of lag.
 Neighbouring errors are alike; the standard deviation is that of lags without one of eight stretches of the flight
-(`accuracy.robust_errors`). Over level ground, flown level, h' is zero and nothing tells a lag.
+(`accuracy.robust_errors`). Over level ground, flown level, h' is zero and a lag is not observable.
 """
 
 from dataclasses import asdict, dataclass
@@ -49,7 +49,7 @@ class Readings:
     errors: of all pulses; by_cover: of those over each cover.
     longest_drop_out_s: longest time between two readings, or between one and the start or end, less one interval.
     latency_s, latency_sigma_s: lag of the readings behind the true heights, positive for late ones, and its standard
-        deviation; None where the heights do not tell it.
+        deviation; None where it is not observable.
     by_readings_m: lowest clearance of the same flight steered by these readings instead of by the true ground; None for
         a flight that is not steered by what is sensed (`platform.height = "sensed"`).
     """
@@ -83,10 +83,10 @@ class Readings:
         rows = {f"reading less {self.subject}": _words(total)}
         if len(self.by_cover) > 1:
             rows |= {f"  over {name!r}": _words(errors) for name, errors in self.by_cover.items()}
-        share = total.drop_outs / max(total.pulses, 1)
+        drop_out_fraction = total.drop_outs / max(total.pulses, 1)
         longest = f", the longest {self.longest_drop_out_s:.3g} s" if total.drop_outs else ""
-        rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({share:.1%}){longest}"
-        rows["latency"] = "not told by heights that vary so little"
+        rows["drop-outs"] = f"{total.drop_outs:,} of {total.pulses:,} pulses ({drop_out_fraction:.1%}){longest}"
+        rows["latency"] = "not observable: the heights vary too little"
         if self.latency_s is not None:
             rows["latency"] = f"{self.latency_s:+.3f} ± {self.latency_sigma_s:.3f} s (positive: late)"
         rows["lowest clearance flown"] = f"{total.lowest_clearance_m:.2f} m over what stands below"
@@ -125,9 +125,9 @@ def readings_of(
         cover=cover,
         errors=_errors(error_m, np.isnan(reading_m), clearance_m),
         by_cover={
-            name: _errors(error_m[own], np.isnan(reading_m[own]), clearance_m[own])
+            name: _errors(error_m[of_cover], np.isnan(reading_m[of_cover]), clearance_m[of_cover])
             for name in sorted(set(cover))
-            for own in [names == name]
+            for of_cover in [names == name]
         },
         longest_drop_out_s=_longest_gap_s(time_s, np.isfinite(reading_m)),
         latency_s=None if lag is None else lag[0],
@@ -139,8 +139,8 @@ def readings_of(
 def _errors(
     error_m: Float[np.ndarray, " pulse"], dropped: Bool[np.ndarray, " pulse"], clearance_m: Float[np.ndarray, " pulse"]
 ) -> ReadingErrors:
-    known = error_m[np.isfinite(error_m)]
-    some = known if len(known) else np.array([np.nan])
+    valid = error_m[np.isfinite(error_m)]
+    some = valid if len(valid) else np.array([np.nan])
     over = clearance_m[np.isfinite(clearance_m)]
     return ReadingErrors(
         pulses=len(error_m),
@@ -166,7 +166,7 @@ def latency(
 ) -> tuple[float, float] | None:
     """Return the lag of readings behind the true heights, and its standard deviation, s.
 
-    None where the heights vary too little to tell it to within a tenth of the flight, and with too few readings.
+    None where the heights vary too little to determine it to within a tenth of the flight, and with too few readings.
     """
     whole = np.isfinite(true_m)
     used = whole & np.isfinite(reading_m)

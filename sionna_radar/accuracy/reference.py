@@ -66,8 +66,8 @@ OUTLIERS = 4.0
 MIN_CELLS = 60
 # Fewest checkpoints from which a tilt is estimated, and an offset.
 TILT_CHECKPOINTS, OFFSET_CHECKPOINTS = 10, 3
-# Share of cells with points from which a cloud is a surface.
-SURFACE_SHARE = 0.5
+# Least fraction of cells with points at which a cloud counts as a surface.
+MIN_FILLED_FRACTION = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Shift:
 
     The standard deviations come from few parts of the map; 1.96 of them to either side are an interval of 95 %.
 
-    east_m, north_m: horizontal; None for checkpoints, and where the relief does not tell.
+    east_m, north_m: horizontal; None for checkpoints, and where the relief does not determine it.
     up_m: vertical, in the middle of the DEM.
     tilt_east, tilt_north: slopes of the difference, m per m.
     rms_m, shifted_rms_m: of DEM minus reference, without outliers, before and after the shift is taken out.
@@ -142,17 +142,19 @@ class ReferenceSurface:
         if self.cover is None:
             return {}
         number = self.on(grid, shift_m, self.cover).height_m
-        return {name: number == own for own, name in enumerate(COVERS) if np.any(number == own)}
+        return {
+            name: number == class_number for class_number, name in enumerate(COVERS) if np.any(number == class_number)
+        }
 
     def walls(self, grid: Grid, shift_m: tuple[float, float]) -> Walls:
         """Return the walls within a grid, moved by a horizontal shift: steps between the reference's own cells."""
         corner_m = np.array(list(product(*np.reshape(grid.extent_m, (2, 2))))) + _origin_m(grid)[:2] - shift_m
-        own, theirs = CRS.from_wkt(self.crs), CRS.from_wkt(_crs_of(grid))
-        at = np.floor(apply_affine(~self.transform, *convert(theirs, own, *corner_m.T)))
+        reference_crs, theirs = CRS.from_wkt(self.crs), CRS.from_wkt(_crs_of(grid))
+        at = np.floor(apply_affine(~self.transform, *convert(theirs, reference_crs, *corner_m.T)))
         (left, top), (right, bottom) = np.maximum([at.min(axis=1) - 1, at.max(axis=1) + 2], 0).astype(int)
 
         def place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
-            on_map = convert(own, theirs, *apply_affine(self.transform, column + left + 0.5, row + top + 0.5))
+            on_map = convert(reference_crs, theirs, *apply_affine(self.transform, column + left + 0.5, row + top + 0.5))
             return np.column_stack(on_map) - _origin_m(grid)[:2] + shift_m
 
         return raster_walls(self.height_m[top:bottom, left:right], place)
@@ -180,7 +182,7 @@ class ReferenceCheck:
     error: DEM minus reference, None for checkpoints. statistics: of lit cells, or of checkpoints.
     breakdown: None for checkpoints. calibration: errors over the stated standard deviations of DEM and reference
     together; None if the DEM states none.
-    untold: classes of errors that are not stated, each with the reason.
+    missing: breakdowns of the error that are not available, each with the reason.
     """
 
     name: str
@@ -192,11 +194,13 @@ class ReferenceCheck:
     statistics: DemError
     breakdown: Breakdown | None
     calibration: UncertaintyCheck | Calibration | None
-    untold: dict[str, str]
+    missing: dict[str, str]
 
     def document(self) -> dict[str, Any]:
-        """Return all but the raster as nested tables."""
-        return asdict(replace(self, error=None))
+        """Return all but the raster as nested tables; `missing` has the name `untold` in result files."""
+        document = asdict(replace(self, error=None))
+        document["untold"] = document.pop("missing")
+        return document
 
 
 def compare_with_reference(
@@ -236,6 +240,10 @@ def compare_with_reference(
     seed:
         Of the random choice of checkpoints among cells.
 
+    Returns
+    -------
+    Shift, error statistics and breakdown of the DEM against the reference.
+
     Raises
     ------
     InputFileError
@@ -262,15 +270,15 @@ def compare_with_reference(
         trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
         surface = replace(surface, height_m=surface.height_m + trend)
     error = Raster(grid=dem.grid, height_m=dem.height_m - surface.height_m, quantity="height error")
-    known = reached & surface.filled
+    compared = reached & surface.filled
     total = None if sigma is None else replace(sigma, height_m=np.hypot(sigma.height_m, reference.sigma_m))
     covers = covers or reference.covers(dem.grid, moved_m)
     steps = "the scenario has none" if walls is not None else "no step of the reference is as high and steep"
     walls = reference.walls(dem.grid, moved_m) if walls is None else walls
-    untold = {
-        "incidence": "" if points else "the echoes are not known",
+    missing = {
+        "incidence": "" if points else "no echoes",
         "distance from walls": "" if walls else steps,
-        "cover": "" if covers else "neither the scenario nor points of the reference tell it",
+        "cover": "" if covers else "no cover data in the scenario or the reference",
     }
     return ReferenceCheck(
         name=path.name,
@@ -279,10 +287,12 @@ def compare_with_reference(
         shift=shift,
         applied=apply_shift,
         error=error,
-        statistics=statistics(error.height_m[error.filled & known], int(known.sum())),
-        breakdown=break_down(error, surface, known, points, walls, seed, own_error_m=reference.sigma_m, covers=covers),
-        calibration=None if total is None else check_uncertainty(error, total, surface, known, points, uncertainty),
-        untold={name: reason for name, reason in untold.items() if reason},
+        statistics=statistics(error.height_m[error.filled & compared], int(compared.sum())),
+        breakdown=break_down(
+            error, surface, compared, points, walls, seed, checkpoint_sigma_m=reference.sigma_m, covers=covers
+        ),
+        calibration=None if total is None else check_uncertainty(error, total, surface, compared, points, uncertainty),
+        missing={name: reason for name, reason in missing.items() if reason},
     )
 
 
@@ -312,7 +322,7 @@ def _check_at(
     if apply_shift:
         error_m = error_m - shift.trend_m(place_m, _middle_m(dem.grid))
     stated = None if sigma is None else np.hypot(sigma.at(place_m), own_m)
-    known = None if stated is None else np.isfinite(stated)
+    has_sigma = None if stated is None else np.isfinite(stated)
     return ReferenceCheck(
         name=name,
         kind=reference.kind,
@@ -322,17 +332,21 @@ def _check_at(
         error=None,
         statistics=statistics(error_m, len(inside)),
         breakdown=None,
-        calibration=None if stated is None or not np.any(known) else calibration(error_m[known], stated[known]),
-        untold={"slope, incidence, distance from walls, cover, variogram": "single points are no surface"},
+        calibration=None
+        if stated is None or not np.any(has_sigma)
+        else calibration(error_m[has_sigma], stated[has_sigma]),
+        missing={"slope, incidence, distance from walls, cover, variogram": "checkpoints do not form a surface"},
     )
 
 
 # ----------------------------------------------------------------------------------------------------------- shift
 def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], path: Path) -> Shift:
-    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not tell it."""
-    known = int((cells & reference.on(dem.grid).filled).sum())
-    if known < MIN_CELLS:
-        message = f"{KEY} = {shown(path)}: has {known} heights where the DEM has any; give one of its ground"
+    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not determine it."""
+    common_cells = int((cells & reference.on(dem.grid).filled).sum())
+    if common_cells < MIN_CELLS:
+        message = (
+            f"{KEY} = {shown(path)}: has {common_cells} heights where the DEM has any; give a reference that covers it"
+        )
         raise InputFileError(message)
     shift = _fitted(dem, reference, cells, _coarse_shift(dem, reference, cells))
     at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
@@ -362,7 +376,8 @@ def _fitted(
         instruments = np.column_stack([*slopes, constant]) if moved else constant
         usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
         if moved and not usable.any():
-            # No cell has slopes on both surfaces, as where the DEM has single cells only: nothing tells the direction.
+            # No cell has slopes on both surfaces, as where the DEM has single cells only: the direction is not
+            # determined.
             return _fitted(dem, reference, cells, None)
         usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
         solved = robust_fit(model[usable], instruments[usable], residual[usable], blocks_of(place[usable]))
@@ -468,7 +483,7 @@ def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSur
     elif not reference.on(grid).filled.any():
         covered = spans(_extent_on(grid, reference))
         message = f"has no height within the DEM: it covers {covered}, and the DEM {spans(_map_extent(grid))}"
-        raise InputFileError(f"{KEY} = {shown(path)}: {message}; give one of its ground")
+        raise InputFileError(f"{KEY} = {shown(path)}: {message}; give a reference that covers it")
     return reference
 
 
@@ -483,8 +498,8 @@ def _extent_on(grid: Grid, reference: "ReferenceSurface") -> tuple[float, float,
     """Return west, south, east and north of measured heights in the coordinates of a grid's map."""
     rows, columns = reference.height_m.shape
     corner = np.array([*product((0.0, float(columns)), (0.0, float(rows)))])
-    own, theirs = CRS.from_wkt(reference.crs), CRS.from_wkt(_crs_of(grid))
-    x, y = convert(own, theirs, *apply_affine(reference.transform, *corner.T))
+    reference_crs, theirs = CRS.from_wkt(reference.crs), CRS.from_wkt(_crs_of(grid))
+    x, y = convert(reference_crs, theirs, *apply_affine(reference.transform, *corner.T))
     return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
 
@@ -528,11 +543,11 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
         ours_west, ours_east, ours_south, ours_north = wide.extent_m
         if not (west < ours_east and east > ours_west and south < ours_north and north > ours_south):
             covered = spans((west + east_m, south + north_m, east + east_m, north + north_m))
-            message = f"covers {covered}, and the DEM {spans(_map_extent(grid))}; give one of its ground"
+            message = f"covers {covered}, and the DEM {spans(_map_extent(grid))}; give a reference that covers it"
             raise InputFileError(f"{cloud.name}: has no height within the DEM: it {message}")
         raster = gridded(pieces, wide, "mean", 0.5)
         cells = np.argwhere(raster.filled)
-        if len(cells) < SURFACE_SHARE * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):
+        if len(cells) < MIN_FILLED_FRACTION * np.prod(np.ptp(cells, axis=0) + 1 if len(cells) else 1):
             place_m, height_m = (np.concatenate(part) for part in zip(*pieces(), strict=True))
             own_m = np.full(len(height_m), sigma_m)
             height_m = height_m - _base_m(grid)
@@ -551,16 +566,16 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
 def _read_checkpoints(path: Path, grid: Grid, sigma_m: float) -> Checkpoints:
     columns = {"x": None, "y": None, "z": None, "sigma": sigma_m}
     lines, table = read_numbers(path, f"{KEY} =", columns, REMEDY, further="ignored")
-    given = np.column_stack(table)
-    if (negative := np.flatnonzero(given[:, 3] < 0)).size:
+    rows = np.column_stack(table)
+    if (negative := np.flatnonzero(rows[:, 3] < 0)).size:
         raise InputFileError(f"{KEY} = {shown(path)}: line {lines[negative[0]]} has a negative sigma; give 0 or more")
-    if (empty := np.flatnonzero((given[:, 2] == UNDECLARED_NODATA) | (np.abs(given[:, 2]) > MAX_HEIGHT_M))).size:
+    if (empty := np.flatnonzero((rows[:, 2] == UNDECLARED_NODATA) | (np.abs(rows[:, 2]) > MAX_HEIGHT_M))).size:
         raise InputFileError(
-            f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {given[empty[0], 2]:g}, no height on Earth "
-            f"({len(empty)} of {len(given)} lines); leave such lines out"
+            f"{KEY} = {shown(path)}: line {lines[empty[0]]} has z = {rows[empty[0], 2]:g}, not a height on Earth "
+            f"({len(empty)} of {len(rows)} lines); leave such lines out"
         )
-    position_m = given[:, :3] - np.array(_origin_m(grid))
-    return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=given[:, 3])
+    position_m = rows[:, :3] - np.array(_origin_m(grid))
+    return Checkpoints(place_m=position_m[:, :2], height_m=position_m[:, 2], sigma_m=rows[:, 3])
 
 
 # Local metres have no CRS; rasterio asks for one, and the same for both leaves coordinates as they are.
@@ -593,8 +608,8 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
         crs = CRS.from_wkt(wkt)
     except CRSError as error:
         raise InputFileError(f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}") from error
-    own, other = vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), vertical_datum(crs)
-    if own and other and own != other:
+    dem_datum, other = vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), vertical_datum(crs)
+    if dem_datum and other and dem_datum != other:
         warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"
-        logger.warning(warning, named, other, own)
+        logger.warning(warning, named, other, dem_datum)
     return crs.to_wkt()

@@ -1,4 +1,4 @@
-"""Standard deviations of least squares whose errors are alike over unknown distances.
+"""Robust standard deviations of least squares with spatially correlated errors of unknown correlation length.
 
 Data are cut into a few large blocks, equally full. What is estimated without one of them, each in turn, scatters as the
 estimate does (the jackknife over clusters: Tukey 1958; CV3 of MacKinnon, Nielsen and Webb 2023, "Leverage, influence,
@@ -38,10 +38,10 @@ def blocks_of(place: Float[np.ndarray, "n axis"]) -> Int[np.ndarray, " n"]:
     for _ in range(HALVINGS):
         finer = 2 * block
         for number in range(int(block.max(initial=0)) + 1):
-            own = np.flatnonzero(block == number)
-            if len(own) > 1:
-                axis = int(np.argmax(np.ptp(place[own], axis=0)))
-                finer[own[np.argsort(place[own, axis], kind="stable")[len(own) // 2 :]]] += 1
+            members = np.flatnonzero(block == number)
+            if len(members) > 1:
+                axis = int(np.argmax(np.ptp(place[members], axis=0)))
+                finer[members[np.argsort(place[members, axis], kind="stable")[len(members) // 2 :]]] += 1
         block = finer
     return block
 

@@ -1,4 +1,4 @@
-"""The truth of a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
+"""Ground truth of a survey: true surface, illuminated cells, DEM error, and echoes of volume clutter.
 
 The label of an echo as volume clutter (rain, snow, fog, dust) serves a warning, and is not available to mapping.
 """
@@ -146,7 +146,7 @@ class GroundTruth:
         above = np.column_stack([centres_m, np.full(len(centres_m), scene.bounds_m[1, 2] + CLEAR_M)])
         hits = self.built.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
         name = scene.covers(hits.surface, centres_m).reshape(self.grid.shape)
-        return {str(own): name == own for own in np.unique(name[name != ""])}
+        return {str(cover): name == cover for cover in np.unique(name[name != ""])}
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""
@@ -201,7 +201,7 @@ class Tally:
         self._truth, self._chirp = truth, chirp
         self._illumination, self._silence = Illumination(truth.grid), Illumination(truth.grid)
         self.paths = self.rain_echoes = 0
-        self._told = (0, 0)
+        self._reported = (0, 0)
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
@@ -226,8 +226,8 @@ class Tally:
         """Return the counts since the last call."""
         cell, origin_m = self._illumination.taken()
         silent_cell, silent_origin_m = self._silence.taken()
-        paths, rain_echoes = self.paths - self._told[0], self.rain_echoes - self._told[1]
-        self._told = self.paths, self.rain_echoes
+        paths, rain_echoes = self.paths - self._reported[0], self.rain_echoes - self._reported[1]
+        self._reported = self.paths, self.rain_echoes
         return Counted(
             cell=cell,
             origin_m=origin_m,
@@ -243,7 +243,7 @@ class Tally:
         self._silence.add_cells(counted.silent_cell, counted.silent_origin_m)
         self.paths += counted.paths
         self.rain_echoes += counted.rain_echoes
-        self._told = self._told[0] + counted.paths, self._told[1] + counted.rain_echoes
+        self._reported = self._reported[0] + counted.paths, self._reported[1] + counted.rain_echoes
 
     def hits(self) -> TrueHits:
         """Return the total counts."""

@@ -145,8 +145,8 @@ def _by_class(
     for low, high in pairwise(bounds):
         members = (value >= low) & (value < high)
         if members.any():
-            own = calibration(error_m[members], sigma_m[members])
-            classes.append(CalibrationClass(low=low, high=high, calibration=own))
+            class_calibration = calibration(error_m[members], sigma_m[members])
+            classes.append(CalibrationClass(low=low, high=high, calibration=class_calibration))
     return tuple(classes)
 
 

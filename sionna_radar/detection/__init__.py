@@ -1,4 +1,4 @@
-"""From beat signals to echoes with a range."""
+"""Detection: range spectra, CFAR, range estimators and angles of arrival, from beat signals to echoes."""
 
 import lazy_loader
 

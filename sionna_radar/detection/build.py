@@ -1,4 +1,4 @@
-"""The processing of a scenario: its detector, range estimator, expected ground and estimator of angles of arrival."""
+"""Builder of the processing of a scenario: detector, range estimator, expected ground, angle of arrival."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -45,7 +45,7 @@ def build_angle_estimator(
         return None
     if frames is not None:
         if detector.analyser.chirp.gate_s:
-            message = "is not for frames of an array; set 0, or take single chirps of one receiver"
+            message = "is not supported with frames of an array; set 0, or process single chirps of one receiver"
             raise ScenarioError.of("radar.gate_delay_us", message)
         return frames.to(
             ArrayEstimator,
@@ -115,7 +115,7 @@ def build_detector(
     high_pass: high-pass of the receiver, which the calibration removes from the spectra.
     estimator: a range estimator in place of that of `processing`.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
-    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then tells
+    transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then gives
         the rain.
 
     Raises ScenarioError if the window leaks the cell under test into the training cells.

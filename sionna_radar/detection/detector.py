@@ -1,4 +1,4 @@
-"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction, pairing of sweeps.
+"""The detector: spectrum, CFAR, clustering, ranging, Doppler correction, and pairing of up- and down-sweeps.
 
 The two halves of a triangular sweep give range and range rate without prior knowledge of the velocity. Motion shifts
 the echoes of the up-sweep and the down-sweep in opposite directions: their mean is the range, their difference the
@@ -306,11 +306,11 @@ def find_spans(power, threshold, limit, low, high, gap, spans):
         start, stop, detected = -1, -1, False
         for b in range(low[row], high[row] + 1):
             inside = b < high[row]
-            found = inside and values[b] > levels[b]
-            if inside and not found and not values[b] > least:
+            above = inside and values[b] > levels[b]
+            if inside and not above and not values[b] > least:
                 continue
             if inside and start >= 0 and b - stop <= gap:
-                stop, detected = b + 1, detected or found
+                stop, detected = b + 1, detected or above
                 continue
             if detected:
                 peak = start
@@ -320,7 +320,7 @@ def find_spans(power, threshold, limit, low, high, gap, spans):
                 if count < len(spans):
                     spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = row, start, stop, peak
                 count += 1
-            start, stop, detected = b, b + 1, found
+            start, stop, detected = b, b + 1, above
     return count
 
 

@@ -1,4 +1,4 @@
-"""Detected echoes, and the range profiles around them for mapping methods that model the whole echo.
+"""Tables of detected echoes, and of the range profiles around them, which mapping uses.
 
 A profile holds one value per range cell, in single precision, from one echo length before the nearest echo to one
 beyond the farthest, so that a survey of many pulses stays small.

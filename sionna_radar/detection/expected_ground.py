@@ -1,4 +1,4 @@
-"""Expected ground: the range window of each pulse, from the platform's altimeter or a rough DEM.
+"""Range gate of the expected ground for each pulse, from altitude or a rough DEM.
 
 Echoes are searched in a range window only: from the beam's intersection with the expected ground raised by the
 tolerance to that with the ground lowered by as much. Only the measured pose is used.

@@ -1,4 +1,4 @@
-"""Threshold multipliers of a CFAR: factors on its noise level for a specified probability of false alarm.
+"""CFAR threshold multipliers for a false-alarm probability, with correlated cells.
 
 The power of a cell of noise is exponential, so a cell under test passes a multiple a of the noise level Z with
 probability E[exp(-a Z)], Z being measured in units of the noise power. A window correlates neighbouring cells.
@@ -41,7 +41,7 @@ INDEPENDENT = 1e-6
 POPULATION = 8_000
 STEP_SCATTER = 0.3
 MOVES = 6
-ACCEPTED_SHARE = 0.3
+TARGET_ACCEPTANCE = 0.3
 
 
 def cell_covariance(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np.ndarray, "cell cell"]:
@@ -87,8 +87,8 @@ def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, facto
     if looks == 1:
         return single
     raised = factor * weight / sides
-    share = raised / (1 + raised)
-    powers = np.array([looks * sides * np.sum(share**k) for k in range(1, looks)])
+    fraction = raised / (1 + raised)
+    powers = np.array([looks * sides * np.sum(fraction**k) for k in range(1, looks)])
     term = np.ones(looks)
     for k in range(1, looks):
         term[k] = powers[:k] @ term[k - 1 :: -1] / k
@@ -97,12 +97,12 @@ def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, facto
 
 def log_probability_over_smaller(weight: Float[np.ndarray, " n"], factor: float) -> float:
     """Return the logarithm of the probability that noise passes a multiple of the smaller mean of two sides."""
-    return float(np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_share(weight, factor)))
+    return float(np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_probability(weight, factor)))
 
 
 def log_probability_over_greater(weight: Float[np.ndarray, " n"], factor: float) -> float:
     """Return the logarithm of the probability that noise passes a multiple of the greater mean of two sides."""
-    return float(np.log(2) + _log_transform(weight, factor) + np.log(_greater_share(weight, factor)))
+    return float(np.log(2) + _log_transform(weight, factor) + np.log(_greater_probability(weight, factor)))
 
 
 def probability_over_ordered(
@@ -185,7 +185,7 @@ def _log_transform(weight: Float[np.ndarray, " n"], factor: float) -> float:
     return float(-np.log1p(factor * weight).sum())
 
 
-def _greater_share(weight: Float[np.ndarray, " n"], factor: float) -> float:
+def _greater_probability(weight: Float[np.ndarray, " n"], factor: float) -> float:
     """Return P(T > M'): T as in the module's text, M' a sum of exponentials with these weights."""
     low = weight / (1 + factor * weight)
 
@@ -231,7 +231,7 @@ def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, pla
             moved_height = _level(moved, place)
             accepted = np.log(random.random(POPULATION)) < factor * (height - moved_height)
             field[accepted], height[accepted] = moved[accepted], moved_height[accepted]
-            stride = float(np.clip(stride * np.exp(accepted.mean() - ACCEPTED_SHARE), 1e-3, 0.99))
+            stride = float(np.clip(stride * np.exp(accepted.mean() - TARGET_ACCEPTANCE), 1e-3, 0.99))
 
 
 def _last_step(height: Float[np.ndarray, " sample"], factor: float, log_remainder: float, step: float) -> float:

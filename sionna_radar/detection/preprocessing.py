@@ -1,4 +1,4 @@
-"""Beat signals before the range FFT: interference bursts blanked, the chirps of a burst averaged.
+"""Preprocessing of beat signals: zeroing of interference bursts, and averaging of the chirps of a burst.
 
 The beat of ground is the sum of many echoes and noise: its samples are Gaussian, of a width that the median estimates
 even when a part of them is contaminated. Samples that hardly any Gaussian one would exceed belong to a burst. They are

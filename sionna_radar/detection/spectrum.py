@@ -118,7 +118,7 @@ class SpectrumAnalyser:
         over_rows(transform, len(beat))
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
-    def power_where_they_are(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
+    def power_on_device(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
         """Return the power spectra of beat signals held in another library's arrays, without a high-pass."""
         spectrum = self._transform(beat, library)
         return library.fetched(spectrum.real**2 + spectrum.imag**2).astype(np.float64)
@@ -140,9 +140,9 @@ class SpectrumAnalyser:
         assert self.high_pass is not None
         cell_hz = 1 / self.chirp.duration_s
         bin_hz = (np.arange(len(self.range_m)) / self.zero_padding + self.chirp.lead_cells) * cell_hz
-        share = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
+        response = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
         offset_hz = np.arange(-SEEN_CELLS * STEPS_PER_CELL, SEEN_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL * cell_hz
-        mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(share, offset_hz, strict=True))
+        mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(response, offset_hz, strict=True))
         return np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
 
     @property

@@ -1,4 +1,4 @@
-"""Elevation files of any projection: the part visible to a survey, cropped and transformed into the local metric frame.
+"""Reading of elevation files: the window of a survey, cropped and reprojected into its local metric frame.
 
 The part is covered with cells of the local frame. `local_frame` chooses the frame, and `file_heights` interpolates the
 heights of its cells from the file.

@@ -1,4 +1,4 @@
-"""Heights of an elevation file at the cells of a grid, its cells without data, and seeded detail below its spacing.
+"""Resampling of an elevation file to a grid, treatment of its holes, and seeded fractal detail below its spacing.
 
 The cells are interpolated from the file one by one (bilinear between its cell centres, after averaging if the file is
 finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and voids would cost
@@ -152,19 +152,20 @@ def treat_holes(raster: Raster, holes: Literal["keep", "fill", "refuse"]) -> Ras
     count = int(np.count_nonzero(empty))
     if count == 0:
         return raster
-    share = count / np.count_nonzero(raster.filled | empty)
+    fraction = count / np.count_nonzero(raster.filled | empty)
     if holes == "refuse":
         row, column = np.argwhere(empty)[0]
         x, y = raster.grid.x_m[column], raster.grid.y_m[row]
         message = (
-            f"'refuse' finds {count:,} cells without data ({share:.2%}), the first at ({x:.1f}, {y:.1f}) m; fill them "
+            f"'refuse' finds {count:,} cells without data ({fraction:.2%}), the first at ({x:.1f}, {y:.1f}) m; fill "
+            "them "
             "in the file, move the flight, or set 'fill' or 'keep'"
         )
         raise ScenarioError.of("terrain.holes", message)
     heights = np.where(raster.filled, raster.height_m, 0.0).astype(np.float32)
     reach = float(max(raster.grid.shape))
     filled = fillnodata(heights, mask=raster.filled, max_search_distance=reach, smoothing_iterations=0)
-    logger.warning("terrain: %s cells without data (%.2f %%) are filled from around them", f"{count:,}", 100 * share)
+    logger.warning("terrain: %s cells without data (%.2f %%) are filled from around them", f"{count:,}", 100 * fraction)
     return Raster(grid=raster.grid, height_m=np.where(empty, filled.astype(np.float64), raster.height_m))
 
 

@@ -1,4 +1,4 @@
-"""A surface of gridded heights: bilinear between the cells, constant beyond the border."""
+"""Gridded height field: bilinear heights, slopes and ray intersections."""
 
 from dataclasses import dataclass
 from typing import no_type_check
@@ -42,9 +42,9 @@ class Heightfield:
         corner, a, b = self._cell(x_m, y_m)
         columns = self.grid.columns
         cells = np.stack([corner, corner + 1, corner + columns, corner + columns + 1], axis=1)
-        shares = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+        corner_weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
         indptr = np.arange(len(x_m) + 1) * 4
-        return csr_matrix((shares.ravel(), cells.ravel(), indptr), shape=(len(x_m), self.height_m.size))
+        return csr_matrix((corner_weights.ravel(), cells.ravel(), indptr), shape=(len(x_m), self.height_m.size))
 
     def first_hit(
         self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"], reach_m: float

@@ -1,4 +1,4 @@
-"""The local frame of a survey: its position on the map, and its choice for an elevation file.
+"""Choice of the local map frame of a survey: projection and origin, from a file or a scenario.
 
 A file is kept in its own projection if that is true to scale (metres, unit scale, north up), and transformed
 into the UTM zone of its centre otherwise.

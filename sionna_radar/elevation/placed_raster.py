@@ -1,4 +1,4 @@
-"""An open raster file: the position of its cells in the local frame, and the unit and vertical datum of its heights.
+"""Georeferencing of an open raster: pixel to local coordinates, height unit and vertical datum.
 
 Pixel coordinates count columns and rows from the centre of the file's first cell; local ones are metres.
 """

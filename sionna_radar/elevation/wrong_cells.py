@@ -1,6 +1,6 @@
 """Detection of blunders in elevation rasters: single cells far above or below all of their neighbours.
 
-A cell is told as one where it lies beyond all of its eight neighbours, above or below, by more than a steep slope over
+A cell counts as one where it lies beyond all of its eight neighbours, above or below, by more than a steep slope over
 a cell, and more than what stands on a single cell: trees, masts, chimneys and towers.
 """
 

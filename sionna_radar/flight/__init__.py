@@ -1,4 +1,4 @@
-"""The flight: where the radar is, where it looks, and when it transmits a chirp."""
+"""The flight: trajectory, scan, navigation errors, and the schedule of pulses."""
 
 import lazy_loader
 

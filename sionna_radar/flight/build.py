@@ -1,4 +1,4 @@
-"""The flight of a scenario: its scan, its route and its navigation system from their tables."""
+"""Builder of the flight of a scenario: scan, route and navigation system."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.flight.frames import Vector3
 from sionna_radar.flight.gusts import INTENSITY, Wind
 from sionna_radar.flight.instrument import InstrumentErrors
-from sionna_radar.flight.navigation import ErrorParts, InertialErrors, LoggedErrors
+from sionna_radar.flight.navigation import ErrorComponents, InertialErrors, LoggedErrors
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.recorded import KEY, LogPart, recorded_route
 from sionna_radar.flight.route import PlannedRoute, Route, SurveyLines, lines_track
@@ -138,19 +138,19 @@ def inertial_errors(
     start, end = trajectory.cruise_s()
     lever = np.array(table.lever_arm_m) + np.array(table.lever_arm_error_m)
     return InertialErrors(
-        position=ErrorParts(
+        position=ErrorComponents(
             constant=_vector(table.position_constant_m),
             white=_vector(table.position_white_m),
             markov=_vector(table.position_markov_m),
             correlation_s=table.position_correlation_s,
         ),
-        velocity=ErrorParts(
+        velocity=ErrorComponents(
             constant=_vector(table.velocity_constant_mps),
             white=_vector(table.velocity_white_mps),
             markov=_vector(table.velocity_markov_mps),
             correlation_s=table.velocity_correlation_s,
         ),
-        attitude=ErrorParts(
+        attitude=ErrorComponents(
             constant=_radians(table.attitude_constant_deg),
             white=_radians(table.attitude_white_deg),
             markov=_radians(table.attitude_markov_deg),
@@ -180,9 +180,9 @@ def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_h
     start, end = trajectory.cruise_s()
     position, velocity, attitude = table.correlation_s
     return LoggedErrors(
-        position=ErrorParts(markov=UNIT, correlation_s=position),
-        velocity=ErrorParts(markov=UNIT, correlation_s=velocity),
-        attitude=ErrorParts(markov=UNIT, correlation_s=attitude),
+        position=ErrorComponents(markov=UNIT, correlation_s=position),
+        velocity=ErrorComponents(markov=UNIT, correlation_s=velocity),
+        attitude=ErrorComponents(markov=UNIT, correlation_s=attitude),
         lever_arm_m=table.lever_arm_m,
         sigma=trajectory.logged_sigma,
         seed=seed,
@@ -220,7 +220,7 @@ def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Rout
     """
     if platform.log is not None:
         log = FLIGHT_LOG(platform.log, KEY, platform.log_columns, platform.log_crs)
-        return recorded_route(log, _log_part(platform, platform.log), frame)
+        return recorded_route(log, _log_stretch(platform, platform.log), frame)
     off_ground = "start_m", "move platform.start_m, shorten platform.length_m"
     if platform.lines is not None:
         off_ground = "lines", "move lines.centre_m, shorten lines.length_m, turn more tightly (bank_deg)"
@@ -260,7 +260,7 @@ def build_wind(table: WindTable) -> Wind:
     )
 
 
-def _log_part(platform: Platform, path: Path) -> LogPart:
+def _log_stretch(platform: Platform, path: Path) -> LogPart:
     return LogPart(
         path=path,
         start_s=platform.log_start_s,

@@ -1,4 +1,4 @@
-"""True and measured motion of a survey's flight as a table, for files and figures."""
+"""Table of the true and measured motion of a flight over time, for files and figures."""
 
 from dataclasses import dataclass
 

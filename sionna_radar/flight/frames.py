@@ -1,4 +1,4 @@
-"""Frames, the rotations between them, and the motion of the platform and of an antenna at the end of a lever arm.
+"""Coordinate frames, rotations between them, and the motion of an antenna at the end of a lever arm.
 
 world   east, north, up (ENU): the frame of scenes and points
 level   forward, right, down with the heading of the platform: the paper's absolute coordinates
@@ -24,7 +24,17 @@ R_WORLD_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def world_from_body(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return R_world_body for Euler angles (roll, pitch, heading)."""
+    """Return R_world_body for Euler angles (roll, pitch, heading).
+
+    Parameters
+    ----------
+    euler_rad:
+        Roll, pitch and heading, rad.
+
+    Returns
+    -------
+    Rotation matrices from body axes (nose, right, down) to world axes (east, north, up).
+    """
     R_ned_body = Rotation.from_euler("ZYX", euler_rad[:, ::-1]).as_matrix()
     return R_WORLD_NED @ R_ned_body
 
@@ -38,6 +48,17 @@ def whisk_broom_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, "
     """Return the antenna's axes in forward-right-down components, rotated about the forward axis.
 
     The boresight, the first column, is (sin a, cos a sin b, cos a cos b).
+
+    Parameters
+    ----------
+    incidence_rad:
+        Angle of the boresight from nadir in the middle of the scan, rad.
+    scan_rad:
+        Scan angles about the forward axis, rad.
+
+    Returns
+    -------
+    Rotation matrices R_mount_antenna, one for each scan angle.
     """
     # A right-handed rotation about forward takes right to down; the scan angle is positive toward the right.
     turn = Rotation.from_rotvec(np.outer(-scan_rad, [1.0, 0.0, 0.0])).as_matrix()
@@ -48,6 +69,17 @@ def conical_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]
     """Return the antenna's axes in forward-right-down components, rotated about the downward axis.
 
     The boresight, the first column, is (sin a cos b, sin a sin b, cos a).
+
+    Parameters
+    ----------
+    incidence_rad:
+        Angle of the boresight from nadir, rad.
+    scan_rad:
+        Scan angles about the downward axis, rad.
+
+    Returns
+    -------
+    Rotation matrices R_mount_antenna, one for each scan angle.
     """
     turn = Rotation.from_rotvec(np.outer(scan_rad, [0.0, 0.0, 1.0])).as_matrix()
     return turn @ _tilted_antenna(incidence_rad)

@@ -1,4 +1,4 @@
-"""Wind on a planned flight: the crab angle, and Dryden gusts that shake attitude and position.
+"""Wind on a planned flight: crab angle, and Dryden gusts that disturb attitude and position.
 
 Spectra of MIL-F-8785C (1980), 3.7.2, of the low-altitude model (below 1000 ft, where its lengths and intensities are
 held): with h the height and L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2 in feet, and
@@ -172,7 +172,7 @@ def in_wind(trajectory: Trajectory, wind: Wind, height_m: float, speed_mps: floa
     """
     if trajectory.end_s / STEP_S > MAX_STEPS:
         message = (
-            f"gusts are drawn for {MAX_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
+            f"gusts are limited to flights of {MAX_STEPS * STEP_S:,.0f} s, and this one takes {trajectory.end_s:,.0f}"
         )
         raise ScenarioError.of("platform.wind", f"{message}; shorten it")
     toward = wind.from_rad + np.pi

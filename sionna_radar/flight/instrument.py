@@ -1,4 +1,4 @@
-"""Errors of an instrument that are constant over a flight, and poses and ranges without them.
+"""Constant errors of an instrument (mounting, lever arm, range, clock), and poses and ranges corrected for them.
 
 The navigation system reports a pose by a mounting, a lever arm and a clock that are believed; each may err. An error is
 what is believed minus what is true, in the signs of `platform.navigation`:

@@ -1,4 +1,4 @@
-"""A GPS/IMU with errors: the antenna pose that it reports, and errors as stated by a flight log.
+"""GPS/IMU error models: the antenna pose reported with errors, stated by a scenario or by a flight log.
 
 The trajectory is the true motion of the inertial navigation system (INS). Its report has errors of position,
 velocity and attitude, each the sum of three parts: constant, white (new at every pulse) and first-order
@@ -31,7 +31,7 @@ MIN_UNIFORM = 2.0**-54
 
 
 @dataclass(frozen=True, kw_only=True)
-class ErrorParts:
+class ErrorComponents:
     """Errors of a vector: a constant, and standard deviations of its white and its Gauss-Markov part."""
 
     constant: Vector3 = ZERO
@@ -87,9 +87,9 @@ class InertialErrors:
     span_s, step_s: times of the flight and the step at which the Gauss-Markov parts are drawn.
     """
 
-    position: ErrorParts = field(default_factory=ErrorParts)
-    velocity: ErrorParts = field(default_factory=ErrorParts)
-    attitude: ErrorParts = field(default_factory=ErrorParts)
+    position: ErrorComponents = field(default_factory=ErrorComponents)
+    velocity: ErrorComponents = field(default_factory=ErrorComponents)
+    attitude: ErrorComponents = field(default_factory=ErrorComponents)
     time_offset_s: float = 0.0
     lever_arm_m: Vector3 = ZERO
     boresight_rad: Vector3 = ZERO

@@ -1,4 +1,4 @@
-"""The pulses of a survey: time, position and direction of each transmitted chirp, and bursts of averaged chirps.
+"""Pulse schedule of a survey: time and antenna pose of each transmitted chirp, and bursts of averaged chirps.
 
 The chirps of a burst are averaged to one pulse of the survey, in the middle of its chirps.
 """
@@ -82,6 +82,10 @@ def antenna_pose(
         Antenna in the platform.
     lever_arm_m:
         From the navigation system to the antenna: nose, right, down.
+
+    Returns
+    -------
+    Positions, velocities and orientations of the antenna in the world frame.
     """
     motion = body_motion(trajectory, time_s)
     position_m, velocity_mps = antenna_place(motion, lever_arm_m)
@@ -274,24 +278,24 @@ def schedule_pulses(
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenSchedule(PulseSchedule):
-    """Pulses with given poses."""
+class MeasuredPoseSchedule(PulseSchedule):
+    """A schedule of pulses whose poses are known, instead of computed from a trajectory."""
 
-    given: Pulses
+    poses: Pulses
 
     def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
         """Return pulses by their numbers; their times are known."""
         del time_s
-        return replace(self.given.rows(index), index=index)
+        return replace(self.poses.rows(index), index=index)
 
     @property
     def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
         """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
-        return self.given.scan_number
+        return self.poses.scan_number
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenFlight:
+class MeasuredPoseFlight:
     """The pulses of a recorded flight in the metres of a scenario, before its ground is known; a `Route`.
 
     pulses: all of them; their heights are those of the map, or local ones where the ground has no place on it.
@@ -362,7 +366,7 @@ class GivenFlight:
         origin_height_m: float,
         navigation: Navigation | None = None,
         lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
-    ) -> GivenSchedule:
+    ) -> MeasuredPoseSchedule:
         """Return its pulses, with heights over the local origin.
 
         The measured poses are the given ones. The true ones are those of which the navigation system reports them, to
@@ -382,8 +386,8 @@ class GivenFlight:
                 @ reported.R_world_antenna.transpose(0, 2, 1)
                 @ pose.R_world_antenna,
             )
-        given = replace(pulses, true=true, measured=local)
-        return GivenSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, given=given)
+        poses = replace(pulses, true=true, measured=local)
+        return MeasuredPoseSchedule(trajectory=trajectory, scan=scan, time_s=pulses.time_s, poses=poses)
 
 
 # Interval between chirps, in periods, above which the scan has paused.

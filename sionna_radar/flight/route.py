@@ -1,4 +1,4 @@
-"""The route of a survey, planned or recorded: the track over its lines, and the flight once its ground is known.
+"""Planned routes: the track over survey lines, and the flight over its ground.
 
 A route is a flight before the ground under it is known. Several lines over one area are flown to and fro, with
 transits between them.

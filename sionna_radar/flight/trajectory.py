@@ -1,4 +1,4 @@
-"""Flights of straight legs with constant acceleration as functions of time, and the flight over its ground.
+"""Trajectories of straight legs with constant acceleration, level or terrain-following.
 
 The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous (arcs and banks are in
 `turns`), and so are the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and

@@ -1,4 +1,4 @@
-"""Curved tracks: straight legs and arcs, parameterised by distance along the track, and the bank in the arcs.
+"""Tracks with turns: straight legs and circular arcs, parameterised by distance, and the bank in the arcs.
 
 In a coordinated turn at speed v the radius r and the bank satisfy tan(bank) = v^2 / (g r). The bank changes at a
 steady rate while the aircraft rolls in and out, half of it before and half of it after the arc begins or ends; the arc
@@ -118,7 +118,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
     turn = np.mod(np.diff(heading) + np.pi, 2 * np.pi) - np.pi
     if np.any(np.abs(turn) > MAX_TURN_RAD):
         corner = int(np.argmax(np.abs(turn))) + 1
-        message = f"waypoint {corner} turns back, which no arc does; add a waypoint beside it"
+        message = f"waypoint {corner} reverses direction, which an arc cannot; add a waypoint next to it"
         raise ScenarioError.of("platform.waypoints_m", message)
     tangent = np.concatenate([[0.0], radius_m * np.tan(np.abs(turn) / 2), [0.0]])
     straight = length - tangent[:-1] - tangent[1:]

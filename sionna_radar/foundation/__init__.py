@@ -1,4 +1,4 @@
-"""Basis of all other packages: errors, rasters, random streams, progress."""
+"""Foundation of all other packages: errors, rasters, random streams, threads, progress."""
 
 import lazy_loader
 

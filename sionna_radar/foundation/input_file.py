@@ -200,6 +200,10 @@ def network_allowed() -> bool:
 def allow_network() -> Iterator[None]:
     """Allow the network inside a `with` block, as `--allow-network` does for a command.
 
+    Returns
+    -------
+    A context manager; the network is allowed inside its `with` block.
+
     Examples
     --------
     >>> far = {"terrain": {"kind": "raster", "path": "https://example.org/dem.tif"}}

@@ -141,10 +141,10 @@ def halton(count: int) -> Float[np.ndarray, "{count} 2"]:
     """Return the first points of the Halton sequence in two dimensions (Halton 1960), the origin first."""
     points = np.zeros((count, 2))
     for axis, base in enumerate((2, 3)):
-        rest, share = np.arange(count), 1.0
+        rest, fraction = np.arange(count), 1.0
         while rest.any():
-            share /= base
-            points[:, axis] += (rest % base) * share
+            fraction /= base
+            points[:, axis] += (rest % base) * fraction
             rest //= base
     return points
 

@@ -166,12 +166,12 @@ def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) ->
 def _check_side_cars(path: Path, name: str) -> None:
     """Refuse a mask or overviews next to a raster that are not TIFF: such a file could refer to anything."""
     wanted = {path.name.lower() + suffix for suffix in SIDE_CARS}
-    for beside in path.parent.iterdir():
-        if beside.name.lower() in wanted:
-            regular_file(beside, name, "remove it", MAX_BYTES)
-            with beside.open("rb") as file:
+    for side_file in path.parent.iterdir():
+        if side_file.name.lower() in wanted:
+            regular_file(side_file, name, "remove it", MAX_BYTES)
+            with side_file.open("rb") as file:
                 if file.read(4) not in TIFF_STARTS:
-                    message = f"{name} {shown(path)} has {beside.name} next to it, which is not a TIFF; remove it"
+                    message = f"{name} {shown(path)} has {side_file.name} next to it, which is not a TIFF; remove it"
                     raise InputFileError(message)
 
 
@@ -249,8 +249,8 @@ def write_pixels(
 def _statistics(pixels: Float32[np.ndarray, "row column"]) -> dict[str, str]:
     """Return the statistics of the filled pixels, as written; without any, only that there is none."""
     values = pixels[np.isfinite(pixels)].astype(float)
-    share = {"STATISTICS_VALID_PERCENT": f"{100 * len(values) / max(pixels.size, 1):.4g}"}
+    valid = {"STATISTICS_VALID_PERCENT": f"{100 * len(values) / max(pixels.size, 1):.4g}"}
     if len(values) == 0:
-        return share
-    found = {"MINIMUM": values.min(), "MAXIMUM": values.max(), "MEAN": values.mean(), "STDDEV": values.std()}
-    return {f"STATISTICS_{name}": repr(float(value)) for name, value in found.items()} | share
+        return valid
+    statistics = {"MINIMUM": values.min(), "MAXIMUM": values.max(), "MEAN": values.mean(), "STDDEV": values.std()}
+    return {f"STATISTICS_{name}": repr(float(value)) for name, value in statistics.items()} | valid

@@ -1,4 +1,4 @@
-"""Cache of the terrain, scene, materials and antenna that successive surveys share, and of the messages they logged."""
+"""Cache of terrain, scene, materials and antenna that successive surveys share, and log capture."""
 
 import logging
 import threading

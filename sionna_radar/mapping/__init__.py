@@ -1,4 +1,4 @@
-"""From echoes to points, and from points and range profiles to a DEM with its uncertainty."""
+"""Mapping: geolocation of echoes, and DEM methods with stated uncertainty."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Build the mapper of a scenario: its DEM method from `[dem]`, and the speckle decorrelation of its ground."""
+"""Builder of the mapper of a scenario: DEM method, land cover, and speckle decorrelation of its ground."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import KnownCover
+from sionna_radar.mapping.echo_model.model import LandCover
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
@@ -58,8 +58,8 @@ def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
     entry, parameters = DEM_METHODS.entry(table.map_method), table.method_parameters
     # Parameters of another method, kept by a copied table, are replaced by defaults.
-    own = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
-    method: DemMethod = entry(own)
+    method_parameters = parameters if isinstance(parameters, entry.parameters or ()) else entry.check(None)
+    method: DemMethod = entry(method_parameters)
     require(method, DemMethod, str(entry))
     return method
 
@@ -90,7 +90,7 @@ def build_mapper(
     errors: known ones of the instrument: those of its ranges; poses are without them.
     ground: the scenario whose covers `dem.cover` may know, in local metres; None if there is none.
 
-    Raises ScenarioError, InputFileError as `known_cover`.
+    Raises ScenarioError, InputFileError as `land_cover_of`.
     """
     microrelief_m = dem.microrelief_m
     if microrelief_m is None:
@@ -109,7 +109,7 @@ def build_mapper(
         min_confidence_m=dem.min_confidence_m,
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
-        cover=None if dem.cover == "unknown" else known_cover(ground, grid),
+        cover=None if dem.cover == "unknown" else land_cover_of(ground, grid),
     )
 
 
@@ -117,7 +117,7 @@ def build_mapper(
 COVER_CELLS, COVER_BORDER_M = 2, 20.0
 
 
-def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
+def land_cover_of(scenario: Scenario | None, grid: Grid) -> LandCover:
     """Return the covers of a scenario in local metres around a DEM, with their levels.
 
     Raises ScenarioError where nothing says what covers the ground, InputFileError for covers that cannot be read.
@@ -131,12 +131,12 @@ def known_cover(scenario: Scenario | None, grid: Grid) -> KnownCover:
     if scenario is None or number is None or not names:
         message = "'known' needs terrain.cover, cover_raster, cover_vector or fields; add one, or set 'unknown'"
         raise ScenarioError([Problem("dem.cover", message)])
-    own, of_name = np.unique(names, return_inverse=True)
-    materials = build_materials({name: scenario.all_materials[name] for name in own}, scenario.radar)
+    cover_names, of_name = np.unique(names, return_inverse=True)
+    materials = build_materials({name: scenario.all_materials[name] for name in cover_names}, scenario.radar)
     incidence_rad = np.deg2rad(np.arange(90.0))
-    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in own]) / np.cos(incidence_rad)
+    gamma = np.stack([materials[name].sigma0(incidence_rad) for name in cover_names]) / np.cos(incidence_rad)
     cover = of_name[number].astype(np.uint16)
-    return KnownCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
+    return LandCover(grid=fine, cover=cover, gamma=np.maximum(gamma, np.finfo(float).tiny))
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:

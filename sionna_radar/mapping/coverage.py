@@ -1,4 +1,4 @@
-"""Illuminated cells of a survey: those in the main beam, with gaps between scan lines closed and shadows left open."""
+"""Illumination mask of a survey: cells in the main beam, with gaps between scan lines closed."""
 
 from collections.abc import Callable
 

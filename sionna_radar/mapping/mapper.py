@@ -1,6 +1,6 @@
-"""Mapping of points and echoes to a DEM: the inputs of methods, their registration by name, and the grid of cells.
+"""The mapper: inputs and registration of DEM methods, and the grid of the DEM.
 
-A mapper knows the measured poses, the antenna and the echoes, but not the truth.
+A mapper has access to the measured poses, the antenna and the echoes, but not to the truth.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
-from sionna_radar.mapping.echo_model.model import KnownCover, Sightings
+from sionna_radar.mapping.echo_model.model import LandCover, Sightings
 from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.heights import Heights, PointFootprints, point_footprints, point_heights
@@ -77,7 +77,7 @@ class Estimate:
     """A DEM with its uncertainty.
 
     dem: NaN where nothing was seen; sigma: standard deviation of each of its cells, m.
-    uncertainty: of other means over cells. Both are None for a method that tells nothing of its errors.
+    uncertainty: of other means over cells. Both are None for a method without stated errors.
     """
 
     dem: Raster
@@ -152,7 +152,7 @@ class Mapper:
     uncertain: bool = True
     range_bias_m: float = 0.0
     range_scale: float = 0.0
-    cover: KnownCover | None = None
+    cover: LandCover | None = None
 
     @property
     def keeps_profiles(self) -> bool:
@@ -167,7 +167,7 @@ class Mapper:
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
         each_piece: EachPiece = pieces_here,
     ) -> Estimate:
-        """Return the DEM of a survey, with what its method knows of its errors.
+        """Return the DEM of a survey, with its stated uncertainty.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Location of echoes in the world frame, on the beam axis or inside the beam, from the measured pose."""
+"""Geolocation of echoes: points in the world frame from ranges, directions and measured poses."""
 
 from dataclasses import dataclass, fields
 from hashlib import sha256
@@ -78,6 +78,10 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         Sorted indices of the block's pulses.
     measured:
         Their poses as the navigation system reports them.
+
+    Returns
+    -------
+    Points in the world frame, in the order of the echoes.
     """
     row = rows_of(pulse, echoes.pulse)
     origin = measured.position_m[row]

@@ -69,10 +69,10 @@ def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: fl
     for start in range(0, len(sightings), PULSES_AT_ONCE):
         block = np.zeros(len(sightings), dtype=bool)
         block[start : start + PULSES_AT_ONCE] = True
-        part = sightings.rows(block)
-        position, direction = np.ascontiguousarray(part.pose.position_m), part.direction()
-        range_m = footprints(part, surface, wanted).range_m
-        found, pulse = np.empty((2, len(part) * len(corner)), dtype=np.int64)
+        block_sightings = sightings.rows(block)
+        position, direction = np.ascontiguousarray(block_sightings.pose.position_m), block_sightings.direction()
+        range_m = footprints(block_sightings, surface, wanted).range_m
+        found, pulse = np.empty((2, len(block_sightings) * len(corner)), dtype=np.int64)
         used = lit_cells(
             height, on.west_m, on.south_m, on.spacing_m, position, direction, range_m, corner, weight, OFF_SURFACE_M,
             cells, np.full(grid.rows * grid.columns, -1), found, pulse,

@@ -1,4 +1,4 @@
-"""The radar: its sweep, its antenna, and the radar equation."""
+"""The radar: FMCW sweep, antenna patterns, arrays, and the radar equation."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Antennas: separable in direction cosines, as planar arrays are, or of any pattern.
+"""Antenna patterns: separable in direction cosines (planar arrays) or arbitrary; gain, beamwidth, main lobe.
 
 In the antenna's frame (x boresight, y left, z up) a direction has the cosines u = y and v = z. The voltage
 pattern of a separable one is a product of two cuts and the projected aperture, f(u, v) = A(u) E(v) sqrt(cos), cos = x
@@ -323,6 +323,10 @@ def antenna_of(
     polarization, receives, axial_ratio_db, efficiency:
         See `Antenna`.
 
+    Returns
+    -------
+    The antenna.
+
     Examples
     --------
     >>> import numpy as np
@@ -356,7 +360,23 @@ def antenna_of(
 def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]) -> Cut:
     """Return a cut from measured power against the angle from boresight, in increasing order.
 
-    Angles outside the measurement get the power of the nearest end. Raises ValueError if the angles do not increase.
+    Angles outside the measurement get the power of the nearest end.
+
+    Parameters
+    ----------
+    angle_rad:
+        Angles from boresight, increasing, rad.
+    power_db:
+        Power in dB; its peak counts as 0 dB.
+
+    Returns
+    -------
+    The cut on equally spaced direction cosines.
+
+    Raises
+    ------
+    ValueError
+        The angles do not increase.
     """
     if np.any(np.diff(angle_rad) <= 0):
         raise ValueError("angle_rad must increase from sample to sample; sort the cut")

@@ -1,4 +1,4 @@
-"""Arrays of a scenario: rectangular ones by element counts, any planar one by a table of its elements.
+"""Phased-array antennas of a scenario: rectangular by element counts, or planar by a table of elements.
 
 Planar arrays with a Taylor taper are sized from their half-power beamwidths.
 """
@@ -33,7 +33,7 @@ def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
         return ()
     pattern = antenna.transmit
     if not isinstance(pattern, ArrayPattern):
-        message = "'electronic' steers an array; set radar.antenna.kind = 'array', or another mode"
+        message = "'electronic' needs an array; set radar.antenna.kind = 'array', or another mode"
         raise ScenarioError.of("radar.scan.mode", message)
     if pattern.azimuth_rad or pattern.elevation_rad:
         message = "the electronic scan steers the beam itself; remove it, or tilt the face by radar.scan.incidence_deg"

@@ -1,4 +1,4 @@
-"""Planar arrays: the pattern of elements at given places, with weights, steered by their phases.
+"""Pattern of a planar phased array: element pattern times array factor, steered by phases.
 
 In direction cosines (u to the left, v up, of the array's face) the array factor is the Fourier sum of the weights over
 the places, and a linear phase moves it without changing its shape: f(u, v) = AF(u - u0, v - v0) e(u, v), with e the
@@ -69,7 +69,19 @@ class ArrayFactor:
 def array_factor(
     place_wavelengths: Float[np.ndarray, "element 2"], weight: Complex[np.ndarray, " element"]
 ) -> ArrayFactor:
-    """Return the array factor of elements at places (left, up) in wavelengths."""
+    """Return the array factor of elements at places (left, up) in wavelengths.
+
+    Parameters
+    ----------
+    place_wavelengths:
+        Positions of the elements (left, up), wavelengths.
+    weight:
+        Complex weights of the elements.
+
+    Returns
+    -------
+    The magnitude of the array factor over its peak.
+    """
     centred = place_wavelengths - (place_wavelengths.min(axis=0) + place_wavelengths.max(axis=0)) / 2
     size = np.ptp(place_wavelengths, axis=0) + 0.5
     columns, rows = (int(min(MAX_SAMPLES, np.ceil(2 * REACH * SAMPLES_PER_BEAM * s))) | 1 for s in size)
@@ -130,7 +142,23 @@ class ArrayPattern:
 def steered(antenna: Antenna, azimuth_rad: float, elevation_rad: float = 0.0) -> Antenna:
     """Return an array with its beam steered from the normal of its face, in the frame of that beam.
 
-    Raises TypeError for an antenna that is not an array.
+    Parameters
+    ----------
+    antenna:
+        An antenna with an `ArrayPattern`.
+    azimuth_rad:
+        Steering angle to the left, rad.
+    elevation_rad:
+        Steering angle up, rad.
+
+    Returns
+    -------
+    The antenna with its beam steered.
+
+    Raises
+    ------
+    TypeError
+        The antenna is not an array.
     """
     if not isinstance(antenna.transmit, ArrayPattern):
         raise TypeError("only an array can be steered; give radar.antenna.kind = 'array'")

@@ -1,4 +1,4 @@
-"""The radar of a scenario: its antenna, its sweeps and its further receivers from `[radar]`."""
+"""Builder of the radar of a scenario: antenna, sweeps, second receivers and MIMO array."""
 
 import logging
 from collections.abc import Callable
@@ -53,7 +53,22 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 
 def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario."""
+    """Return the antenna of a scenario.
+
+    Parameters
+    ----------
+    table:
+        Table `[radar.antenna]`.
+
+    Returns
+    -------
+    The antenna.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The antenna cannot be built from its table or its pattern file.
+    """
     return ANTENNAS.build(table.kind, Antenna, table)
 
 
@@ -96,7 +111,7 @@ def squinting(
         return antenna, sweeps
     key, rad_per_hz = "radar.antenna.squint_deg_per_ghz", float(np.deg2rad(table.squint_deg_per_ghz)) * 1e-9
     if not antenna.separable:
-        message = f"{table.squint_deg_per_ghz:g} is of antennas of two cuts, such as kind = 'taylor'; set 0"
+        message = f"{table.squint_deg_per_ghz:g} applies to antennas of two cuts only, such as kind = 'taylor'; set 0"
         raise ScenarioError.of(key, message)
     if (widths := abs(rad_per_hz) * sweeps[0].bandwidth_hz / antenna.beamwidths_rad[0]) > WIDEST_SQUINT:
         message = (
@@ -198,12 +213,32 @@ def build_array(table: ArrayTable, chirp: Chirp, period_s: float, seed: int) -> 
 
 
 def build_chirp(radar: RadarTable) -> Chirp:
-    """Return the chirp of a scenario; for a triangular sweep its rising half."""
+    """Return the chirp of a scenario; for a triangular sweep its rising half.
+
+    Parameters
+    ----------
+    radar:
+        Table `[radar]`.
+
+    Returns
+    -------
+    The chirp; for a triangular sweep its rising half.
+    """
     return build_sweeps(radar)[0]
 
 
 def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
-    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
+    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples.
+
+    Parameters
+    ----------
+    radar:
+        Table `[radar]`.
+
+    Returns
+    -------
+    The sweep of a pulse, or its rising and its falling half.
+    """
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)

@@ -71,7 +71,7 @@ class Chirp:
 
     @property
     def range_cells(self) -> int:
-        """Number of range cells that the samples tell apart."""
+        """Number of unambiguous range cells of the samples."""
         return self.samples // (2 if self.sampling == "real" else 1)
 
     @property
@@ -116,11 +116,11 @@ class Chirp:
 def used(chirp: Chirp, first: int, last: int) -> Chirp:
     """Return the part of a sweep between two samples (`last` excluded); its time counts from its own middle."""
     samples = last - first
-    share, middle_s = samples / chirp.samples, chirp.sample_time_s[first] + (samples // 2) / chirp.sampling_rate_hz
+    fraction, middle_s = samples / chirp.samples, chirp.sample_time_s[first] + (samples // 2) / chirp.sampling_rate_hz
     return replace(
         chirp,
         carrier_hz=chirp.carrier_hz + chirp.slope_hz_s * float(middle_s),
-        bandwidth_hz=chirp.bandwidth_hz * share,
-        rate_hz=chirp.rate_hz / share,
+        bandwidth_hz=chirp.bandwidth_hz * fraction,
+        rate_hz=chirp.rate_hz / fraction,
         samples=samples,
     )

@@ -1,4 +1,4 @@
-"""The radar equation over an extended plane, by quadrature over the beam."""
+"""Radar equation over an extended plane, by quadrature over the beam; near-field range of a volume echo."""
 
 from dataclasses import dataclass
 
@@ -35,8 +35,12 @@ def plane_echo(
         Wavelength, and height above the plane.
     incidence_rad:
         Angle of the boresight from nadir.
+
+    Returns
+    -------
+    Received over transmitted power, a ratio.
     """
-    cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
+    cos_incidence, weight = _beam_quadrature(antenna, incidence_rad)
     if not antenna.separable:
         echo = weight @ (backscatter.sigma0(np.arccos(np.minimum(cos_incidence, 1.0))) * cos_incidence) / height_m**2
         return float(wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * echo)
@@ -49,27 +53,27 @@ def plane_echo(
 
 @dataclass(frozen=True)
 class PlaneEcho:
-    """The echo of a horizontal plane, by the parts of the beam.
+    """The echo of a horizontal plane, by directions of the beam.
 
-    range_m: of each part; power: received over transmitted; beam_share: fraction of the two-way beam.
+    range_m: of each part; power: received over transmitted; beam_fraction: fraction of the two-way beam.
     """
 
     range_m: Float[np.ndarray, " part"]
     power: Float[np.ndarray, " part"]
-    beam_share: Float[np.ndarray, " part"]
+    beam_fraction: Float[np.ndarray, " part"]
 
 
-def plane_echo_parts(
+def plane_echo_contributions(
     antenna: Antenna, backscatter: Backscatter, wavelength_m: float, height_m: float, incidence_rad: float
 ) -> PlaneEcho:
-    """Return the parts whose powers add up to `plane_echo`; see there."""
-    cos_incidence, weight = _parts_of_beam(antenna, incidence_rad)
+    """Return the contributions of the directions of the beam that sum to `plane_echo`; see there."""
+    cos_incidence, weight = _beam_quadrature(antenna, incidence_rad)
     beam_sr = two_way_beam_sr(antenna)
     if antenna.separable:
         weight = weight * (antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral / NODES**2)
     sigma0 = backscatter.sigma0(np.arccos(np.minimum(cos_incidence, 1.0)))
     power = wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * weight * sigma0 * cos_incidence / height_m**2
-    return PlaneEcho(range_m=height_m / cos_incidence, power=power, beam_share=weight / beam_sr)
+    return PlaneEcho(range_m=height_m / cos_incidence, power=power, beam_fraction=weight / beam_sr)
 
 
 def two_way_beam_sr(antenna: Antenna) -> float:
@@ -79,7 +83,7 @@ def two_way_beam_sr(antenna: Antenna) -> float:
     """
     if not antenna.separable:
         return antenna.two_way.beam_sr
-    u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
+    u, v = np.meshgrid(_equal_power_cosines(antenna.azimuth), _equal_power_cosines(antenna.elevation))
     mean_cosine = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).mean()
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
 
@@ -98,7 +102,7 @@ def near_field_m(antenna: Antenna, wavelength_m: float) -> float:
     return wavelength_m * (antenna.peak_gain / (4 * np.pi)) ** 2 * two_way_beam_sr(antenna)
 
 
-def _parts_of_beam(
+def _beam_quadrature(
     antenna: Antenna, incidence_rad: float
 ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
     """Return the cosine of the angle from nadir and the weight of each downward part of the beam.
@@ -112,14 +116,14 @@ def _parts_of_beam(
         cos_incidence, power_sr = grid.direction @ to_nadir, grid.power_sr.ravel()
         visible = (cos_incidence > MIN_DOWN) & (power_sr > 0)
         return cos_incidence[visible], power_sr[visible]
-    u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
+    u, v = np.meshgrid(_equal_power_cosines(antenna.azimuth), _equal_power_cosines(antenna.elevation))
     cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).ravel()
     cos_incidence = to_nadir @ np.array([cos, u.ravel(), v.ravel()])
     visible = (cos_incidence > MIN_DOWN) & (cos > 0)
     return cos_incidence[visible], cos[visible]
 
 
-def _equal_shares(cut: Cut) -> Float[np.ndarray, " node"]:
+def _equal_power_cosines(cut: Cut) -> Float[np.ndarray, " node"]:
     """Return direction cosines that divide the two-way power of a cut into equal shares."""
-    shares = (np.arange(NODES) + 0.5) / NODES
-    return np.interp(shares, cut.two_way_distribution, cut.cosine)
+    quantiles = (np.arange(NODES) + 0.5) / NODES
+    return np.interp(quantiles, cut.two_way_distribution, cut.cosine)

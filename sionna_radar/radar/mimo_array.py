@@ -1,4 +1,4 @@
-"""Arrays of transmitters and receivers: virtual elements, codes, calibration, steering vectors, difference patterns.
+"""MIMO arrays: virtual elements, multiplexing codes, calibration, steering vectors, monopulse difference patterns.
 
 A path from transmitter i over a scatterer to receiver k is as long as twice that of an element halfway between both,
 so that N transmitters and K receivers act as N K virtual elements at the sums of their places (Li and Stoica 2007,
@@ -265,9 +265,14 @@ def receiver_mixing(
         that of the way (Svantesson 1999 takes the same form for a first order of mutual coupling).
     wavelength_m: of the carrier.
     """
-    apart = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
-    np.fill_diagonal(apart, np.inf)
-    coupled = coupling * 0.5 / apart * np.exp(-2j * np.pi * np.where(np.isfinite(apart), apart, 0.0))
+    distance_wavelengths = np.linalg.norm(place_m[:, None] - place_m[None], axis=2) / wavelength_m
+    np.fill_diagonal(distance_wavelengths, np.inf)
+    coupled = (
+        coupling
+        * 0.5
+        / distance_wavelengths
+        * np.exp(-2j * np.pi * np.where(np.isfinite(distance_wavelengths), distance_wavelengths, 0.0))
+    )
     return error[:, None] * (np.eye(len(place_m)) + coupled)
 
 

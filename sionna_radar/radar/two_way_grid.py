@@ -1,4 +1,4 @@
-"""The two-way power of any antenna, on cells of direction cosines in front of it.
+"""Two-way power of an arbitrary antenna on a grid of direction cosines.
 
 The cells are narrow where the power is high, so that a pencil beam, its side lobes and a grating lobe far off the axis
 are all resolved: half of the edges divide the power into equal shares, the others are equally spaced.
@@ -85,9 +85,9 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
 
 def _edges(share: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " edge"]:
     cumulative = np.concatenate([[0.0], np.cumsum(share)])
-    shares = np.interp(np.linspace(0, 1, EDGES + 1), cumulative / cumulative[-1], np.linspace(-1, 1, count + 1))
+    equal_power = np.interp(np.linspace(0, 1, EDGES + 1), cumulative / cumulative[-1], np.linspace(-1, 1, count + 1))
     # The same number for every antenna, so that all beams share one compiled kernel; some cells have zero width.
-    return np.sort(np.concatenate([shares[1:-1], np.linspace(-1.0, 1.0, EDGES + 1)]))
+    return np.sort(np.concatenate([equal_power[1:-1], np.linspace(-1.0, 1.0, EDGES + 1)]))
 
 
 def _power(

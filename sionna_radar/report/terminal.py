@@ -150,5 +150,5 @@ def reference_rows(check: "ReferenceCheck") -> dict[str, str]:
         "RMS without outliers": f"{shift.rms_m:.3f} m, {shift.shifted_rms_m:.3f} m after the shift",
         "RMSE against reference": f"{rms}, bias {mean}, NMAD {spread} of {error.count:,}, shift "
         + ("taken out" if check.applied else "left in"),
-        "not told": "; ".join(f"errors by {name} ({reason})" for name, reason in check.untold.items()) or NONE,
+        "not told": "; ".join(f"errors by {name} ({reason})" for name, reason in check.missing.items()) or NONE,
     }

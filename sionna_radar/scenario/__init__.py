@@ -1,4 +1,4 @@
-"""Scenarios: what is flown, over what, with which radar."""
+"""Scenarios: tables of terrain, flight, radar, processing and DEM; loading and validation; registries of parts."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Selection of registered parts in a scenario: by a key of the part's own table, or by a key beside it."""
+"""Validation of keys that select a registered part: by a tag in its own table, or by a name beside its parameters."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ChosenBy:
         else:
             return base.model_validate(value)
         if name is None:
-            raise refuse(self.tag, f"missing; give one of {', '.join(self.registry.known())}")
+            raise refuse(self.tag, f"missing; give one of {', '.join(self.registry.origins())}")
         if not isinstance(name, str) or name not in self.registry:
             raise refuse(self.tag, self.registry.unknown(name))
         entry = self.registry.entry(name)
@@ -57,12 +57,12 @@ class ChosenBy:
     def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         schemas = [handler(table.__pydantic_core_schema__) for table in self.tables()]
         for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, schemas), strict=True):
-            self._say_what_chooses(table, schema)
-        return {"anyOf": [*schemas, *([{"enum": list(self.registry.known())}] if self.by_name else [])]}
+            self._describe_tag(table, schema)
+        return {"anyOf": [*schemas, *([{"enum": list(self.registry.origins())}] if self.by_name else [])]}
 
-    def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
+    def _describe_tag(self, table: type[Table], schema: JsonSchemaValue) -> None:
         """Add a table's names to its schema; required unless one is the default or implied."""
-        names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
+        names = [name for name in self.registry.origins() if self.registry.entry(name).parameters is table]
         schema["properties"][self.tag] = {"enum": names, "description": f"Kind of {self.registry.kind}."}
         if self.default not in names and not set(self.implied.values()) & set(names):
             schema["required"] = [self.tag, *(key for key in schema.get("required", []) if key != self.tag)]
@@ -84,7 +84,7 @@ class NameIn:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         # Any text, since a script may register more.
-        return {"anyOf": [{"enum": [*self.also, *self.registry.known()]}, {"type": "string"}]}
+        return {"anyOf": [{"enum": [*self.also, *self.registry.origins()]}, {"type": "string"}]}
 
     def _check(self, name: str) -> str:
         if name not in self.registry and name not in self.also:
@@ -118,7 +118,7 @@ class ParametersOf:
     def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         schemas = [handler(table.__pydantic_core_schema__) for table in self.tables()]
         for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, schemas), strict=True):
-            names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
+            names = [name for name in self.registry.origins() if self.registry.entry(name).parameters is table]
             schema["$comment"] = f"`{self.name}` = " + ", ".join(f'`"{name}"`' for name in names)
         return {"anyOf": schemas} if schemas else {"type": "object"}
 

@@ -1,4 +1,4 @@
-"""Tables of land cover and vegetation."""
+"""Tables of land cover and vegetation: `[terrain]` covers and `[[vegetation]]`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading of scenarios from TOML files or shipped names, with overrides and actionable errors.
+"""Loading, validation and writing of scenarios: TOML files, shipped scenarios, overrides, and input files they name.
 
 Identifies the input files of a scenario as well, so that a resumed run can detect changes.
 """
@@ -38,6 +38,10 @@ def scenes_directory() -> Path:
 def shipped_scenarios() -> dict[str, Path]:
     """Return the files of the shipped scenarios by name.
 
+    Returns
+    -------
+    Paths of TOML files by name of the scenario.
+
     Examples
     --------
     >>> "hills" in shipped_scenarios()
@@ -56,6 +60,10 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     overrides:
         Values by dotted key; None removes a key, a table replaces the whole table. Conflicting keys of a shipped
         scenario are removed.
+
+    Returns
+    -------
+    The validated scenario.
 
     Raises
     ------
@@ -109,6 +117,10 @@ def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
     source:
         Name of the scenario in errors.
 
+    Returns
+    -------
+    The validated scenario.
+
     Raises
     ------
     ScenarioError
@@ -139,6 +151,10 @@ def to_toml(scenario: Scenario, *, defaults: bool = True) -> str:
         The scenario; its parameters of custom parts are written, too.
     defaults:
         Whether keys that have their default are written.
+
+    Returns
+    -------
+    TOML text.
 
     Raises
     ------
@@ -178,12 +194,12 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
     for source in sources:
         path = Path(source).expanduser()
         if source in PRESETS:
-            table, given = "radar", {"preset": source}
+            table, table_values = "radar", {"preset": source}
             others = copy.deepcopy(dict(PRESETS[source].scenario))
         elif path.suffix.lower() in SOURCES:
             regular_file(path, "--from", "give a file that exists, or the name of a preset", MAX_SOURCE_BYTES)
             table, kind = SOURCES[path.suffix.lower()]
-            given = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
+            table_values = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
         else:
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
@@ -191,7 +207,7 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
             raise ScenarioError.of("--from", message, "command line")
         if table in tables:
             raise ScenarioError.of("--from", f"{source!r} is a second [{table}]; give one", "command line")
-        tables[table] = given
+        tables[table] = table_values
     if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
         tables["platform"]["log_shift"] = "to_terrain"
     if "platform" not in tables:
@@ -251,9 +267,9 @@ def content_key(tables: Mapping[str, Any]) -> str | None:
     for path in sorted(set(_paths(document))):
         if path.suffix.lower() in NAMES_OTHERS or not path.is_file():
             return None
-        for beside in sorted(path.parent.glob(f"{escape(path.stem)}*")):
-            stat = beside.stat()
-            stamps[str(beside.resolve())] = (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        for side_file in sorted(path.parent.glob(f"{escape(path.stem)}*")):
+            stat = side_file.stat()
+            stamps[str(side_file.resolve())] = (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
     return repr((document, stamps))
 
 

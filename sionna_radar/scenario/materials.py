@@ -1,4 +1,4 @@
-"""The surfaces of a scenario and their media: `[materials.NAME]`, selected by `model`.
+"""Tables `[materials.NAME]` of backscatter models, selected by `model`, and of media for their permittivity.
 
 Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
 made of and how rough it is; the rough-surface models have both, the others take them from the same keys.

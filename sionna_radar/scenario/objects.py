@@ -1,4 +1,4 @@
-"""Objects in a scene besides the ground: `[[buildings]]`, `[[objects]]`, `[[footprints]]` and `[[targets]]`."""
+"""Tables `[[buildings]]`, `[[objects]]`, `[[footprints]]` and `[[targets]]`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Overrides of a scenario file: read from `KEY=VALUE` or a file, and merged into the file's tables.
+"""Overrides of a scenario: parsing of `KEY=VALUE` and override files, and merging into its tables.
 
 A key is dotted, with numbers for the entries of a list. The value None removes a key, a table replaces the whole
 table. Conflicting keys not written by the user are removed: see `drop_conflicting_keys`.
@@ -74,7 +74,19 @@ TAGS = {
 def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
     """Read `KEY=VALUE` assignments: a value is TOML, a bare word is a string, and the bare word none is None.
 
-    Raises ScenarioError for an assignment without a key or an equals sign, or with a value that no scenario holds.
+    Parameters
+    ----------
+    assignments:
+        Assignments such as `radar.snr_db=30`.
+
+    Returns
+    -------
+    Values by dotted key, as `load_scenario` takes them.
+
+    Raises
+    ------
+    ScenarioError
+        An assignment has no key or no equals sign, or a value that no scenario can hold.
     """
     overrides: dict[str, Any] = {}
     for assignment in assignments:
@@ -152,11 +164,11 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     for key, value in overrides.items():
         _set_dotted(data, key, value)
     for key, (place, registry) in NAMED.items():
-        beside = _lookup(data, place)
-        if key in overrides and isinstance(beside, dict):
+        parameters = _lookup(data, place)
+        if key in overrides and isinstance(parameters, dict):
             allowed = _fields_of_part(registry, overrides[key])
-            _drop(data, overrides, [f"{place}.{name}" for name in beside if name not in allowed])
-            if not beside:
+            _drop(data, overrides, [f"{place}.{name}" for name in parameters if name not in allowed])
+            if not parameters:
                 _drop(data, overrides, [place])
 
 
@@ -290,7 +302,7 @@ def _resolved(text: str, folder: Path) -> str:
     if is_address(text):
         return text
     try:
-        beside = folder / text
-        return str((beside if beside.exists() else Path(text)).absolute())
+        in_folder = folder / text
+        return str((in_folder if in_folder.exists() else Path(text)).absolute())
     except (OSError, ValueError):
         return text

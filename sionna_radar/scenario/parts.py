@@ -155,7 +155,7 @@ def custom_parts() -> dict[str, list[str]]:
     """Return the names of all custom parts by origin."""
     names: dict[str, list[str]] = {}
     for registry in ALL:
-        for name, origin in registry.known().items():
+        for name, origin in registry.origins().items():
             if origin != PACKAGE:
                 names.setdefault(origin, []).append(name)
     return names

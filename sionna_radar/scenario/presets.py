@@ -1,4 +1,4 @@
-"""Published radars by name: `radar.preset`, with sources and assumptions of their figures."""
+"""Presets of published radars (`radar.preset`), with the sources and assumptions of their values."""
 
 from __future__ import annotations
 

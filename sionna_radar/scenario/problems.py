@@ -1,4 +1,4 @@
-"""Translation of pydantic's validation errors into the terms of a TOML file."""
+"""Error messages of scenarios: pydantic's validation errors in the terms of a TOML file."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches

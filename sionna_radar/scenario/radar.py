@@ -289,7 +289,7 @@ class RadarTable(Table):
     @property
     def used_samples(self) -> tuple[int, int]:
         """The first sample of a sweep that is used, and the one after the last."""
-        first, last = (round(self.samples_per_chirp * share) for share in self.receiver.oscillator.used_window)
+        first, last = (round(self.samples_per_chirp * fraction) for fraction in self.receiver.oscillator.used_window)
         return first, last
 
     @property

@@ -219,9 +219,9 @@ class DescribedRecording(RecordedSettings):
 
     def settings(self) -> dict[str, Any]:
         """Return the processing settings that the file contains, by dotted key."""
-        given = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "readings", "sweep", "poses"})
-        radar = given.pop("radar", {})
-        return given | {f"radar.{key}": value for key, value in radar.items()}
+        values = self.model_dump(mode="json", exclude_unset=True, exclude={"recording", "readings", "sweep", "poses"})
+        radar = values.pop("radar", {})
+        return values | {f"radar.{key}": value for key, value in radar.items()}
 
 
 def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> Scenario:

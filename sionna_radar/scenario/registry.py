@@ -1,4 +1,4 @@
-"""Registries of the parts of a survey selected by name in a scenario, built-in and custom alike.
+"""Registries of scans, antennas, sensors, methods and other parts that a scenario names, built-in and custom.
 
 A part is registered under a name with its builder and, if any, its table of parameters. Names come from
 three sources: this package, installed packages with the entry-point group `sionna_radar.plugins`, and
@@ -200,7 +200,7 @@ class Registry:
         load_plugins()
         return name in self._entries
 
-    def known(self) -> dict[str, str]:
+    def origins(self) -> dict[str, str]:
         """Return the origins of all parts by name."""
         load_plugins()
         custom = {name: entry.origin for name, entry in self._entries.items() if name not in self._ours}
@@ -208,7 +208,7 @@ class Registry:
 
     def unknown(self, name: object) -> str:
         """Return the message for a name that is not registered."""
-        origins = self.known()
+        origins = self.origins()
         listing = ", ".join(own_name for own_name, origin in origins.items() if origin == PACKAGE)
         listing += "".join(f", {own_name} (from {origin})" for own_name, origin in origins.items() if origin != PACKAGE)
         broken = "".join(f"; {problem}" for problem in load_plugins())
@@ -216,7 +216,7 @@ class Registry:
 
     def tables(self) -> list[type[Table]]:
         """Return the tables of parameters of all parts, each once."""
-        entries = [self.entry(name) for name in self.known()]
+        entries = [self.entry(name) for name in self.origins()]
         return list(dict.fromkeys(entry.parameters for entry in entries if entry.parameters is not None))
 
 
@@ -227,6 +227,10 @@ name:
     Its name in scenarios.
 parameters:
     Its table of parameters, `{table}`{none}.
+
+Returns
+-------
+A decorator that registers the builder and returns it unchanged.
 
 Raises
 ------

@@ -64,13 +64,13 @@ FALLING = ("rain_rate_mm_per_h", "rain_cell", "rain_field", "snowfall_mm_per_h")
 FARTHEST_FOOTPRINTS = 2.0
 
 
-def with_map(given: Mapping[str, Any]) -> dict[str, Any]:
+def with_map(scenario: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a scenario with defaults of `dem.method` and `processing.echoes`.
 
     Over buildings `dem.method` is "stepped", with all echoes of a pulse, if whole echoes are available and the lines of
     the scan are close enough; elsewhere "linear".
     """
-    tables = dict(given)
+    tables = dict(scenario)
     method = _value(tables, "dem", "method")
     if method in (None, "auto"):
         method = "stepped" if _built_up(tables) and _whole_echoes(tables) and _dense(tables) else "linear"
@@ -276,8 +276,8 @@ class Scenario(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _map_is_chosen(cls, given: Any) -> Any:
-        return with_map(given) if isinstance(given, dict) else given
+    def _map_is_chosen(cls, tables: Any) -> Any:
+        return with_map(tables) if isinstance(tables, dict) else tables
 
     def _conflicts(self) -> Conflicts:
         defined = self.all_materials

@@ -1,4 +1,4 @@
-"""The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
+"""Base class of all scenario tables: frozen pydantic models, strict numbers with bounds, errors with a key, units.
 
 The meaning of a key is its field's description, or the string under it (`reference.meanings`); pydantic would read
 the source of each table to find it whenever the package is imported, which takes 0.1 s. The unit of a key is the end
@@ -150,7 +150,7 @@ def _differing(value: Any, dumped: Any) -> Any:
     if isinstance(value, Table):
         return value.differing()
     if isinstance(value, tuple) and any(isinstance(entry, Table) for entry in value):
-        return [_differing(entry, own) for entry, own in zip(value, dumped, strict=True)]
+        return [_differing(entry, entry_dump) for entry, entry_dump in zip(value, dumped, strict=True)]
     if isinstance(value, dict):
         return {key: _differing(entry, dumped[key]) for key, entry in value.items() if key in dumped}
     return dumped

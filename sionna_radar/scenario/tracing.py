@@ -43,10 +43,10 @@ class TracingTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _speckle_of_the_solver(cls, given: Any) -> Any:
-        if isinstance(given, Mapping) and given.get("engine") == "path_solver" and "speckle" not in given:
-            return {**given, "speckle": "per_pulse"}
-        return given
+    def _speckle_of_the_solver(cls, table: Any) -> Any:
+        if isinstance(table, Mapping) and table.get("engine") == "path_solver" and "speckle" not in table:
+            return {**table, "speckle": "per_pulse"}
+        return table
 
     def _conflicts(self) -> Conflicts:
         if self.decorrelation_time_s is not None and self.speckle == "per_pulse":

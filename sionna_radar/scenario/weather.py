@@ -1,4 +1,4 @@
-"""What the air holds: `[weather]`."""
+"""Table `[weather]`: rain, snow, fog, dust, wind, gases and a wet radome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The environment: terrain, buildings, cities, targets, and ray casting against them."""
+"""The scene: terrain, buildings, meshes, targets, vegetation, and ray casting."""
 
 import lazy_loader
 

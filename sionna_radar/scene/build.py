@@ -1,4 +1,4 @@
-"""Building the scene of a scenario: terrain or city, buildings, targets, materials."""
+"""Builder of the scene of a scenario: terrain, buildings, meshes, targets, vegetation and materials."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -178,7 +178,7 @@ def build_ground(
         land = terrain(inputs) if terrain else build_landscape(scenario.terrain, inputs)
     require(land, Landscape, "terrain")
     if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
-        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
+        message = "it has no surface, or a vertex that is not finite; check its heights"
         raise ScenarioError.of("terrain", message)
     boxes = tuple(build_box(box_of(b), i, land.ground_m) for i, b in enumerate(scenario.buildings))
     standing = _objects(scenario, land) + _footprints(scenario, land, inputs) + boxes
@@ -287,5 +287,15 @@ def build_body(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 
 def box_of(table: Building) -> Box:
-    """Return the box of a building: an entry of a scenario's `buildings`."""
+    """Return the box of a building: an entry of a scenario's `buildings`.
+
+    Parameters
+    ----------
+    table:
+        Table of the building.
+
+    Returns
+    -------
+    The box in local metres, its heading in radians.
+    """
     return table.to(Box, heading_rad=float(np.deg2rad(table.heading_deg)))

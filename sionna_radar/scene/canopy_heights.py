@@ -88,7 +88,7 @@ def _of_cloud(
         box_m = float(west), float(south), float(east), float(north)
         raise InputFileError(
             f"{key}.path = {shown(stand.path)}: has no points of the classes {', '.join(map(str, stand.classes))} in "
-            f"the stand, {spans(box_m)}, and covers {spans(cloud_m)}; give those of its plants, or another file"
+            f"the stand, {spans(box_m)}, and covers {spans(cloud_m)}; give the classes of its plants, or another file"
         )
     row, column, in_grid = grid.cell_of(point_m)
     # Ground height at the cell centres.

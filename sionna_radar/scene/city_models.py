@@ -1,4 +1,4 @@
-"""City models (CityJSON, CityGML) are recognised, and refused with the way to convert them.
+"""Detection of city models (CityJSON, CityGML), which are rejected with a hint how to convert them.
 
 cjio exports CityJSON as OBJ on NumPy alone; no small library turns the surfaces of CityGML into meshes, and GDAL's
 drivers give them without their solids, one geometry of all levels of detail.

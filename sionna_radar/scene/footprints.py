@@ -1,4 +1,4 @@
-"""Buildings: extruded from the outlines of a vector file, thousands at a time, and boxes on the ground."""
+"""Buildings extruded from the outlines of a vector file, and boxes on the ground."""
 
 import logging
 import re
@@ -235,8 +235,8 @@ def build_box(box: Box, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]
     length, width, height = box.size_m
     heading = box.heading_rad
     along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
-    share = np.linspace(-0.5, 0.5, 21)
-    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(share * length, share * width))
+    offset = np.linspace(-0.5, 0.5, 21)
+    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(offset * length, offset * width))
     base = float(np.min(ground_m(np.array(box.position_m) + a * along + b * across)))
     if not np.isfinite(base):
         message = f"the building at {box.position_m} extends beyond the terrain; move it or enlarge the terrain"

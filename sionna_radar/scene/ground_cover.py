@@ -1,4 +1,4 @@
-"""The ground's mesh split by land cover, the bare ground under objects, and air under overhangs.
+"""Land cover of the ground mesh, the bare ground under objects, and detection of overhangs.
 
 Covers are rectangles, polygons, and files of classes. A face belongs to the cover that contains its centre, so borders
 follow the mesh: its spacing is their accuracy. Later covers override earlier ones: the raster's classes, then those of

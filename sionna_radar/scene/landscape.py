@@ -1,4 +1,4 @@
-"""The ground of a survey from any source.
+"""The interface of terrains: ground surfaces, bare-ground heights and covers from any source.
 
 Ground from a file has its georeference; any other has one if its scenario states its position. Everything is in the
 local frame: metres, x east, y north, z up.

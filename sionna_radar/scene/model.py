@@ -1,4 +1,4 @@
-"""The contents of a scene, in plain arrays for any engine, and triangle meshes of elevation rasters.
+"""Data model of a scene in plain arrays (surfaces, targets, bodies, materials), and meshes of elevation rasters.
 
 Bodies of targets are shapes in their own axes: right, forward and up.
 """

@@ -1,4 +1,4 @@
-"""Motion of targets: along straight legs at constant speed, and of their rotors."""
+"""Motion of targets (straight legs at constant speed) and of their rotors, and tables of radar cross-section."""
 
 from dataclasses import dataclass
 from functools import cached_property

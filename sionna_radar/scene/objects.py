@@ -115,7 +115,7 @@ def _check_size(parts: Sequence[MeshPart], source: MeshSource, key: str) -> None
     largest = float(np.max(upper - lower))
     label = f"{key}.path = {shown(source.path)}"
     if not np.isfinite(largest):
-        raise InputFileError(f"{label}: none of its vertices is a place; export the mesh again")
+        raise InputFileError(f"{label}: none of its vertices is finite; export the mesh again")
     if largest > LARGEST_M:
         raise InputFileError(
             f"{label}: is {largest / 1000:,.0f} km across in units = '{source.units}'; set units = 'mm' or a scale"
@@ -244,8 +244,8 @@ def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None
 def _under(plan_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Return points within the convex hull of a mesh in plan: its corners, and samples inside."""
     lower, upper = plan_m.min(axis=0), plan_m.max(axis=0)
-    share = np.linspace(0.0, 1.0, GROUND_SAMPLES)
-    grid = np.stack(np.meshgrid(*(a + share * (b - a) for a, b in zip(lower, upper, strict=True))), axis=-1).reshape(
+    fraction = np.linspace(0.0, 1.0, GROUND_SAMPLES)
+    grid = np.stack(np.meshgrid(*(a + fraction * (b - a) for a, b in zip(lower, upper, strict=True))), axis=-1).reshape(
         -1, 2
     )
     try:
@@ -342,6 +342,6 @@ def way_over(
     corner = np.vstack([*pieces, waypoints[-1:]])
     height = standing_m(corner)
     if not np.all(np.isfinite(height)):
-        message = "its way leaves the terrain; keep it over ground, or enlarge the terrain"
+        message = "its path leaves the terrain; keep it over the terrain, or enlarge the terrain"
         raise ScenarioError.of(f"{key}.waypoints_m", message)
     return Way(corner_m=np.column_stack([corner, height + height_m]), speed_mps=speed_mps, closed=closed)

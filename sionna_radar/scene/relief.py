@@ -1,4 +1,4 @@
-"""Rays against ground on a grid, whose triangles need no search tree.
+"""Ray casting against gridded ground, by a pyramid of maximum heights instead of a search tree.
 
 A pyramid of the greatest heights of blocks of cells tells where a ray from above can meet the ground: blocks that it
 passes over are left behind at once (Tevs, Ihrke and Seidel 2008, "Maximum mipmaps for fast, accurate, and scalable
@@ -94,14 +94,14 @@ def _first_hits(low, high, ground, origin, direction, distance, face, cosine):
         dx, dy, dz = direction[ray, 0], direction[ray, 1], direction[ray, 2]
         x, y = (origin[ray, 0] - west) / step, (origin[ray, 1] - south) / step
         start = len(first) - 1
-        found = _meet(ground, x, y, origin[ray, 2], dx / step, dy / step, dz, 0.0, np.inf, start)
-        distance[ray], face[ray] = found[0], found[1]
+        hit = _meet(ground, x, y, origin[ray, 2], dx / step, dy / step, dz, 0.0, np.inf, start)
+        distance[ray], face[ray] = hit[0], hit[1]
         cosine[ray] = np.nan
-        if found[1] >= 0:
-            cell = found[1] // 2
+        if hit[1] >= 0:
+            cell = hit[1] // 2
             i, j = cell // columns, cell % columns
             a, b, c, d = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
-            east, north = (b - a, d - b) if found[1] % 2 == 0 else (d - c, c - a)
+            east, north = (b - a, d - b) if hit[1] % 2 == 0 else (d - c, c - a)
             east, north = east / step, north / step
             slant = dz - east * dx - north * dy
             cosine[ray] = min(abs(slant) / np.sqrt(1.0 + east * east + north * north), 1.0)
@@ -126,8 +126,8 @@ def _hides(low, high, ground, steepest, origin, row, point, short, hidden):
                 if _gap(height, i, j, half, u, v, pz + short * dz) > 0.0:
                     hidden[ray] = False
                     continue
-        found = _meet(ground, x, y, pz, dx / step, dy / step, dz, short, 1.0, np.int64(0))
-        hidden[ray] = found[1] >= 0 or found[2] < 0
+        hit = _meet(ground, x, y, pz, dx / step, dy / step, dz, short, 1.0, np.int64(0))
+        hidden[ray] = hit[1] >= 0 or hit[2] < 0
 
 
 @compiled
@@ -231,8 +231,8 @@ def _meet(ground, x0, y0, z0, dx, dy, dz, near, far, level):
             if one < 0.0 and begin > near:
                 return begin, 2 * (i * columns + j) + half, side
             if other < 0.0:
-                share = one / (one - other) if one > 0.0 else 0.0
-                return begin + share * (middle - begin), 2 * (i * columns + j) + half, side
+                fraction = one / (one - other) if one > 0.0 else 0.0
+                return begin + fraction * (middle - begin), 2 * (i * columns + j) + half, side
             begin, middle, half = middle, end, 1 - half
         t = end
     return np.inf, -1, side

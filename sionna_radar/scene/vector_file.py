@@ -1,4 +1,4 @@
-"""Reading of polygons from vector files of footprints and land cover: GeoJSON, GeoPackage, Shapefile.
+"""Reader of polygons from vector files (GeoJSON, GeoPackage, Shapefile), for footprints and land cover.
 
 GDAL opens far more than files, and follows references in small files regardless of their suffix. A file's first bytes
 must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
@@ -131,11 +131,11 @@ def _kind(path: Path, name: str) -> str:
         return "gpkg"
     if suffix == ".shp" and head.startswith(SHAPE_MAGIC):
         stem = path.stem.lower()
-        for beside in path.parent.iterdir():
-            if beside.stem.lower() == stem and beside.suffix.lower() in SIDE_CARS:
-                regular_file(beside, name, "remove it", MAX_BYTES)
+        for side_file in path.parent.iterdir():
+            if side_file.stem.lower() == stem and side_file.suffix.lower() in SIDE_CARS:
+                regular_file(side_file, name, "remove it", MAX_BYTES)
         return "shp"
-    message = f"{name} {shown(path)} is no GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
+    message = f"{name} {shown(path)} is not a GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
     raise InputFileError(message)
 
 
@@ -174,7 +174,7 @@ def _stated_crs(document: dict[str, Any], name: str) -> CRS | None:
     try:
         return CRS.from_user_input(str(stated["properties"]["name"]))
     except (ProjError, TypeError, KeyError) as error:
-        message = f"{name} names the CRS {shown(stated)}, which is none; remove its crs, or give one like 'EPSG:25832'"
+        message = f"{name} names the CRS {shown(stated)}, which is not a CRS; remove it, or give one like 'EPSG:25832'"
         raise InputFileError(message) from error
 
 
@@ -221,7 +221,7 @@ def _check_tables(path: Path, name: str) -> None:
     for layer in layers:
         definition = str(definitions.get(layer, "nothing"))
         if not definition.lower().startswith("table create table"):
-            message = f"{name} has the layer {shown(layer)}, which is no plain table; copy the layer with ogr2ogr"
+            message = f"{name} has the layer {shown(layer)}, which is not a plain table; copy the layer with ogr2ogr"
             raise InputFileError(message)
 
 

@@ -1,4 +1,4 @@
-"""Stands of vegetation over the ground, on a grid traversed by rays."""
+"""Vegetation stands as a gridded layer above the ground, which rays traverse."""
 
 import logging
 import math
@@ -112,31 +112,34 @@ def vegetation_of(
         return None
     west, south, east, north = window_m
     window_corners = np.array([[west, south], [east, south], [east, north], [west, north]])
-    corners = [window_corners if own.polygon_m is None else np.array(own.polygon_m) for own in stands]
+    corners = [
+        window_corners if each_stand.polygon_m is None else np.array(each_stand.polygon_m) for each_stand in stands
+    ]
     grid = _grid(corners, window_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
-    for index, (own, corner) in enumerate(zip(stands, corners, strict=True)):
+    for index, (each_stand, corner) in enumerate(zip(stands, corners, strict=True)):
         in_stand = _inside(grid, corner)
         points = grid.centres_m[in_stand.ravel()]
-        height = np.full(len(points), own.height_m)
-        if own.path is not None:
-            height = heights(own, f"vegetation.{index}", points) if len(points) else np.zeros(0)
+        height = np.full(len(points), each_stand.height_m)
+        if each_stand.path is not None:
+            height = heights(each_stand, f"vegetation.{index}", points) if len(points) else np.zeros(0)
             if np.any(height > NO_PLANT_M):
                 raise InputFileError(
-                    f"vegetation.{index}.path = {shown(own.path)}: holds plants {np.nanmax(height):g} m high; give "
+                    f"vegetation.{index}.path = {shown(each_stand.path)}: holds plants {np.nanmax(height):g} m "
+                    "high; give "
                     "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
                 )
             too_tall = int(np.sum(height > TALLEST_M))
             if too_tall:
                 message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
-                logger.warning(message, index, shown(own.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
-            height = np.where(height >= own.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+                logger.warning(message, index, shown(each_stand.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
+            height = np.where(height >= each_stand.least_height_m, np.minimum(height, TALLEST_M), np.nan)
         if len(points) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
             continue
         if not np.any(np.isfinite(ground_m(points)) & np.isfinite(height)):
             field, threshold = "polygon_m", ""
-            if own.path is not None:
-                field, threshold = "path", f" of least_height_m = {own.least_height_m:g} or more"
+            if each_stand.path is not None:
+                field, threshold = "path", f" of least_height_m = {each_stand.least_height_m:g} or more"
             message = (
                 f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
             )
@@ -151,8 +154,8 @@ def vegetation_of(
         stand=stand,
         plant_m=np.where(stand >= 0, plant_m, np.nan),
         top_m=np.where(stand >= 0, base_m + plant_m, -np.inf),
-        extinction_per_m=np.array([NEPERS * own.extinction_db_per_m for own in stands]),
-        backscatter_per_m=np.array([from_db(own.backscatter_db_per_m) for own in stands]),
+        extinction_per_m=np.array([NEPERS * each_stand.extinction_db_per_m for each_stand in stands]),
+        backscatter_per_m=np.array([from_db(each_stand.backscatter_db_per_m) for each_stand in stands]),
     )
 
 

@@ -1,4 +1,4 @@
-"""From paths to beat signals."""
+"""Signals: beat synthesis, the receiver and its imperfections, and the lidar."""
 
 import lazy_loader
 

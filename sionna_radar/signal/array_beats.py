@@ -1,4 +1,4 @@
-"""Beat signals of an array: one set of paths serves all chirps of a frame, all transmitters and all receivers.
+"""Beat signals of a MIMO array: one set of paths serves all chirps, transmitters and receivers of a frame.
 
 Scatterers stand still between the chirps, or move along their rays; the radar moves. So the ways of each chirp follow
 from the places of the scatterers and from the radar's true pose at that chirp, and those of each element from its
@@ -142,12 +142,12 @@ def _spread_chirps(table, poses, sweep, pieces, order, grid, bend, begin, end):
         # One sender is where ways begin; several are seen from the array's middle.
         alone = len(sent) == 1
         sender = tx[row, sent[0]] if alone else np.zeros(3)
-        beside = np.zeros((1, 3)) if alone else tx[row][sent]
+        senders = np.zeros((1, 3)) if alone else tx[row][sent]
         _ways(row, sender, table, poses, sweep[-1], ray)
         drift = (bend[row : row + 1], np.empty(1), np.empty(1))
         weigh(0, 1, first, last, ray[4], ray[5], gain, sweep, columns + drift)
         _spread(
-            beside, code[row][sent], rx[row], sweep, ray, columns, pieces, order if alone else HIGHEST_ORDER, grid[row]
+            senders, code[row][sent], rx[row], sweep, ray, columns, pieces, order if alone else HIGHEST_ORDER, grid[row]
         )
 
 

@@ -1,4 +1,4 @@
-"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp, on a grid of times.
+"""Synthesis of beat signals from paths, as a non-uniform Fourier sum for each chirp.
 
 With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the transmitted and the
 received wave is (t from the middle of the sweep, S its slope)
@@ -83,6 +83,10 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The pulses of the block.
     chirp:
         The sweep.
+
+    Returns
+    -------
+    Beat signals in sqrt(W) for 1 W of transmitted power; complex for I/Q samples.
     """
     beat = analytic_beats(paths, pulses, chirp)
     return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
@@ -134,13 +138,13 @@ def _squinted_beats(
     degree = int(np.ceil(SQUINT_DEGREE + SQUINT_DEGREES_PER_BEAM * swept))
     node = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     place = 2 * chirp.sample_time_s / chirp.duration_s
-    share = np.linalg.solve(chebvander(node, degree).T, chebvander(place, degree).T)
+    node_weight = np.linalg.solve(chebvander(node, degree).T, chebvander(place, degree).T)
     placed = ~np.isnan(paths.hit_m[:, 0])
     row, pose = pulses.row_of(paths.pulse[placed]), pulses.true
     away = np.einsum("nij,ni->nj", pose.R_world_antenna[row], paths.hit_m[placed] - pose.position_m[row])
     direction = away / np.linalg.norm(away, axis=1, keepdims=True)
     beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
-    for at, weight in zip(node, share, strict=True):
+    for at, weight in zip(node, node_weight, strict=True):
         gain = paths.gain.copy()
         gain[placed] *= squint.two_way_ratio(direction, chirp.slope_hz_s * chirp.duration_s / 2 * float(at))
         beat += weight * analytic_beats(replace(paths, gain=gain), pulses, chirp, band_hz)
@@ -166,12 +170,12 @@ class _Drift:
         from sionna_radar.signal.beat_sum import exponential_sums
 
         beat = np.zeros((len(total), chirp.samples), dtype=np.complex128)
-        share, order = (2 * chirp.sample_time_s / chirp.duration_s) ** 2, 1
+        squared_time, order = (2 * chirp.sample_time_s / chirp.duration_s) ** 2, 1
         term, rows = self.weight * (1j * self.excess), np.arange(len(total))
         while len(rows):
             begin, end = self.first[rows], self.last[rows]
             beat[rows] += (
-                exponential_sums(begin, end, self.frequency, term, self.bend[rows], chirp.samples) * share**order
+                exponential_sums(begin, end, self.frequency, term, self.bend[rows], chirp.samples) * squared_time**order
             )
             order += 1
             term = term * (1j * self.excess / order)

@@ -1,4 +1,4 @@
-"""Sums of complex exponentials for a block of beat signals, by a non-uniform Fourier transform.
+"""Non-uniform FFT: sums of complex exponentials for a block of beat signals.
 
 Each exponential of u cycles per sample is spread over a few points of a fine grid of frequencies, around its own; an
 ordinary Fourier transform of the grid then gives the samples, after division by the transform of the spreading function
@@ -164,14 +164,14 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
         # Vectorised: no dependence on the previous path, and views, whose indices are known not to be negative.
-        own = slice(first[row], last[row])
+        paths_of_row = slice(first[row], last[row])
         f, w, x, tau, rate, amplitude = (
-            frequency[own],
-            weight[own],
-            excess[own],
-            delay_s[own],
-            range_rate_mps[own],
-            gain[own],
+            frequency[paths_of_row],
+            weight[paths_of_row],
+            excess[paths_of_row],
+            delay_s[paths_of_row],
+            range_rate_mps[paths_of_row],
+            gain[paths_of_row],
         )
         for n in range(len(f)):
             stretch = 2.0 * rate[n] / c

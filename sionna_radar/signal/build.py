@@ -1,4 +1,4 @@
-"""The receiver of a scenario: its stages, filters, powers and noise by its tables; and that of a lidar."""
+"""Builder of the receiver (stages, filters, powers, noise) and of the lidar receiver from a scenario."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

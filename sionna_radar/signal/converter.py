@@ -1,4 +1,4 @@
-"""The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding and its step.
+"""Analogue-to-digital converter: I/Q imbalance, offset, gain control, clipping and quantisation.
 
 Samples are returned on the scale of the antenna: the known gain in front of the converter is divided out.
 """
@@ -24,17 +24,17 @@ class Imbalance:
 
     def __call__(self, samples: Complex[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse sample"]:
         """Apply the imbalance to samples."""
-        mixed: Complex[np.ndarray, "pulse sample"] = samples * self.own
-        mixed += np.conj(samples) * self.image
+        mixed: Complex[np.ndarray, "pulse sample"] = samples * self.tone_gain
+        mixed += np.conj(samples) * self.image_gain
         return mixed
 
     @property
-    def own(self) -> complex:
+    def tone_gain(self) -> complex:
         """Complex gain of a tone."""
         return complex(1 + self.gain * np.exp(-1j * self.lag_rad)) / 2
 
     @property
-    def image(self) -> complex:
+    def image_gain(self) -> complex:
         """Complex gain of its image."""
         return complex(1 - self.gain * np.exp(1j * self.lag_rad)) / 2
 

@@ -1,4 +1,4 @@
-"""Beat signals summed in the memory of the ray tracer, sample by sample.
+"""Beat signals on the device: sums over paths in the ray tracer's memory.
 
 The phase of a path is that of `signal.beat`, drift included. Each sample of a pulse adds its paths in their order,
 without atomic operations: the result does not depend on the number of parallel samples. Phases are reduced to

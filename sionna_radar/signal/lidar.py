@@ -1,4 +1,4 @@
-"""Time-of-flight lidar in air and over ground: the range that a light pulse measures along one beam.
+"""Time-of-flight lidar: range of the first or last return, through weather.
 
 Returns are expressed as the reflectivity of an equally strong Lambertian target, normal to and filling the beam, after
 the two-way loss (extinction a):

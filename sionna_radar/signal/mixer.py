@@ -1,4 +1,4 @@
-"""The mixer: echoes times the transmitted sweep, with the phase errors of its oscillator; and paths in front of it.
+"""The mixer with a non-ideal oscillator: beats of echoes, leakage and interferers with their phase errors.
 
 The factor exp(j (e(t) - e(t - tau))) of an oscillator's phase e is smooth in the delay tau. It is computed at delays a
 fixed step apart, and between them interpolated by cubic polynomials: each path is shared among the four nearest
@@ -159,9 +159,9 @@ def _beat(
     outside_band = (np.abs(between_hz - middle_hz) / half_hz - (1 - FADED)) / FADED
     beat = np.zeros(sweep_s.shape, dtype=np.complex128)
     row, point = np.nonzero(outside_band < 1)
-    own_turns = sweep.carrier_hz * t[point] + sweep.slope_hz_s * t[point] ** 2 / 2
+    received_turns = sweep.carrier_hz * t[point] + sweep.slope_hz_s * t[point] ** 2 / 2
     u = sweep_s[row, point]
-    turns = own_turns - radar.carrier_hz * u - radar.slope_hz_s * u**2 / 2
+    turns = received_turns - radar.carrier_hz * u - radar.slope_hz_s * u**2 / 2
     fading = np.cos(np.pi / 2 * np.maximum(outside_band[row, point], 0.0)) ** 2
     beat[row, point] = fading * np.exp(2j * np.pi * sweep.direction * np.mod(turns, 1.0))
     return beat
@@ -208,7 +208,7 @@ class Mixer:
             start, stop = np.searchsorted(cell, (node - 2, node + 2), sorter=order)
             members = np.sort(order[start:stop])
             node_paths = paths.rows(members)
-            node_paths = replace(node_paths, gain=node_paths.gain * shares(position[members] - node))
+            node_paths = replace(node_paths, gain=node_paths.gain * cubic_weights(position[members] - node))
             rows = np.flatnonzero(np.isin(pulses.index, node_paths.pulse))
             if len(rows):
                 clean = analytic_beats(node_paths, pulses.rows(rows), sweep, received.grid.band_hz)
@@ -239,8 +239,8 @@ class Mixer:
         return add
 
 
-def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
-    """Return the share of a node in paths at distances from it, in steps: cubic interpolation, zero beyond two."""
+def cubic_weights(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
+    """Return the weight of a node for paths at distances from it, in steps: cubic interpolation, zero beyond two."""
     d = np.abs(distance)
     inner = (1 - d) * (1 + d) * (2 - d) / 2
     outer = (1 - d) * (2 - d) * (3 - d) / 6

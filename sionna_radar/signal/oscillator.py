@@ -1,4 +1,4 @@
-"""Phase errors of a real oscillator relative to an ideal sweep.
+"""Oscillator errors: phase noise and frequency errors of the sweep.
 
 An echo of delay tau is mixed with the transmitted wave, so that the phase error e(t) of the oscillator enters
 its beat as e(t) - e(t - tau). A random error of spectrum S(f) becomes 4 sin^2(pi f tau) S(f): near echoes are

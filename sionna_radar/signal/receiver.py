@@ -1,4 +1,4 @@
-"""The receiver: from paths to sampled beat signals, with thermal noise."""
+"""The receiver: noisy sampled beat signals from paths."""
 
 from dataclasses import dataclass, replace
 
@@ -26,6 +26,23 @@ def add_noise(
 
     Each pulse has its own generator, for each of several receivers by its `channel`; a zero signal gives the noise
     alone.
+
+    Parameters
+    ----------
+    beat:
+        Beat signals, sqrt(W); real or complex.
+    power:
+        Noise power of a sample, W.
+    seed:
+        Seed of the scenario.
+    pulse:
+        Indices of the pulses in the survey.
+    channel:
+        Number of the receiver.
+
+    Returns
+    -------
+    Beat signals with noise, of the same type.
     """
     noisy = np.empty_like(beat)
 

@@ -1,4 +1,4 @@
-"""The stages of a non-ideal receiver in their physical order, and the registry of custom stages.
+"""Chain of receiver stages (leakage, mixer, interference, noise, filters, converter), and the interface of custom ones.
 
 Each stage transforms the signal received so far. The mixer synthesises a signal from paths, on a grid of times that may
 be finer and longer than the samples; noise is kept separately; the filters attenuate both and sample them.

@@ -1,4 +1,4 @@
-"""The materials of a scenario at its carrier and polarization: registration, models by name, media and validity."""
+"""Builder of the materials of a scenario: registration, models by name, permittivity, and checks of validity."""
 
 import logging
 import re
@@ -139,6 +139,17 @@ def channel_of(radar: RadarTable) -> Channel:
 def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:
     """Return the materials of a scenario, and warn of those used outside their range of validity.
 
+    Parameters
+    ----------
+    tables:
+        Tables of the materials by name.
+    radar:
+        Table of the radar, with its carrier and polarization.
+
+    Returns
+    -------
+    Materials by name.
+
     Raises
     ------
     ScenarioError
@@ -201,11 +212,11 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
     validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
     messages += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
-    share = material.scattered_fraction(np.deg2rad(angle_deg))
-    if share.max() > 1:
-        exceeding_deg = angle_deg[share > 1]
+    scattered = material.scattered_fraction(np.deg2rad(angle_deg))
+    if scattered.max() > 1:
+        exceeding_deg = angle_deg[scattered > 1]
         messages.append(
-            f"it would scatter up to {100 * (share.max() - 1):.4g} % more power than it receives, between "
+            f"it would scatter up to {100 * (scattered.max() - 1):.4g} % more power than it receives, between "
             f"{exceeding_deg[0]} and {exceeding_deg[-1]} deg of incidence"
         )
     return messages

@@ -288,14 +288,14 @@ def soil_bulk_density_g_cm3(sand_percent: float, clay_percent: float) -> float:
 
     A constituent below one percent is omitted and the others rescaled to a hundred, as P.527-6 specifies.
     """
-    shares = (sand_percent, clay_percent, 100.0 - sand_percent - clay_percent)
-    significant = [share if share >= 1.0 else 0.0 for share in shares]
+    percentages = (sand_percent, clay_percent, 100.0 - sand_percent - clay_percent)
+    significant = [percentage if percentage >= 1.0 else 0.0 for percentage in percentages]
     total = sum(significant)
     weights = (0.078886, 0.038753, 0.032732)
     return 1.07256 + sum(
-        weight * math.log(100.0 * share / total)
-        for weight, share in zip(weights, significant, strict=True)
-        if share > 0.0
+        weight * math.log(100.0 * percentage / total)
+        for weight, percentage in zip(weights, significant, strict=True)
+        if percentage > 0.0
     )
 
 

@@ -1,4 +1,4 @@
-"""Scattering of the radar wave by a surface: V, H and cross-polar backscatter, and a mirror reflection.
+"""Polarimetric backscatter of a surface: VV, HH and cross-polar sigma0, circular waves, and a mirror reflection.
 
 Scattering matrix of a small piece of the surface, in its local axes (h across the plane of incidence, v in it)
 and the same for transmission and reception:

@@ -349,9 +349,9 @@ class IntegralEquationModel:
             sum_1 += spectrum * poisson(order, depth)
             sum_2 += spectrum * poisson(order, 2.0 * depth)
             sum_4 += spectrum * poisson(order, 4.0 * depth)
-        share = np.abs(complementary) ** 2 / 4.0 * sum_1
+        complementary_power = np.abs(complementary) ** 2 / 4.0 * sum_1
         limit = np.abs(complementary + 4.0 * kirchhoff) ** 2
-        backscatter = share + cross * sum_2 + kirchhoff**2 * np.exp(depth) * sum_4
+        backscatter = complementary_power + cross * sum_2 + kirchhoff**2 * np.exp(depth) * sum_4
         # Where the spectrum has underflowed there is no backscatter to share.
         return 1.0 - np.divide(limit * sum_1 / 4.0, backscatter, out=np.ones_like(backscatter), where=backscatter > 0)
 

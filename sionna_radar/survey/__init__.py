@@ -1,4 +1,4 @@
-"""A survey from preparation to result."""
+"""Surveys: preparation, observation, mapping, result; recordings and their reprocessing."""
 
 import lazy_loader
 

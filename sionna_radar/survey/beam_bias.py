@@ -1,4 +1,4 @@
-"""The bias of a beam on the ground that it sees: the mean range of its echo against the range on its axis.
+"""Beam bias of a survey: mean range of the echo minus the range on the beam's axis, over the ground that it sees.
 
 An echo placed on the beam's axis by its mean range is too near or too far where the ground slopes within the footprint:
 level ground at a slant is met by the nearer half of the beam first, and with more power. A map that places its echoes
@@ -48,20 +48,20 @@ def beam_bias(schedule: PulseSchedule, built: BuiltScene, beam: BeamNodes) -> Be
     of ground, which returns sigma0 over r^4.
     """
     pose = schedule.sample(BEAMS).true
-    inner, share = beam_samples(beam, RAYS)
+    inner, weight = beam_samples(beam, RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     hits = built.caster.cast(np.repeat(pose.position_m, len(inner), axis=0), direction)
     range_m = hits.distance_m.reshape(len(pose), -1)
     met = np.isfinite(range_m)
-    power = np.where(met, share / np.where(met, range_m, 1.0) ** 2, 0.0)
+    power = np.where(met, weight / np.where(met, range_m, 1.0) ** 2, 0.0)
     total = power.sum(axis=1)
     axis_m = built.caster.cast(pose.position_m, pose.boresight).distance_m
-    told = np.isfinite(axis_m) & (total > 0)
-    mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[told] / total[told]
-    ahead = pose.boresight[told]
+    lit = np.isfinite(axis_m) & (total > 0)
+    mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[lit] / total[lit]
+    ahead = pose.boresight[lit]
     return BeamBias(
-        place_m=(pose.position_m[told] + axis_m[told, None] * ahead)[:, :2],
-        height_m=(axis_m[told] - mean_m) * -ahead[:, 2],
+        place_m=(pose.position_m[lit] + axis_m[lit, None] * ahead)[:, :2],
+        height_m=(axis_m[lit] - mean_m) * -ahead[:, 2],
     )
 
 
@@ -93,10 +93,10 @@ def unmodelled_bias_warnings(bias: BeamBias, sigma: Raster | None) -> Iterator[s
         return
     row, column, inside = sigma.grid.cell_of(bias.place_m)
     stated_m = np.where(inside, sigma.height_m[row, column], np.nan)
-    known = np.isfinite(stated_m)
-    if not known.any():
+    has_sigma = np.isfinite(stated_m)
+    if not has_sigma.any():
         return
-    bias_m, sigma_m = (float(np.sqrt(np.mean(own[known] ** 2))) for own in (bias.height_m, stated_m))
+    bias_m, sigma_m = (float(np.sqrt(np.mean(values_m[has_sigma] ** 2))) for values_m in (bias.height_m, stated_m))
     if bias_m > sigma_m:
         yield (
             f"the beam biases heights by {bias_m:.2g} m RMS on the slopes that it sees, and `dem_sigma.tif` states "

@@ -1,4 +1,4 @@
-"""The whole chain, from a scenario to a DEM and its error: this file is its table of contents."""
+"""The survey pipeline: prepare, observe, place, map and compare, from a scenario to a DEM and its error."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def run(
     (100, ())
     """
     if isinstance(scenario, Prepared) and parts is not None:
-        message = "a prepared survey has its parts already; give them to `prepare`"
+        message = "custom parts cannot be given for a prepared survey; give them to `prepare`"
         raise TypeError(message)
     source = (scenario.scenario if isinstance(scenario, Prepared) else scenario).source
     execution, recorders_of = execution or Execution(), _recorders(recordings, sample_type)

@@ -1,4 +1,4 @@
-"""What a caller gives in place of parts of a scenario: an antenna, a method, ground as heights, a file, a function."""
+"""Custom parts given from Python in place of parts of a scenario: antenna, method, sensor, terrain and others."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from sionna_radar.detection.ranging.estimators import RangeEstimator
-from sionna_radar.flight.pulses import GivenFlight, Navigation
+from sionna_radar.flight.pulses import MeasuredPoseFlight, Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.foundation.raster import Raster
@@ -25,7 +25,7 @@ from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.tracing.build import EngineInputs
 from sionna_radar.tracing.paths import Engine
 
-GivenTerrain = (
+TerrainSource = (
     Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
 )
 
@@ -49,9 +49,9 @@ def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster
 
 def over_file(scenario: Scenario, path: str | Path) -> Scenario:
     """Return a scenario over an elevation file, with the material and the covers of its own terrain."""
-    own = scenario.terrain.model_dump(exclude_unset=True)
+    terrain_keys = scenario.terrain.model_dump(exclude_unset=True)
     kept = RasterTerrain.model_fields if isinstance(scenario.terrain, RasterTerrain) else CoveredTerrain.model_fields
-    terrain = {name: value for name, value in own.items() if name in kept} | {"kind": "raster", "path": path}
+    terrain = {name: value for name, value in terrain_keys.items() if name in kept} | {"kind": "raster", "path": path}
     return scenario.replace({"terrain": terrain})
 
 
@@ -73,10 +73,10 @@ class CustomParts:
     """
 
     antenna: Antenna | None = None
-    flight: GivenFlight | None = None
+    flight: MeasuredPoseFlight | None = None
     scan: Scan | None = None
     navigation: Navigation | None = None
-    terrain: GivenTerrain | None = None
+    terrain: TerrainSource | None = None
     materials: Mapping[str, Backscatter] = field(default_factory=dict)
     engine: Callable[[EngineInputs], Engine] | None = None
     sensor: Callable[[SensorInputs], Sensor] | None = None
@@ -130,6 +130,7 @@ def refuse_for_workers(replaced: Mapping[str, str]) -> None:
     """Raise PluginError for parts that were given in Python, by the keys that they replace."""
     if replaced:
         raise PluginError(
-            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
-            "a package with the entry point sionna_radar.plugins that they have, too"
+            f"{', '.join(replaced)} replaced from Python: not available on workers; run without workers, or "
+            "register it in "
+            "a package with the entry point sionna_radar.plugins that is installed on them"
         )

@@ -1,4 +1,4 @@
-"""The first flight of a scenario that was written for a user's files: it is flown before it is offered.
+"""Trial flight of a scenario generated from a user's files, made smaller until it fits the ground.
 
 One pulse of each scan line is simulated. A planned flight that does not stay over the ground, as over a small cloud, is
 flown lower and along a shorter track.
@@ -69,12 +69,12 @@ def _flown(document: dict[str, Any], folder: Path) -> int:
     tables = copy.deepcopy(document)
     resolve_paths(tables, folder)
     prepared = prepare(parse_scenario(tables))
-    index = _a_pulse_a_line(prepared)
+    index = _one_pulse_per_line(prepared)
     prepared.observe(index)
     return len(index)
 
 
-def _a_pulse_a_line(prepared: Prepared) -> np.ndarray:
+def _one_pulse_per_line(prepared: Prepared) -> np.ndarray:
     """Return the number of one pulse of each scan line, or of each part of a flight without lines."""
     lines = prepared.flight.scan_numbers
     first = np.arange(len(prepared)) if lines is None else np.unique(lines, return_index=True)[1]

@@ -1,4 +1,4 @@
-"""Transforming map positions of a scenario into the local frame of its terrain."""
+"""Transformation of a scenario's map positions into the local frame of its terrain."""
 
 from collections.abc import Sequence
 from typing import TypeVar

@@ -130,6 +130,17 @@ def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[Observe
 
     With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
     another thread.
+
+    Parameters
+    ----------
+    blocks:
+        Blocks of pulses, in order.
+    sensor:
+        The sensor that observes them.
+
+    Returns
+    -------
+    An iterator over the blocks with their observations.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)
@@ -225,6 +236,10 @@ def observe(
     work:
         Module-level function that observes a segment on a worker; default: of prepared surveys.
 
+    Returns
+    -------
+    The sensor and the observations of the whole survey.
+
     Raises
     ------
     PluginError
@@ -242,7 +257,7 @@ def observe(
         if execution.distributed:
             building = in_background(source.build_sensor)
             with timed("workers"):
-                found = _results(execution, tasks, work or segment_task, steps)
+                results = _results(execution, tasks, work or segment_task, steps)
             sensor = building()
         else:
             with timed("prepare"):
@@ -251,12 +266,12 @@ def observe(
             observer = SegmentObserver(source, sensor, blocks, recorders)
             if execution.checkpoints is None:
                 # Nothing leaves this process.
-                found = {key: observer.observed(task) for key, task in tasks.items()}
+                results = {key: observer.observed(task) for key, task in tasks.items()}
             else:
-                found = _results(execution, tasks, observer.segment, steps)
-    whole = Segment.joined([found[key][0] for key in tasks])
+                results = _results(execution, tasks, observer.segment, steps)
+    whole = Segment.joined([results[key][0] for key in tasks])
     tally = source.tally()
-    for _, counted in (found[key] for key in tasks):
+    for _, counted in (results[key] for key in tasks):
         if tally is not None and counted is not None:
             tally.add_counted(counted)
     return sensor, Observed(**vars(whole), hits=None if tally is None else tally.hits())
@@ -350,11 +365,27 @@ class SegmentObserver:
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
-    """Correct and locate echoes by the poses that a schedule's navigation reports."""
+    """Correct and locate echoes by the poses that a schedule's navigation reports.
+
+    Parameters
+    ----------
+    echoes:
+        Echoes of the survey, not corrected for Doppler.
+    sensor:
+        Corrects the ranges of the echoes.
+    schedule:
+        All pulses, with the navigation that reports their poses.
+    block_size:
+        Number of echoes that are located at once.
+
+    Returns
+    -------
+    Points in the world frame, in the order of the echoes.
+    """
     located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
-        own = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
-        located.append(locate(own, pulses.index, pulses.measured))
+        echoes_of_block = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
+        located.append(locate(echoes_of_block, pulses.index, pulses.measured))
     return Points.concatenate(located)
 
 

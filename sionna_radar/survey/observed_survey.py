@@ -1,4 +1,4 @@
-"""An observed survey, mapped again per navigation system, or in tiles on workers.
+"""An observed survey that can be mapped again, with other navigation errors or in tiles on workers.
 
 Navigation errors do not affect tracing: the survey is observed once, and only Doppler correction, location, DEM and
 comparison are repeated.
@@ -74,6 +74,10 @@ def observe_survey(
     parts, execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    The prepared survey, its sensor and its observations.
+
     Raises
     ------
     ScenarioError, InputFileError
@@ -117,9 +121,9 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         work = tile_task if distributed else lambda task: _content_of(tiles.piece(task["tile"]))
         shared = observed.packed() if distributed else None
         done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, tiles.steps), side_by_side=True)
-        found = dict(done)
+        pieces = dict(done)
         for key in tasks:
-            content = found.pop(key)
+            content = pieces.pop(key)
             yield None if content == NOTHING else tiles.unpacked(content)
 
     return prepared.mapper.map(points, observed.profiles, prepared.measured, each)

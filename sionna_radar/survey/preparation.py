@@ -308,6 +308,10 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None, *, world: Worl
         What an earlier survey has built, where this one needs the same; takes what this one builds. None: that of the
         surveys of this process.
 
+    Returns
+    -------
+    Scene, flight, receiver and mapper, ready to be observed.
+
     Raises
     ------
     ScenarioError

@@ -1,4 +1,4 @@
-"""Readings of a survey by a beam that does not scan, which makes no map: those of an altimeter or a range finder."""
+"""Altimeter readings: clearances measured by a beam that does not scan, which makes no map."""
 
 import numpy as np
 from jaxtyping import Float

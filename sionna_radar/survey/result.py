@@ -57,9 +57,9 @@ class _ComparedWithReference:
         """
         assert isinstance(self, Survey | Processed)
         if self.dem is None or self.points is None:
-            message = "the recording has no poses, so that there is no DEM to compare; leave the reference out"
+            message = "the recording has no poses, and so no DEM to compare; omit the reference"
             raise InputFileError(message)
-        covers = self.prepared.truth.covers if isinstance(self, Survey) else known_covers(self.scenario, self.dem.grid)
+        covers = self.prepared.truth.covers if isinstance(self, Survey) else cover_masks(self.scenario, self.dem.grid)
         check = compare_with_reference(
             path,
             self.dem,
@@ -76,13 +76,13 @@ class _ComparedWithReference:
         return replace(self, reference=check)
 
 
-def known_covers(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
+def cover_masks(scenario: Scenario | Path | None, grid: Grid) -> dict[str, Bool[np.ndarray, "row column"]]:
     """Return the cells of a scenario's covers; a warning, and none, where its files cannot be read."""
     try:
         scenario = load_scenario(scenario) if isinstance(scenario, Path) else scenario
         return {} if scenario is None else covers_on(scenario.terrain, grid)
     except RadarError as error:
-        logger.warning("errors by cover are not stated: %s", error)
+        logger.warning("errors by land cover are not available: %s", error)
         return {}
 
 
@@ -94,8 +94,8 @@ class Survey(_ComparedWithReference, Comparison):
     paths: number of traced paths.
     points: the located echoes.
     dem: on the grid of the comparison.
-    dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
-        both None for a method that tells nothing of its errors.
+    dem_sigma: standard deviation of each cell of the DEM, as its method states it; uncertainty: of means over
+        cells; both None for a method without stated errors.
     dem_sigma_navigation: standard deviation of each cell due to stated navigation errors, which neighbouring cells
     share; None if none are stated.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
@@ -303,7 +303,9 @@ class Processed(_ComparedWithReference):
         if compared is None or self.points is None:
             return None
         lit, beside_wall = compared.lit, compared.beside_wall
-        beside = 0.0 if beside_wall is None or not lit.any() else float((lit & beside_wall).sum() / lit.sum())
+        near_wall_fraction = (
+            0.0 if beside_wall is None or not lit.any() else float((lit & beside_wall).sum() / lit.sum())
+        )
         return break_down(
             error=compared.error,
             truth=compared.truth,
@@ -311,7 +313,7 @@ class Processed(_ComparedWithReference):
             points=self.points,
             walls=None,
             seed=self.scenario.seed if self.scenario else 0,
-            covered={"walls and what is beside them": beside},
+            covered={"walls and what is beside them": near_wall_fraction},
         )
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The ground that a survey has mapped, and the swath that was planned: what its beam would sweep without a pause."""
+"""Mapped area and planned swath of a survey: the ground that its beam would sweep without a pause."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sionna_radar.flight.pulses import GivenSchedule, PulseSchedule
+from sionna_radar.flight.pulses import MeasuredPoseSchedule, PulseSchedule
 from sionna_radar.flight.scan import ElectronicScan, RotatingScan, sector
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.coverage import closed
@@ -39,13 +39,15 @@ def mapped_ground(prepared: Prepared, mapped: Bool[np.ndarray, "row column"]) ->
     area_m2 = float(mapped.sum()) * grid.spacing_m**2
     way_m = way_flown_m(prepared.flight)
     planned = planned_swath(prepared)
-    share = np.nan
+    fraction = np.nan
     if planned is not None:
         of_plan, cells = planned
         row, column, inside = of_plan.cell_of(grid.centres_m[mapped.ravel()])
-        share = float((cells[row, column] & inside).sum() / cells.sum())
+        fraction = float((cells[row, column] & inside).sum() / cells.sum())
     return MappedGround(
-        mapped_m2=area_m2, mapped_swath_m=area_m2 / way_m if way_m > grid.spacing_m else np.nan, coverage_of_swath=share
+        mapped_m2=area_m2,
+        mapped_swath_m=area_m2 / way_m if way_m > grid.spacing_m else np.nan,
+        coverage_of_swath=fraction,
     )
 
 
@@ -75,7 +77,7 @@ def planned_swath(prepared: Prepared) -> tuple[Grid, Bool[np.ndarray, "row colum
     schedule, mapper = prepared.flight, prepared.mapper
     spacing_m = mapper.grid.spacing_m * max(1.0, np.sqrt(mapper.grid.rows * mapper.grid.columns / MOST_RAYS))
     pointings = sector(schedule.scan, prepared.flown.altitude_m, spacing_m)
-    if pointings is None or isinstance(schedule, GivenSchedule):
+    if pointings is None or isinstance(schedule, MeasuredPoseSchedule):
         return None
     directions = np.concatenate([pointings @ ray for ray in _rays_of_beam(prepared, spacing_m)])
     hit_m = np.concatenate(list(_hits(prepared, directions, spacing_m)))

@@ -1,4 +1,4 @@
-"""Warnings about the result of a survey: what degrades it, and the remedy."""
+"""Warnings about the result of a survey, each with a remedy."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,12 +47,12 @@ MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
 # Echoes on a strip narrower than this many cells count as a line; fewer echoes than the other always do.
 NARROWEST_CELLS, LEAST_ON_STRIP = 3, 3
 # Rain echoes lie tens of metres above the ground; a few ruin a DEM.
-RAIN_SHARE_WARNED = 0.01
+RAIN_FRACTION_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
 # beam of 8 deg at 71 m a speckled cell then moves points by some 0.2 m.
 STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
 # Share of echoes unexplained by a map without walls above which a warning is given.
-UNEXPLAINED_SHARE_WARNED = 0.01
+UNEXPLAINED_FRACTION_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
@@ -65,7 +65,7 @@ LEAST_PLACES = 2 / 3
 LEAST_RATES = 4
 
 # Beams, and rays across each, by which covers are looked for; the share of them that covers must move for a warning.
-COVER_BEAMS, COVER_RAYS, MOVED_SHARE_WARNED = 1000, 200, 0.01
+COVER_BEAMS, COVER_RAYS, MOVED_FRACTION_WARNED = 1000, 200, 0.01
 # A cover darker by more is as good as silent, as calm water is.
 SILENT_DB = 60
 # Along a ray beyond the foot of a wall, from which the roof is straight above.
@@ -75,7 +75,7 @@ BEHIND_M = 0.1
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
 
 # Share of clipped pulses above which a warning is given.
-SATURATED_SHARE_WARNED = 0.001
+SATURATED_FRACTION_WARNED = 0.001
 
 
 def warnings_of(
@@ -99,11 +99,11 @@ def warnings_of(
     window = elsewhere if window_key else ""
     # No weather was asked for: what fills the beam may be the receiver's own.
     clear = "; or, if nothing is in the air, set processing.volume_clutter = 'off'" if falling == "air" else ""
-    masked = lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1)
+    masked = lost_pulses > RAIN_FRACTION_WARNED * max(pulses, 1)
     if echoes == 0 and not masked:
         yield f"no echo was detected; raise {louder}, or fly lower{window}"
         return
-    if echoes > 0 and rain_echoes > RAIN_SHARE_WARNED * echoes:
+    if echoes > 0 and rain_echoes > RAIN_FRACTION_WARNED * echoes:
         count = f"{rain_echoes:,} of {echoes:,}"
         yield (
             f"{f'most echoes ({count})' if 2 * rain_echoes > echoes else f'{count} echoes'} come from the {falling} in "
@@ -111,7 +111,7 @@ def warnings_of(
         )
     if stepped_behind_volume:
         yield (
-            f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
+            f"{falling}: dem.method = 'stepped' mistakes parts of its echo for walls and roofs; set dem.method = "
             f"'refined' or 'linear'{clear}"
         )
     if masked:
@@ -134,8 +134,8 @@ def map_warnings(
         return
     silent = pulses - len(np.unique(points.pulse))
     if silent > MAX_SILENT * pulses:
-        share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        yield f"{share} have no echo; raise {louder}, or fly lower"
+        silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
+        yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
     width_m = _strip_m(points)
@@ -145,9 +145,9 @@ def map_warnings(
             "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
         )
     elif coverage < MIN_COVERAGE:
-        share = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
+        silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
         remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
-        yield f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
+        yield f"{silent_text} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
 
 
 def _strip_m(points: Points) -> float:
@@ -174,10 +174,10 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
         return
     row = isinstance(angle, RowEstimator)
     if row or len(set(angle.axes)) == 1:
-        own = angle.axes[-1]
-        off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, own]), 0.0, 1.0))
-        share = float(np.mean(off > STRIP_OFF_RAD))
-        if share > STRIP_SHARE_WARNED:
+        axis = angle.axes[-1]
+        off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, axis]), 0.0, 1.0))
+        fraction = float(np.mean(off > STRIP_OFF_RAD))
+        if fraction > STRIP_SHARE_WARNED:
             harm = (
                 "the row's axis, and their spread is interpreted as a second surface; set radar.scan.mode = 'conical'"
                 if row
@@ -185,7 +185,7 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
                 "radar.second_receiver.axis = 'both'"
             )
             yield (
-                f"in {share:.0%} of the pulses range cells lie across the beam by more than "
+                f"in {fraction:.0%} of the pulses range cells lie across the beam by more than "
                 f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off {harm}"
             )
     if points == 0:
@@ -195,9 +195,10 @@ def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: P
 def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> Iterator[str]:
     """Yield the warning about a map without steps over ground with objects."""
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
-    if count > UNEXPLAINED_SHARE_WARNED * echoes:
+    if count > UNEXPLAINED_FRACTION_WARNED * echoes:
         yield (
-            f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
+            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not "
+            "model walls: "
             "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
             "'linear', or map buildings with 'stepped'"
         )
@@ -242,12 +243,12 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
         )
 
 
-def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
+def lidar_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
     """Yield the warning about tables of a scenario that a lidar does not model, if they hold anything."""
     names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
     if sensor == "lidar" and names:
         remedy = "remove them where it is compared with a radar"
-        yield f"the lidar does not know {names} and sees the ground behind; {remedy}"
+        yield f"the lidar does not model {names} and measures the ground behind; {remedy}"
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
@@ -255,7 +256,7 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
 
     headroom_db: of its gain control; None for a fixed gain.
     """
-    if saturated_pulses > SATURATED_SHARE_WARNED * pulses:
+    if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
         remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
         yield (
             f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
@@ -281,7 +282,8 @@ def array_warnings(
     """
     if falling:
         yield (
-            f"{falling} fills all cells in front of the ground, and an array does not tell it from ground: the map is "
+            f"{falling} fills all cells in front of the ground, and an array does not separate it from ground: the "
+            "map is "
             "mostly wrong by metres, as dem_sigma.tif says; fly in clear air, or take a pencil beam (sensor = 'radar')"
         )
     gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
@@ -294,14 +296,15 @@ def array_warnings(
         )
     if len(array.duplicates) < LEAST_PLACES * array.channels:
         yield (
-            f"{doubled} places of virtual elements are taken more than once: {array.channels} channels make "
+            f"{doubled} places of virtual elements are occupied more than once: {array.channels} channels make "
             f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"
         )
     ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
     if ahead_mps > array.highest_rate_mps:
         yield (
             f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
-            "directions alone tell them apart; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
+            "only their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer "
+            "transmitters"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
@@ -327,7 +330,7 @@ class CoverShifts:
     """By how much the covers under each of some beams move its echo; see `cover_shifts`.
 
     place_m: where the axis meets level ground at the height of the footprint.
-    shift_m: of the height that the echo tells; positive where that is too high.
+    shift_m: error of the height by the echo; positive where that is too high.
     ratio: of the brightest to the darkest cover in the beam, in power; brightest, darkest: their names.
     incidence_rad: of the axis on level ground.
     """
@@ -351,11 +354,11 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
     beams: of pulses spread over the survey.
     """
     scene, beam = prepared.scene.scene, prepared.mapper.beam
-    own = sorted({surface.material for surface in scene.surfaces})
-    if beam is None or len(own) == 1 or prepared.angle is not None:
+    materials = sorted({surface.material for surface in scene.surfaces})
+    if beam is None or len(materials) == 1 or prepared.angle is not None:
         return None
     pose = prepared.flight.sample(beams).true
-    inner, share = beam_samples(beam, COVER_RAYS)
+    inner, weight = beam_samples(beam, COVER_RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     origin_m = np.repeat(pose.position_m, len(inner), axis=0)
     hits = prepared.scene.caster.cast(origin_m, direction)
@@ -372,10 +375,12 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
 
     down = np.clip(-pose.boresight[:, 2], 0.02, 1.0)
     incidence_rad = np.arccos(down)
-    gamma = np.array([scene.materials[name].sigma0(incidence_rad) / down for name in own])
-    number = np.searchsorted(own, [surface.material for surface in scene.surfaces])[hits.surface].reshape(lies.shape)
+    gamma = np.array([scene.materials[name].sigma0(incidence_rad) / down for name in materials])
+    number = np.searchsorted(materials, [surface.material for surface in scene.surfaces])[hits.surface].reshape(
+        lies.shape
+    )
     range_m = np.where(lies, hits.distance_m.reshape(lies.shape), 1.0)
-    power = np.where(lies, share / range_m**2, 0.0)
+    power = np.where(lies, weight / range_m**2, 0.0)
     level = np.take_along_axis(np.maximum(gamma, np.finfo(float).tiny).T, number, axis=1)
 
     def mean_m(power: Float[np.ndarray, "beam ray"]) -> Float[np.ndarray, " beam"]:
@@ -389,14 +394,14 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
         place_m=(pose.position_m + plain_m[:, None] * pose.boresight)[met, :2],
         shift_m=((plain_m - mean_m(power * level)) * down)[met],
         ratio=(level[each, brightest] / level[each, darkest])[met],
-        brightest=[own[number[beam, ray]] for beam, ray in zip(each[met], brightest[met], strict=True)],
-        darkest=[own[number[beam, ray]] for beam, ray in zip(each[met], darkest[met], strict=True)],
+        brightest=[materials[number[beam, ray]] for beam, ray in zip(each[met], brightest[met], strict=True)],
+        darkest=[materials[number[beam, ray]] for beam, ray in zip(each[met], darkest[met], strict=True)],
         incidence_rad=incidence_rad[met],
     )
 
 
 def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | None, remedy: str) -> Iterator[str]:
-    """Yield the warning about beams over covers of different backscatter, of which a map knows nothing.
+    """Yield the warning about beams over covers of different backscatter, which a map does not model.
 
     Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
     by more than one: a map that has found level ground knows better than some of its echoes.
@@ -416,16 +421,16 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     rest_m = error_m - off_m * (error_m @ off_m) / (off_m @ off_m)
     usual_m = np.minimum(stated_m, np.sqrt(np.mean(rest_m**2)))
     moved = np.abs(off_m) > 2 * usual_m
-    share, followed = np.mean(moved), error_m[moved] @ off_m[moved]
-    if share > MOVED_SHARE_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
+    fraction, followed = np.mean(moved), error_m[moved] @ off_m[moved]
+    if fraction > MOVED_FRACTION_WARNED and followed > np.linalg.norm(off_m[moved]) * np.linalg.norm(usual_m[moved]):
         most = filled[moved][np.argmax(ratio[moved])]
         ratio_db = to_db(shifts.ratio[most])
         contrast = f"up to {ratio_db:.0f} dB" if ratio_db < SILENT_DB else f"more than {SILENT_DB} dB"
-        rms_m, sigma_m = (np.sqrt(np.mean(own[moved] ** 2)) for own in (error_m, stated_m))
+        rms_m, sigma_m = (np.sqrt(np.mean(values_m[moved] ** 2)) for values_m in (error_m, stated_m))
         yield (
             f"covers of the ground differ by {contrast} ({shifts.brightest[most]!r} over {shifts.darkest[most]!r} at "
             f"{np.rad2deg(shifts.incidence_rad[most]):.0f} deg), and the echo of a beam over both is that of the "
-            f"brighter: in {share:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` says "
+            f"brighter: in {fraction:.0%} of the beams heights err by {rms_m:.2g} m RMS, where `dem_sigma.tif` states "
             f"{sigma_m:.2g} m; {remedy}"
         )
 
@@ -445,7 +450,7 @@ def survey_warnings(
             local.weather.falling or "air",
             None if prepared.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
-            louder=_louder(prepared),
+            louder=_keys_that_raise_echoes(prepared),
         )
     warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)
     warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
@@ -463,11 +468,13 @@ def survey_warnings(
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error
-    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
+    warnings += map_warnings(
+        points, len(prepared), lit.count, lit.coverage, spacing_m, _keys_that_raise_echoes(prepared)
+    )
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
-    warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    warnings += lidar_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
@@ -490,18 +497,19 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
     """Yield the warning about intervals that hold far fewer true heights than they state."""
     if sigma is None:
         return
-    known = comparison.lit & comparison.error.filled & sigma.filled
-    if known.sum() >= LEAST_CELLS:
-        share = calibration(comparison.error.height_m[known], sigma.height_m[known]).coverage["95"]
-        if share < LEAST_IN_95:
+    compared = comparison.lit & comparison.error.filled & sigma.filled
+    if compared.sum() >= LEAST_CELLS:
+        coverage = calibration(comparison.error.height_m[compared], sigma.height_m[compared]).coverage["95"]
+        if coverage < LEAST_IN_95:
             yield (
-                f"the intervals of 95 % that `dem_sigma.tif` states hold {share:.0%} of the lit cells: the map errs by "
-                "more than it knows; `dem_uncertainty` in summary.json tells where. Narrow the beam, or compare with "
+                f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
+                "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
+                "compare with "
                 "another dem.method"
             )
 
 
-def _louder(prepared: Prepared) -> str:
+def _keys_that_raise_echoes(prepared: Prepared) -> str:
     """Return the keys that raise echoes over what hides them."""
     radar = prepared.local.radar
     rounding = rounding_over_noise(radar, prepared.receiver) if prepared.local.sensor == "radar" else None

@@ -1,4 +1,4 @@
-"""What a survey is expected to take: paths, memory, and time of two cores, to an order of magnitude.
+"""Expected cost of a survey: number of paths, memory, and time on two cores, to an order of magnitude.
 
 The rates were measured on two cores over `hills`, `buildings`, `jacksboro` and `rain`, 600 to 3,000 pulses, as the
 second flight of a process. Long flights take less a pulse: up to five times less (`docs/checks/speed.csv`).

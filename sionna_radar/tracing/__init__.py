@@ -1,4 +1,4 @@
-"""From a scene and pulses to propagation paths."""
+"""Ray tracing: propagation paths of pulses through a scene, with engines and effects."""
 
 import lazy_loader
 

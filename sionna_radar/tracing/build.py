@@ -1,4 +1,4 @@
-"""The tracer of a scenario: its engine by name, and plants, mirrors, targets and the air around it."""
+"""Builder of the tracer of a scenario: engine by name, weather, vegetation, mirrors and targets."""
 
 import math
 from collections.abc import Callable
@@ -149,12 +149,43 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
 
 def build_engine(table: TracingTable, inputs: EngineInputs) -> Engine:
-    """Return the engine named in a scenario."""
+    """Return the engine named in a scenario.
+
+    Parameters
+    ----------
+    table:
+        Table `[tracing]`.
+    inputs:
+        Scene, antenna, chirp and further inputs of engines.
+
+    Returns
+    -------
+    The tracing engine.
+
+    Raises
+    ------
+    PluginError
+        A custom engine cannot be built.
+    """
     return ENGINES.build(table.engine, Engine, table.engine_parameters, inputs)
 
 
 def build_tracer(engine: Engine, inputs: EngineInputs, weather: WeatherTable) -> Tracer:
-    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
+    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine.
+
+    Parameters
+    ----------
+    engine:
+        Traces the surfaces of the scene.
+    inputs:
+        Scene, antenna, chirp and further inputs of engines.
+    weather:
+        Table `[weather]`.
+
+    Returns
+    -------
+    A tracer of surfaces, targets, mirrors, vegetation and weather.
+    """
     plants = inputs.scene.vegetation
     wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), inputs.chirp.carrier_hz)
     return Tracer(
@@ -189,7 +220,19 @@ def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: 
 
 
 def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
-    """Return the weather of a scenario at a carrier."""
+    """Return the weather of a scenario at a carrier.
+
+    Parameters
+    ----------
+    table:
+        Table `[weather]`.
+    carrier_hz:
+        Carrier of the radar, Hz.
+
+    Returns
+    -------
+    The weather at the carrier.
+    """
     air = Air(
         dry_pressure_pa=100 * table.dry_pressure_hpa,
         temperature_k=table.temperature_k,
@@ -209,7 +252,17 @@ def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
 
 
 def rain_map_of(table: WeatherTable) -> RainMap | None:
-    """Return the rain map of a scenario; None if its rain is uniform."""
+    """Return the rain map of a scenario; None if its rain is uniform.
+
+    Parameters
+    ----------
+    table:
+        Table `[weather]`.
+
+    Returns
+    -------
+    Rain rates by position; None if the rain is uniform.
+    """
     parts: list[RainMap] = []
     field, cell = table.rain_field, table.rain_cell
     uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0
@@ -244,6 +297,10 @@ def rcs_of_mesh(
         Direction from which it is seen: clockwise from its front, and above its horizon.
     range_m:
         From which it is seen.
+
+    Returns
+    -------
+    Radar cross-section in m², one row for each elevation and one column for each azimuth.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The table of propagation paths that every engine returns, the interface of engines, and paths without an engine.
+"""The `Paths` table that every engine returns, the interface of engines, and paths without ray tracing.
 
 Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the
 spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter"). The shifts turn phases

@@ -58,16 +58,16 @@ class MovingGround:
         gain[of_plants] *= np.exp(2j * np.pi * np.mod(shift_hz * pulses.time_s[row[of_plants]], 1.0))
         rate_mps[of_plants] -= shift_hz * self._wavelength_m / 2
         for surface, waves in self._waves.items():
-            own = np.flatnonzero(paths.surface == surface)
-            place, time_s = paths.hit_m[own].astype(np.float64), pulses.time_s[row[own]]
-            away = place - pulses.true.position_m[row[own]]
+            on_surface = np.flatnonzero(paths.surface == surface)
+            place, time_s = paths.hit_m[on_surface].astype(np.float64), pulses.time_s[row[on_surface]]
+            away = place - pulses.true.position_m[row[on_surface]]
             sight = away / np.linalg.norm(away, axis=1)[:, None]
             offset, velocity = waves.moved(place, time_s)
             number = place_uniforms(self._seed, Stream.MOTION, place, 1)[:, 0]
             shift_hz = waves.ripple_hz(sight, number, self._wavelength_m)
-            gain[own] *= np.exp(2j * np.pi * np.mod(shift_hz * time_s, 1.0))
-            delay_s[own] += 2 / speed_of_light * np.einsum("ni,ni->n", offset, sight)
-            rate_mps[own] += np.einsum("ni,ni->n", velocity, sight) - shift_hz * self._wavelength_m / 2
+            gain[on_surface] *= np.exp(2j * np.pi * np.mod(shift_hz * time_s, 1.0))
+            delay_s[on_surface] += 2 / speed_of_light * np.einsum("ni,ni->n", offset, sight)
+            rate_mps[on_surface] += np.einsum("ni,ni->n", velocity, sight) - shift_hz * self._wavelength_m / 2
         return replace(paths, gain=gain, delay_s=delay_s, range_rate_mps=rate_mps)
 
 
@@ -169,8 +169,10 @@ class SteeredTracer:
         """Return the paths of a block of pulses, sorted by pulse."""
         assert pulses.beam is not None  # an electronic scan says the beam of every pulse
         rows = [np.flatnonzero(pulses.beam == beam) for beam in np.unique(pulses.beam)]
-        found = [self._tracers[int(pulses.beam[own[0]])].trace(pulses.rows(own)) for own in rows]
-        paths = Paths.concatenate(found)
+        traced = [
+            self._tracers[int(pulses.beam[rows_of_beam[0]])].trace(pulses.rows(rows_of_beam)) for rows_of_beam in rows
+        ]
+        paths = Paths.concatenate(traced)
         return paths.rows(np.argsort(paths.pulse, kind="stable"))
 
     @property

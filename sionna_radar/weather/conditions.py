@@ -1,4 +1,4 @@
-"""The weather of a survey at one carrier: specific attenuation, reflectivity, and fall speeds of what is in the air."""
+"""Weather at one carrier: specific attenuation, reflectivity and fall speeds of precipitation and obscurants."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -269,7 +269,17 @@ class NonUniformVolume:
 
 
 def volume_of(weather: Weather) -> Volume | None:
-    """Return the scattering volume; None if nothing in the air returns an echo."""
+    """Return the scattering volume; None if nothing in the air returns an echo.
+
+    Parameters
+    ----------
+    weather:
+        The weather at the carrier of the radar.
+
+    Returns
+    -------
+    The scattering volume; None if nothing in the air returns an echo.
+    """
     if weather.rain_map is not None:
         return NonUniformVolume(weather, weather.rain_map)
     return UniformVolume(weather) if weather.fills_the_beam else None

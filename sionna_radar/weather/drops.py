@@ -1,4 +1,4 @@
-"""Raindrops: size distribution, shape and its effect on polarization, and the distribution of echo over fall speed.
+"""Raindrops: size distribution, oblateness and depolarization, and fall speeds weighted by echo.
 
 The shape of falling drops affects the polarization of the rain echo. Drag flattens larger drops more, and turbulence
 tilts their axes about the vertical. With v the axis across the line of sight in the vertical plane and h the horizontal
@@ -78,6 +78,20 @@ def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
     An average over many rain events; at 10 mm/h its water flux is 16 % larger than the rate.
     At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
     2000RS002369).
+
+    Parameters
+    ----------
+    rain_rate_mm_per_h:
+        Rain rate, mm/h.
+
+    Returns
+    -------
+    The exponential drop-size distribution.
+
+    Raises
+    ------
+    ValidityError
+        The rain rate is not positive.
     """
     if not rain_rate_mm_per_h > 0:
         raise ValidityError(f"rain_rate_mm_per_h = {rain_rate_mm_per_h:g} must be positive")
@@ -204,7 +218,7 @@ def _canted(
     """Return the three moments of `DropPolarization` at one angle, averaged over the drops' tilt."""
     node, weight = np.polynomial.hermite_e.hermegauss(TILT_NODES)
     x, y = np.meshgrid(CANTING_RAD * node, CANTING_RAD * node)
-    share = np.outer(weight, weight) / weight.sum() ** 2
+    weights = np.outer(weight, weight) / weight.sum() ** 2
     axis = np.stack([np.tan(x), np.tan(y), np.ones_like(x)]) / np.sqrt(1 + np.tan(x) ** 2 + np.tan(y) ** 2)
     # The line of sight lies in the x-z plane; components of the drop's axis along v and h.
     along_v = axis[2] * np.sin(angle_rad) - axis[0] * np.cos(angle_rad)
@@ -214,9 +228,9 @@ def _canted(
     level = np.interp(angle_to_axis, LOOKS_RAD, power)
     return np.array(
         [
-            np.sum(share * phasor.real * np.interp(angle_to_axis, LOOKS_RAD, mean)),
-            np.sum(share * phasor.real**2 * level),
-            np.sum(share * phasor.imag**2 * level),
+            np.sum(weights * phasor.real * np.interp(angle_to_axis, LOOKS_RAD, mean)),
+            np.sum(weights * phasor.real**2 * level),
+            np.sum(weights * phasor.imag**2 * level),
         ]
     )
 

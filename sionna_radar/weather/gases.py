@@ -1,4 +1,4 @@
-"""Attenuation by the air itself: oxygen and water vapour, line by line (ITU-R P.676, Annex 1).
+"""Gaseous attenuation by oxygen and water vapour, line by line (ITU-R P.676, Annex 1).
 
 At 77 GHz it is about 0.35 dB/km, seven tenths of it by vapour. Valid from 1 to 1000 GHz.
 

@@ -1,4 +1,4 @@
-"""Fog, haze, dust and smoke, far smaller than the wavelength and given by the visibility; attenuation by fog and cloud.
+"""Attenuation and echo of fog, haze, dust and smoke, given by visibility or liquid water.
 
 Koschmieder: at the visibility V 2 % of the contrast is left, so the optical extinction is 3.912 / V. The mass of the
 particles follows from it by a measured relation, and their size from both: a mass M of spheres much larger than light's

@@ -1,4 +1,4 @@
-"""Rain: attenuation (ITU-R P.838), backscatter (Mie over Marshall-Palmer), and where it falls: showers and fields.
+"""Rain: attenuation (ITU-R P.838), reflectivity (Mie over Marshall-Palmer), and maps of rain cells and rain fields.
 
 The two have different standing. P.838 is the recommended prediction of attenuation, the one to use.
 For the backscatter at 77 GHz no recommendation was found, so it is computed from the drop size distribution.
@@ -257,9 +257,9 @@ class RainField:
         """Return the rain rate at positions east and north."""
         grid_position = position_m * (self.NODES_PER_LENGTH / self.correlation_m)
         node = np.floor(grid_position).astype(np.int64)
-        share = grid_position - node
+        fraction = grid_position - node
         count = self.NODES_PER_LENGTH * self.PERIOD
-        (i, j), (u, v) = np.moveaxis(node % count, -1, 0), np.moveaxis(share, -1, 0)
+        (i, j), (u, v) = np.moveaxis(node % count, -1, 0), np.moveaxis(fraction, -1, 0)
         next_i, next_j = (i + 1) % count, (j + 1) % count
         field = self._normal
         normal = (1 - u) * ((1 - v) * field[i, j] + v * field[i, next_j]) + u * (

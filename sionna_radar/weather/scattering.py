@@ -124,13 +124,13 @@ def _waves(
     before = spherical_jn(n - 1, z)
     if refractive_index is None:
         radial, before = radial + 1j * spherical_yn(n, z), before + 1j * spherical_yn(n - 1, z)
-    legendre, share, slope = _legendre(order, degrees, boundary.cosine)
+    legendre, legendre_over_sine, slope = _legendre(order, degrees, boundary.cosine)
     # (z f)' / z of f = j or h.
     spread = before - n * radial / z
     tilt = boundary.slope[:, None]
-    m_theta, m_phi = 1j * radial * share, -radial * slope
+    m_theta, m_phi = 1j * radial * legendre_over_sine, -radial * slope
     n_theta = spread * slope + tilt * n * (n + 1) * radial / z * legendre
-    n_phi = 1j * spread * share
+    n_phi = 1j * spread * legendre_over_sine
     e = np.block([[m_theta, n_theta], [m_phi, n_phi]])
     curl = index * np.block([[n_theta, m_theta], [n_phi, m_phi]])
     return np.concatenate([e, curl])
@@ -176,11 +176,11 @@ def _far_field(
     look_rad: Float[np.ndarray, " look"],
 ) -> Complex[np.ndarray, "polarization look"]:
     """Return the co-polar backscattering amplitude along each line of sight."""
-    _, share, slope = _legendre(order, degrees, -np.cos(look_rad))
+    _, legendre_over_sine, slope = _legendre(order, degrees, -np.cos(look_rad))
     phase = (-1j) ** degrees[None, :] * (-1.0) ** order  # backward direction: half a turn about the axis
     m, n = np.moveaxis(wave, (0, 1), (0, 3))  # polarization look n
-    vertical = (phase * (-1j * m[0] * 1j * share + n[0] * slope)).sum(axis=1)
-    horizontal = -(phase * (-1j * m[1] * -slope + n[1] * 1j * share)).sum(axis=1)
+    vertical = (phase * (-1j * m[0] * 1j * legendre_over_sine + n[0] * slope)).sum(axis=1)
+    horizontal = -(phase * (-1j * m[1] * -slope + n[1] * 1j * legendre_over_sine)).sum(axis=1)
     return np.stack([vertical, horizontal])
 
 

@@ -1,4 +1,4 @@
-"""Range checks of a published model's inputs, and the kinds of particles in the air.
+"""Validity ranges of published weather models, and enumerations of particles in the air.
 
 The particles are precipitation and obscurants.
 """

@@ -177,7 +177,7 @@ def test_a_reference_tells_the_errors_by_cover_and_by_distance_from_walls(tmp_pa
     names = {name: error.count for name, error in survey.breakdown.by_cover.items()}
     assert sum(names.values()) == survey.lit_error.count
     assert reference_section(result.reference)["classes"]["Cover"][0][0] == "building"
-    assert result.reference.untold == {}
+    assert result.reference.missing == {}
     # A recording knows the covers of its scenario, without what stands on them.
     again = process(tmp_path / "signals.nc").with_reference(path).reference
     assert set(again.breakdown.by_cover) == {"ground", "gravel"}
@@ -254,7 +254,7 @@ def test_a_cloud_tells_the_errors_by_its_classes_and_by_its_steps(tmp_path):
     exact = Walls(buildings=(outline,), foot_m=np.zeros((0, 2))).distance_m(GRID.centres_m, 100.0)
     assert walls[20.0] == pytest.approx(error.ravel()[exact >= 20].mean(), abs=0.005)
     assert walls[2.0] == pytest.approx(error.ravel()[(exact >= 2) & (exact < 5)].mean(), abs=0.03)
-    assert check.untold == {"incidence": "the echoes are not known"}
+    assert check.missing == {"incidence": "no echoes"}
 
 
 @pytest.mark.parametrize("every", [1, 9])
@@ -304,7 +304,7 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
         ("x,y,z\n0,0,1\n0,1,high\n", "line 3 reads '0,1,high'; give finite numbers"),
         ("x,y,z\n0,0\n", "line 2 reads '0,0'"),
         ("x,y,z,sigma\n0,0,1,-1\n", "line 2 has a negative sigma"),
-        ("x,y,z\n0,0,1\n0,1,-9999\n1,1,-32767\n", "line 3 has z = -9999, no height on Earth (2 of 3 lines)"),
+        ("x,y,z\n0,0,1\n0,1,-9999\n1,1,-32767\n", "line 3 has z = -9999, not a height on Earth (2 of 3 lines)"),
         ("x,y,z\n900,0,1\n901,0,1\n902,0,1\n", "0 of 3 places lie within the DEM"),
         ("", "line 1 reads ''"),
     ],

@@ -110,12 +110,12 @@ def test_nothing_nearer_than_the_least_range_counts():
 
 
 def test_silence_has_no_echoes():
-    for ranging in RANGE_ESTIMATORS.known():
+    for ranging in RANGE_ESTIMATORS.origins():
         assert len(found(detector_of(make_chirp(), ranging=ranging), spectra_of(make_chirp(), {}, {}))) == 0
 
 
 def test_a_run_at_the_end_of_the_spectrum_is_kept():
-    for ranging in RANGE_ESTIMATORS.known():
+    for ranging in RANGE_ESTIMATORS.origins():
         detector = detector_of(make_chirp(), ranging=ranging)
         echoes = found(detector, spectra_of(make_chirp(), {510: 50}))
         assert echoes.range_m[0] / CELL_M == pytest.approx(510, abs=0.51)

@@ -141,5 +141,5 @@ def test_gusts_shake_the_beam_of_an_antenna_that_is_not_stabilised():
 
 
 def test_a_flight_too_long_for_gusts_is_refused():
-    with pytest.raises(ScenarioError, match=r"platform\.wind: gusts are drawn for"):
+    with pytest.raises(ScenarioError, match=r"platform\.wind: gusts are limited to"):
         windy(still_air=still(length_m=1e6, speed_mps=1.0))

@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.flight.build import build_navigation, build_scan
 from sionna_radar.flight.frames import whisk_broom_from_antenna
-from sionna_radar.flight.navigation import ErrorParts, GaussMarkov, InertialErrors
+from sionna_radar.flight.navigation import ErrorComponents, GaussMarkov, InertialErrors
 from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.errors import ScenarioError
@@ -155,7 +155,7 @@ def test_the_errors_belong_to_the_pulse_whatever_the_block(size):
 
 def test_white_errors_are_normal_and_independent():
     errors = InertialErrors(
-        position=ErrorParts(white=(1.0, 2.0, 3.0)), attitude=ErrorParts(white=(0.1, 0.1, 0.1)), seed=1,
+        position=ErrorComponents(white=(1.0, 2.0, 3.0)), attitude=ErrorComponents(white=(0.1, 0.1, 0.1)), seed=1,
         span_s=(0.0, 60.0), step_s=1 / RATE_HZ,
     )  # fmt: skip
     index = np.arange(20_000)

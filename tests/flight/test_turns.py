@@ -91,7 +91,7 @@ def test_without_a_bank_turns_stay_instantaneous():
             {"waypoints_m": CORNERS, "turn_radius_m": 60.0},
             r"a radius of 60 m needs 1\d\d m .* leg 2, which has 80; give at",
         ),
-        ({"waypoints_m": ((0.0, 0.0), (50.0, 0.0), (0.0, 0.1)), "bank_deg": 30.0}, r"waypoint 1 turns back"),
+        ({"waypoints_m": ((0.0, 0.0), (50.0, 0.0), (0.0, 0.1)), "bank_deg": 30.0}, r"waypoint 1 reverses direction"),
         ({"bank_deg": 30.0, "turn_radius_m": 20.0}, r"contradicts bank_deg"),
         (
             {"lines": {"count": 2, "spacing_m": 5.0, "length_m": 9.0}, "start_m": (0.0, 1.0)},

@@ -141,11 +141,11 @@ def ply(**counts):
         ("a.obj", b"v 1 2 3\nf 1 2 99999999999999999999\n", "line 2 reads 'f 1 2 99999999999999999999'"),
         ("a.obj", b"v 1 2 3\nv 1 2 4\nv 4 2 1\nf 1 2 -9\n", "has 1 of 3 indices beyond its 3 vertices"),
         ("a.obj", b"v 1 2 x\n", "line 1 reads 'v 1 2 x'"),
-        ("a.gltf", b'{"asset": {"version": "2.0"}, "nodes": ' + b"[" * 100_000, "no glTF in it"),
+        ("a.gltf", b'{"asset": {"version": "2.0"}, "nodes": ' + b"[" * 100_000, "is not glTF"),
         ("a.geojson", b'{"type": "FeatureCollection", "features": ' + b"[" * 100_000, "is not GeoJSON"),
-        ("a.geojson", b'<VRTDataset rasterXSize="1"/>', "no GeoJSON, GeoPackage or Shapefile"),
-        ("a.shp", b"<OGRVRTDataSource/>", "no GeoJSON, GeoPackage or Shapefile"),
-        ("a.gpkg", b"SQLite format 3\0" + bytes(100), "no GeoJSON, GeoPackage or Shapefile"),
+        ("a.geojson", b'<VRTDataset rasterXSize="1"/>', "is not a GeoJSON, GeoPackage or Shapefile"),
+        ("a.shp", b"<OGRVRTDataSource/>", "is not a GeoJSON, GeoPackage or Shapefile"),
+        ("a.gpkg", b"SQLite format 3\0" + bytes(100), "is not a GeoJSON, GeoPackage or Shapefile"),
         ("a.geojson", b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline ! read /etc/passwd"}', ""),
     ],
 )  # fmt: skip
@@ -177,8 +177,8 @@ def accessor(count, **more):
         (accessor(10**12), "has 1,000,000,000,000 rows in accessors[0], more than"),
         (accessor(10**12, bufferView=0), "has 1,000,000,000,000 rows in accessors[0], more than"),
         (accessor(10**6, bufferView=0), "beyond the 3 bytes of its buffer"),
-        (accessor(3, bufferView=0, byteOffset=-100), "no number of bytes"),
-        (accessor(True, bufferView=0), "no number of bytes or rows"),
+        (accessor(3, bufferView=0, byteOffset=-100), "an invalid offset or count"),
+        (accessor(True, bufferView=0), "an invalid offset or count"),
     ],
 )
 def test_accessors_that_lie_cost_nothing(document, words, tmp_path):
@@ -283,4 +283,4 @@ def test_a_geopackage_of_no_plain_tables_is_refused(made, sound, tmp_path):
     database.execute(made)
     database.commit()
     database.close()
-    assert_refused(tmp_path / "a.gpkg", "the layer 'a', which is no plain table")
+    assert_refused(tmp_path / "a.gpkg", "the layer 'a', which is not a plain table")

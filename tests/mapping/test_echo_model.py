@@ -10,7 +10,7 @@ from sightings import make_sightings
 from sionna_radar.detection.echoes import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, KnownCover, footprints
+from sionna_radar.mapping.echo_model.model import EchoModel, LandCover, footprints
 from sionna_radar.mapping.refined.curvature import _by_nodes, curvature_on_cells
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -59,7 +59,7 @@ def over_covers(in_rain):
     grid = Grid(west_m=20.0, south_m=-40.0, spacing_m=0.5, columns=160, rows=160)
     strips = ((grid.x_m[None] + 0.4 * grid.y_m[:, None]) // 3 % 2).astype(np.uint16)
     gamma = np.stack([np.full(90, 0.1), np.geomspace(20.0, 2e-4, 90)])
-    return replace(in_rain, cover=KnownCover(grid=grid, cover=strips, gamma=gamma))
+    return replace(in_rain, cover=LandCover(grid=grid, cover=strips, gamma=gamma))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_mean_ranges_are_those_of_the_plain_model(ground, surface, request):
 
 
 def test_one_cover_is_as_none(in_clear_air, surface):
-    one = KnownCover(grid=WIDE, cover=np.ones(WIDE.shape, dtype=np.uint16), gamma=np.outer([1.0, 7.0], np.ones(90)))
+    one = LandCover(grid=WIDE, cover=np.ones(WIDE.shape, dtype=np.uint16), gamma=np.outer([1.0, 7.0], np.ones(90)))
     covered = EchoModel(replace(in_clear_air, cover=one), surface).centroid_m()
     np.testing.assert_array_equal(covered, EchoModel(in_clear_air, surface).centroid_m())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare, process, run
-from sionna_radar.mapping.build import known_cover
+from sionna_radar.mapping.build import land_cover_of
 
 FIELD = {
     "dem.cover": "known",
@@ -39,7 +39,7 @@ def test_covers_are_known_only_where_something_says_so():
     with pytest.raises(ScenarioError, match=r"dem\.cover: 'known' needs terrain\.cover"):
         prepare(bare)
     with pytest.raises(ScenarioError, match=r"dem\.cover"):
-        known_cover(None, prepare(load_scenario("hills")).mapper.grid)
+        land_cover_of(None, prepare(load_scenario("hills")).mapper.grid)
 
 
 def test_a_recording_is_mapped_with_the_covers_of_its_scenario(tmp_path):

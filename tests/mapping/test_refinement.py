@@ -10,7 +10,7 @@ from seen_points import seen_points
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, KnownCover, Sightings, mean_ranges
+from sionna_radar.mapping.echo_model.model import EchoModel, LandCover, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.refined.refinement import Smooth, refine, refining, smoothing
@@ -148,14 +148,14 @@ FINE = Grid(west_m=0.0, south_m=-60.0, spacing_m=0.25, columns=600, rows=480)
 
 
 @pytest.fixture(scope="module")
-def striped() -> tuple[Sightings, KnownCover]:
+def striped() -> tuple[Sightings, LandCover]:
     """Strips 20 dB apart, by brute force: the mean range of a beam over two of them is the brighter one's."""
 
     def bright(x_m, y_m):
         return (x_m + 0.5 * y_m) // 6 % 2 == 0
 
     on_cells = bright(FINE.x_m[None], FINE.y_m[:, None]).astype(np.uint16)
-    cover = KnownCover(grid=FINE, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
+    cover = LandCover(grid=FINE, cover=on_cells, gamma=np.outer([0.01, 1.0], np.ones(90)))
     return make_sightings(over(WIDE, hills), bright=lambda place: np.where(bright(*place.T[:2]), 1.0, 0.01)), cover
 
 

@@ -17,7 +17,7 @@ from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import UNIFORM
 from sionna_radar.mapping.terrain.uncertainty import (
     Information,
-    Plausible,
+    PlausibleTerrain,
     TiledUncertainty,
     TileUncertainty,
     information_of,
@@ -192,7 +192,7 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
         told = means / terrain.noise_factor
         return weight @ (1 / (1 / terrain.covariance.power(wave) + (np.maximum(told, echoes) if whole else told)))
 
-    taken, both = left(rough, whole=False), (Plausible(0.25, rough), Plausible(0.75, smooth))
+    taken, both = left(rough, whole=False), (PlausibleTerrain(0.25, rough), PlausibleTerrain(0.75, smooth))
     expected = 0.25 * left(rough, whole=True) + 0.75 * left(smooth, whole=True)
     here = np.zeros((1, 2))
     assert information.posterior_variance_m2(np.array([taken]), rough, both, None, here) == pytest.approx(expected)
@@ -204,7 +204,7 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
         99 * taken + expected
     )
     # A wide window averages short waves away, of which the smooth terrain has none.
-    only = (Plausible(1.0, smooth),)
+    only = (PlausibleTerrain(1.0, smooth),)
     narrow, wide = (
         information.posterior_variance_m2(np.array([1e-9]), rough, only, None, here, w) for w in (0.0, 30.0)
     )
@@ -296,7 +296,10 @@ def test_a_window_over_several_tiles_is_known_from_the_echoes_of_all(heights):
     both = TiledUncertainty(
         tuple(
             TileUncertainty(
-                own, replace(kriging, heights=heights.rows(near)), information, (Plausible(1.0, kriging.terrain),)
+                own,
+                replace(kriging, heights=heights.rows(near)),
+                information,
+                (PlausibleTerrain(1.0, kriging.terrain),),
             )
             for own, near in zip(bounds, (x < 7, x > 5), strict=True)
         )
@@ -309,7 +312,7 @@ def test_a_window_over_several_tiles_is_known_from_the_echoes_of_all(heights):
 def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     information, bounds = information_of(heights), ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
     west, east = (
-        TileUncertainty(own, kriging, information, (Plausible(1.0, kriging.terrain),))
+        TileUncertainty(own, kriging, information, (PlausibleTerrain(1.0, kriging.terrain),))
         for own, kriging in zip(bounds, (Kriging(TERRAIN, heights, 1.0), Kriging(TERRAIN, heights, 100.0)), strict=True)
     )
     one = west.kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
@@ -335,7 +338,10 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
 def test_echoes_that_no_surface_explains_widen_what_is_said_within_their_footprints(heights):
     information = information_of(heights)
     known = TileUncertainty(
-        EVERYWHERE, Kriging(TERRAIN, heights, 1.0), information, (Plausible(1.0, FittedCovariance(TERRAIN, 1.0)),)
+        EVERYWHERE,
+        Kriging(TERRAIN, heights, 1.0),
+        information,
+        (PlausibleTerrain(1.0, FittedCovariance(TERRAIN, 1.0)),),
     )
     pole = replace(known, outstanding=np.array([[6.0, 5.0, 2.0, 9.0], [6.0, 5.0, 1.0, 12.0]]))
     wanted = np.ones(GRID.shape, dtype=bool)

@@ -140,7 +140,7 @@ def test_only_an_array_is_steered():
     from sionna_radar.flight.build import build_scan
 
     scan = build_scan(ElectronicScanTable(beams=5, half_swath_deg=30.0))
-    with pytest.raises(ScenarioError, match=r"radar.scan.mode: 'electronic' steers an array"):
+    with pytest.raises(ScenarioError, match=r"radar.scan.mode: 'electronic' needs an array"):
         beams_of(make_antenna(2.0, 2.0), scan)
     with pytest.raises(ScenarioError, match=r"radar.antenna.steer_deg"):
         beams_of(array_antenna(ArrayAntennaTable(elements=(8, 8), steer_deg=(10.0, 0.0))), scan)

@@ -1,5 +1,6 @@
 """Registries: names, parameters and where they come from."""
 
+import inspect
 from typing import Annotated
 
 import pytest
@@ -18,7 +19,7 @@ class Gate(Parameters):
 @pytest.fixture
 def gated(monkeypatch):
     """A range estimator with a parameter, known for one test."""
-    for name in RANGE_ESTIMATORS.known():  # a module that registers itself in the copy would be lost with it
+    for name in RANGE_ESTIMATORS.origins():  # a module that registers itself in the copy would be lost with it
         RANGE_ESTIMATORS.entry(name)
     monkeypatch.setattr(RANGE_ESTIMATORS, "_entries", dict(RANGE_ESTIMATORS._entries))
     RANGE_ESTIMATORS.entry("centroid")
@@ -33,7 +34,7 @@ def gated(monkeypatch):
 
 @pytest.mark.parametrize("registry", ALL, ids=lambda registry: registry.kind)
 def test_our_own_parts_come_by_the_same_door(registry):
-    for name, origin in registry.known().items():
+    for name, origin in registry.origins().items():
         entry = registry.entry(name)
         assert entry.name == name
         assert origin == entry.origin == "sionna_radar"
@@ -42,7 +43,7 @@ def test_our_own_parts_come_by_the_same_door(registry):
 
 
 def test_facts_of_a_dem_method_are_those_of_the_method():
-    for name in DEM_METHODS.known():
+    for name in DEM_METHODS.origins():
         entry = DEM_METHODS.entry(name)
         assert entry.facts.profiles == entry(entry.check(None)).profiles
 
@@ -86,7 +87,7 @@ def test_a_cell_of_a_notebook_may_run_twice():
             return None
 
         registry.register("toy")(toy)
-    assert list(registry.known()) == ["toy"]
+    assert list(registry.origins()) == ["toy"]
 
 
 def test_a_table_that_would_let_a_misspelt_key_pass_is_refused():
@@ -111,7 +112,7 @@ def test_a_custom_table_is_chosen_by_its_tag(monkeypatch):
 @pytest.mark.parametrize("name", ["", "none", "two words", "a\nb", "x" * 65])
 def test_a_name_that_no_scenario_can_give_is_refused(name):
     with pytest.raises(PluginError, match="not a name; give letters"):
-        Registry("toy", {}).register.__wrapped__(Registry("toy", {}), name)
+        inspect.unwrap(Registry.register)(Registry("toy", {}), name)
 
 
 def test_a_part_without_a_table_of_its_kind_is_refused():

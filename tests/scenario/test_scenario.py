@@ -92,7 +92,11 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"radar__snr_db": None}, "radar.snr_db", "missing"),
         ({"radar__noise_figure_db": 10.0}, "radar.snr_db", "contradicts"),
         ({"radar__snr_db": None, "radar__noise_figure_db": 10.0}, "radar.snr_db", "missing"),
-        ({"radar__snr_db": None, "radar__transmit_power_dbm": 1.0}, "radar.noise_figure_db", "missing beside"),
+        (
+            {"radar__snr_db": None, "radar__transmit_power_dbm": 1.0},
+            "radar.noise_figure_db",
+            "missing, but required with transmit_power_dbm",
+        ),
         ({"radar__antenna__beamwidth_deg": 0.0}, "radar.antenna.beamwidth_deg", "not 0.0"),
         ({"radar__antenna__beamwidth_deg": [2.0, 90.0]}, "radar.antenna.beamwidth_deg.1", "not 90.0"),
         ({"radar__antenna__side_lobe_db": -5.0}, "radar.antenna.side_lobe_db", "not -5.0"),

@@ -201,7 +201,7 @@ def test_a_scenario_stands_its_footprints_among_its_other_things(tmp_path):
     np.testing.assert_allclose(seen, [8, 4, 0], atol=1e-5)
     with pytest.raises(ScenarioError, match=r"footprints.0.material: 'tin' is not defined"):
         parse_scenario(tables | {"footprints": [{"path": "x.shp", "height_m": 1.0, "material": "tin"}]})
-    with pytest.raises(ScenarioError, match=r"footprints.0.height_m: not given"):
+    with pytest.raises(ScenarioError, match=r"footprints.0.height_m: missing"):
         parse_scenario(tables | {"footprints": [{"path": "x.shp"}]})
 
 

@@ -300,5 +300,5 @@ def test_the_ending_says_what_a_mesh_is(tmp_path):
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
         "end_header\n1 2 3\n"
     )
-    with pytest.raises(InputFileError, match="points alone are no surface"):
+    with pytest.raises(InputFileError, match="a point cloud is not a surface"):
         read(tmp_path / "points.ply")

@@ -148,5 +148,5 @@ def test_synthetic_ground_may_have_a_place_on_the_map() -> None:
 
 
 def test_map_coordinates_need_a_place() -> None:
-    with pytest.raises(ScenarioError, match="needs terrain with a place on the map, and 'hills' has none"):
+    with pytest.raises(ScenarioError, match="needs terrain with a place on the map, which 'hills' does not have"):
         load_scenario("hills", {"coordinates": "lonlat", "platform.start_m": [11.0, 47.0]})

@@ -89,7 +89,7 @@ def test_spectra_are_the_same_by_a_library_that_shares_the_memory(monkeypatch, s
     shared = library.taken(tensor)
     shared = shared[..., 0] + 1j * shared[..., 1] if sampling == "iq" else shared
     np.testing.assert_array_equal(shared, beat)
-    found = analyser.power_where_they_are(shared, library)
+    found = analyser.power_on_device(shared, library)
     np.testing.assert_allclose(found, analyser.power(beat.astype(np.complex128 if sampling == "iq" else float)))
 
 

@@ -14,7 +14,7 @@ from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal import stages
 from sionna_radar.signal.beat import SampleGrid, synthesise
 from sionna_radar.signal.build import StageInputs, build_mixer
-from sionna_radar.signal.mixer import STEP_RAD, shares
+from sionna_radar.signal.mixer import STEP_RAD, cubic_weights
 from sionna_radar.signal.stages import Received
 
 NOISY = {"phase_noise_dbc_hz": [[1e3, -40.0], [1e5, -50.0], [1e6, -70.0]]}
@@ -91,7 +91,7 @@ def test_a_continuum_of_echoes_is_mixed_as_directly_computed(kind, sweep, sampli
 def test_the_shares_of_a_path_are_those_of_cubic_interpolation():
     place = np.linspace(-1, 1, 21)
     nodes = np.arange(-4, 5)
-    weights = np.array([shares(place - node) for node in nodes])
+    weights = np.array([cubic_weights(place - node) for node in nodes])
     for power in range(4):
         np.testing.assert_allclose(nodes**power @ weights, place**power, atol=1e-14)
 

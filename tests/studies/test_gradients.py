@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare
-from sionna_radar.radar.equation import plane_echo_parts
+from sionna_radar.radar.equation import plane_echo_contributions
 from sionna_radar.studies.gradients import sensitivities
 from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state
 from sionna_radar.surfaces.radar_material import as_radar_material
@@ -120,7 +120,7 @@ def plane_derivatives(beamwidth_deg, tilt_rad, height_m):
     for width_deg in (beamwidth_deg - 0.01, beamwidth_deg + 0.01):
         ready = fixed_beam(width_deg)
         ground = as_radar_material(ready.scene.scene.materials[ready.scene.scene.ground_material]).co_polar
-        echo = plane_echo_parts(ready.antenna, ground, 0.0039, height_m, tilt_rad)
+        echo = plane_echo_contributions(ready.antenna, ground, 0.0039, height_m, tilt_rad)
         ends.append((np.log(echo.power.sum()), np.sum(echo.power * echo.range_m) / echo.power.sum()))
     return np.diff(ends, axis=0)[0] / 0.02
 

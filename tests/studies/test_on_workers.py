@@ -111,7 +111,7 @@ def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tm
 
 
 def test_custom_parts_are_not_for_workers(pair, small):
-    with pytest.raises(PluginError, match=r"^dem\.method replaced from Python: workers do not have it"):
+    with pytest.raises(PluginError, match=r"^dem\.method replaced from Python: not available on workers"):
         run(load_scenario(small), parts=CustomParts(dem_method=Linear()), execution=Execution(workers=pair))
 
 

@@ -13,7 +13,7 @@ from scipy.constants import speed_of_light
 from elevation_files import cell_centres, from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar import twin as run_twin
-from sionna_radar.flight.pulses import GivenFlight
+from sionna_radar.flight.pulses import MeasuredPoseFlight
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.studies.twin.document import twin_document, twin_page, write_twin
 from sionna_radar.studies.twin.statistics import FALSE_ALARM, Statistic, rows_of
@@ -183,7 +183,7 @@ def test_the_true_poses_of_a_twin_are_those_that_its_navigation_reports_as_recor
     scenario = load_scenario("hills", {"platform.length_m": 20.0, "platform.navigation": errors})
     prepared = prepare(scenario)
     every = prepared.flight.pulses(np.arange(len(prepared)))
-    again = prepare(scenario, CustomParts(flight=GivenFlight(pulses=every))).flight.pulses(every.index)
+    again = prepare(scenario, CustomParts(flight=MeasuredPoseFlight(pulses=every))).flight.pulses(every.index)
     for name, tolerance in (("position_m", 6e-3), ("velocity_mps", 1e-6), ("R_world_antenna", 1e-4)):
         np.testing.assert_allclose(getattr(again.measured, name), getattr(every.measured, name))
         ours, theirs = (getattr(pulses.true, name) for pulses in (again, every))

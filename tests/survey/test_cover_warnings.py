@@ -91,7 +91,7 @@ def test_covers_that_a_map_does_not_know_are_told_with_the_error_and_the_remedy(
     assert told.endswith("set dem.method = 'refined' and dem.cover = 'known', or narrow the beam")
     # The beams that covers move the most err as it says.
     share, error_m, stated_m = (
-        float(number) for number in re.findall(r"in (\d+)%.* err by (\S+) m .*says (\S+) m;", told)[0]
+        float(number) for number in re.findall(r"in (\d+)%.* err by (\S+) m .*states (\S+) m;", told)[0]
     )
     shifts = cover_shifts(survey.prepared)
     row, column, _ = survey.dem.grid.cell_of(shifts.place_m)

@@ -199,7 +199,7 @@ def test_responses_of_channels_that_do_not_fit_are_refused(tmp_path):
         ("[[1.0, 0.0, 0.0]]", array, r"has rows of \[3\]; give 4 receivers in one row, or in each of 2 rows"),
         ("[[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]", array, r"has rows of \[4, 4, 4\]"),
         ("[[0, 0, 0, 0], [0, 0, 0, 0]]", f'{array}\nmultiplexing = "bpm"', "give 4 receivers in one row$"),
-        ("[[1.0, 0.0, 0.0, 0.0]]", "", "of the channels of an array; describe it in"),
+        ("[[1.0, 0.0, 0.0, 0.0]]", "", "applies to the channels of an array; describe it in"),
     ):
         (tmp_path / "a.toml").write_text(
             f"[recording]\n{recording}\nchannel_gain_db = {rows}\n[sweep]\n{sweep}\n{described}"

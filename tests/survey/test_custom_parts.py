@@ -144,7 +144,7 @@ class Dark:
         ("terrain", lambda _: None, "terrain = NoneType is not a valid Landscape"),
         ("materials", {"ground": Dark()}, "sigma0 at 0, 30 and 60 deg is [nan nan nan]; return a finite ratio"),
         ("materials", {"nope": Dark()}, "no material of the scenario has this name; give one of building, ground"),
-        ("dem_method", NoMap(), "DEM method 'NoMap': return a `Raster` on the grid that is given"),
+        ("dem_method", NoMap(), "DEM method 'NoMap': return a `Raster` on the requested grid"),
         ("range_estimator", lambda _: None, "return `Ranges` with a finite range for each of the echoes"),
         ("dem_method", NoMap("required"), "dem.method: 'NoMap' needs range profiles, which this sensor does not have"),
     ],

@@ -139,7 +139,7 @@ def test_poses_make_points_and_a_dem(tmp_path):
     ("change", "words"),
     [
         (lambda f: f.pop("beat_i"), "no variable 'beat_i'"),
-        (lambda f: f.attrs.pop("carrier_hz"), "radar:carrier_hz: required"),
+        (lambda f: f.attrs.pop("carrier_hz"), "radar:carrier_hz: missing"),
         (lambda f: f.attrs.__setitem__("bandwidth_hz", np.nan), "bandwidth_hz"),
         (lambda f: f.attrs.__setitem__("bandwidth_hz", "wide"), "bandwidth_hz"),
         (lambda f: f.attrs.__setitem__("sweep", "triangular"), "not that of radar:sweep"),

@@ -112,7 +112,9 @@ def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
 def test_a_lidar_says_what_it_looks_through():
     stand = {"polygon_m": [[-50, -50], [50, -50], [50, 50]], "height_m": 3.0, "extinction_db_per_m": 1.0}
     seen = run(hills(sensor="lidar", vegetation=[stand | {"backscatter_db_per_m": -20.0}]))
-    assert any("the lidar does not know [[vegetation]] and sees the ground" in warning for warning in seen.warnings)
+    assert any(
+        "the lidar does not model [[vegetation]] and measures the ground" in warning for warning in seen.warnings
+    )
 
 
 def test_a_lidar_without_an_echo_names_its_own_keys():

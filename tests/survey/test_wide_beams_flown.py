@@ -46,7 +46,7 @@ def test_a_flown_map_states_too_little_of_a_wide_beam():
     over = {"radar.antenna.beamwidth_deg": [50.0, 3.0], "terrain.seed": 3, "platform.length_m": 20.0}
     warnings = run(load_scenario("hills", WIDE | over)).warnings
     assert any("the beam biases heights by" in warning for warning in warnings)
-    assert any("the intervals of 95 % that `dem_sigma.tif` states hold" in warning for warning in warnings)
+    assert any("the intervals of 95 % that `dem_sigma.tif` states contain" in warning for warning in warnings)
 
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=40, rows=30)

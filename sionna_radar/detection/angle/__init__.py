@@ -1,1 +1,1 @@
-"""Angles of arrival inside the beam, from receivers beside the first."""
+"""Angle of arrival inside the beam: interferometry, monopulse, MUSIC, and MIMO arrays."""

@@ -1,4 +1,4 @@
-"""Points in space from a frame of an array: range and range rate of a cell, and directions from its channels.
+"""Points from a MIMO frame: range and range rate of each cell, and directions of arrival from its channels.
 
 Stationary ground of range rate v lies on the cone u.m = -v / |m| about the measured motion m of the radar. On it one
 angle is left, phi about the motion, which the channels tell: the spectrum |a(phi)^H x|^2 of a cell's channels x is that
@@ -51,9 +51,9 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import from_db, on_one_thread, window
 from sionna_radar.radar.mimo_array import MimoArray
 
-# Quantile of a map's powers that tells its noise.
+# Quantile of the powers of a map from which its noise is estimated.
 NOISE_QUANTILE = 0.1
-# Share of cells of noise in which directions are scanned.
+# Fraction of noise-only cells in which directions are scanned.
 SCANNED = 0.03
 # Directions in a spectrum per beam of the virtual array.
 STEPS_IN_BEAM = 4
@@ -61,13 +61,13 @@ STEPS_IN_BEAM = 4
 ASCENTS = 3
 # Passes over both sources.
 REFINEMENTS = 3
-# Least share of a source's vector outside of another's: a quarter of a beam.
-LEAST_APART = 0.05
+# Least fraction of a source's steering vector orthogonal to that of another source: a quarter of a beam.
+MIN_SEPARATION = 0.05
 # Cells over which the mean power about one is taken, each way.
 MEAN_CELLS = 5
-# Sources so much weaker than the strongest across the track, within so many beams, are not what fills the beam: one
+# Sources weaker than the strongest across the track by more than this, within this number of beams, are rejected: one
 # look of speckle falls by 10 dB below its mean in one cell of ten.
-WEAKER_DB, BESIDE = 12.0, 3
+CLUTTER_DYNAMIC_RANGE_DB, CLUTTER_BEAMS = 12.0, 3
 # Error of the phases of scanned directions by a range that many cells share, rad; found ones are refined at their own.
 CURVATURE_RAD = 0.3
 
@@ -108,14 +108,14 @@ class FrameMap:
         # Phases of ranges count from the sample number N // 2, those of range rates and of responses from the middle.
         count = len(weights)
         turn = 1.0 if axis == 0 else np.exp(2j * np.pi * ((count - 1) / 2 - count // 2) / count)
-        own = self.channel[rate, cell]
+        here = self.channel[rate, cell]
         before, after = (np.roll(self.channel, side, axis)[rate, cell] for side in (1, -1))
-        beside = np.einsum("nc,nc->n", own.conj(), after * turn - before * np.conj(turn)).real
-        found = beside / np.maximum(np.sum(np.abs(own) ** 2, axis=1), 1e-300)
+        gradient = np.einsum("nc,nc->n", here.conj(), after * turn - before * np.conj(turn)).real
+        offset = gradient / np.maximum(np.sum(np.abs(here) ** 2, axis=1), 1e-300)
         # As finely as the window is sampled.
         ahead = np.linspace(-0.5, 0.5, len(weights) + 1)
         behind, at, beyond = (_response(weights, ahead + side) for side in (1, 0, -1))
-        return np.interp(found, ((beyond - behind) * at.conj()).real / np.abs(at) ** 2, ahead)
+        return np.interp(offset, ((beyond - behind) * at.conj()).real / np.abs(at) ** 2, ahead)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,13 +255,13 @@ class ArrayEstimator:
         weighted = shaped * self.rate_weights[:, None, None]
         channel = np.fft.fftshift(np.fft.fft(weighted, axis=0), axes=0) * turn[:, None, None]
         channel = np.ascontiguousarray(channel.transpose(0, 2, 1))
-        found = FrameMap(
+        frame = FrameMap(
             channel=channel,
             noise=np.inf,
             rate_mps=array.direction * row * array.rate_cell_mps,
             range_m=self.analyser.range_m,
         )
-        return replace(found, noise=self._noise(found))
+        return replace(frame, noise=self._noise(frame))
 
     @cached_property
     def rate_weights(self) -> Float[np.ndarray, " block"]:
@@ -309,16 +309,16 @@ class ArrayEstimator:
         pulse, measured: its index, and the pose (one row) in its middle.
         expected: what is known of the ground beforehand; sources elsewhere are left out.
         """
-        found = self.map(beats)
-        sources = self.sources(found, measured)
+        frame = self.map(beats)
+        sources = self.sources(frame, measured)
         if expected is not None:
             place_m = (
                 sources.range_m[:, None] * (sources.direction @ measured.R_world_antenna[0].T) + measured.position_m[0]
             )
             sources = sources.rows(expected.holds(place_m, measured.position_m[0]))
         if self.strongest and len(sources):
-            sources = sources.rows(self._outstanding(found, sources))
-        return self._points(found, sources, pulse, measured)
+            sources = sources.rows(self._outstanding(frame, sources))
+        return self._points(frame, sources, pulse, measured)
 
     def _outstanding(self, found: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
         """Mark sources not far weaker than the strongest in their direction, at equal range."""
@@ -326,8 +326,8 @@ class ArrayEstimator:
         beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
         highest = np.zeros(int(np.ptp(beam)) + 1)
         np.maximum.at(highest, beam - beam.min(), level)
-        around = maximum_filter(highest, size=BESIDE, mode="constant")[beam - beam.min()]
-        return level * from_db(WEAKER_DB) >= around
+        around = maximum_filter(highest, size=CLUTTER_BEAMS, mode="constant")[beam - beam.min()]
+        return level * from_db(CLUTTER_DYNAMIC_RANGE_DB) >= around
 
     @property
     def _beam(self) -> float:
@@ -365,19 +365,19 @@ class ArrayEstimator:
             pairs = pairs[0], scan.refined(cells.rows(double), pairs[1], pairs[0])
         parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
         for sources, rows in (((first.rows(single),), single), (pairs, double)):
-            own = cells.rows(rows)
-            amplitude, h = scan.solved(own, sources)
-            lead = scan.lead(own, sources, self.analyser.bin_m)
+            candidates = cells.rows(rows)
+            amplitude, h = scan.solved(candidates, sources)
+            lead = scan.lead(candidates, sources, self.analyser.bin_m)
             for number, where in enumerate(sources):
                 kept = np.flatnonzero((lead[:, number] >= least_lead) & np.isfinite(h[:, number]))
                 power = np.abs(amplitude[kept, number]) ** 2
                 parts.append(
                     Sources(
-                        rate=own.rate[kept],
-                        cell=own.cell[kept],
+                        rate=candidates.rate[kept],
+                        cell=candidates.cell[kept],
                         fold=cones.fold[where.cone[kept]],
-                        range_m=own.range_m[kept],
-                        direction=cones.at(where.rows(kept), own.faster_mps[kept]),
+                        range_m=candidates.range_m[kept],
+                        direction=cones.at(where.rows(kept), candidates.faster_mps[kept]),
                         power=power,
                         phi_sigma_rad=np.sqrt(found.noise / (2 * power * h[kept, number])),
                     )
@@ -519,10 +519,10 @@ class _Scan:
         count = len(cells)
         level, directions = np.zeros(count), np.zeros(count, dtype=np.int64)
         phi, cone = np.zeros(count), np.zeros(count, dtype=np.int64)
-        for own, grid, power in self._scanned(cells):
+        for members, grid, power in self._scanned(cells):
             best = np.argmax(power, axis=1)
-            level[own] = power[np.arange(len(own)), best]
-            phi[own], cone[own], directions[own] = grid.phi_rad[best], grid.cone[best], len(grid)
+            level[members] = power[np.arange(len(members)), best]
+            phi[members], cone[members], directions[members] = grid.phi_rad[best], grid.cone[best], len(grid)
         return level, Angles(phi, cone), directions
 
     def _scanned(self, cells: _Cells) -> Iterator[tuple[Int[np.ndarray, " own"], Angles, Float[np.ndarray, "own n"]]]:
@@ -531,21 +531,21 @@ class _Scan:
         order = np.lexsort((bend, cells.rate))
         changes = (np.diff(cells.rate[order]) != 0) | (np.diff(bend[order]) != 0)
         grids: dict[int, Angles] = {}
-        for own in np.split(order, np.flatnonzero(changes) + 1):
-            if not len(own):
+        for members in np.split(order, np.flatnonzero(changes) + 1):
+            if not len(members):
                 continue
-            row = int(cells.rate[own[0]])
+            row = int(cells.rate[members[0]])
             if row not in grids:
                 grids[row] = self._grid(row)
             if not len(grids[row]):
                 continue
-            middle_m = float(1 / np.mean(1 / np.maximum(cells.range_m[own], 1e-3)))
+            middle_m = float(1 / np.mean(1 / np.maximum(cells.range_m[members], 1e-3)))
             grid = grids[row]
             sent, got = self.array.responses(self.cones.at(grid), self.cones.range_rate_mps[grid.cone], middle_m)
             # Receivers first: the vectors of all channels are never made.
-            by_chirp = cells.x[own].reshape(len(own), sent.shape[1], got.shape[1]) @ got.conj().T
+            by_chirp = cells.x[members].reshape(len(members), sent.shape[1], got.shape[1]) @ got.conj().T
             spectrum = np.einsum("ncg,gc->ng", by_chirp, sent.conj())
-            yield own, grid, np.abs(spectrum) ** 2 / self.array.gain**2
+            yield members, grid, np.abs(spectrum) ** 2 / self.array.gain**2
 
     def _grid(self, row: int) -> Angles:
         """Return the scanned directions of a range rate: along all its cones, as far as the view reaches."""
@@ -579,7 +579,7 @@ class _Scan:
         if other is not None:
             shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
             a = a - shared[:, None] * other
-        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), LEAST_APART * self.array.gain)
+        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), MIN_SEPARATION * self.array.gain)
         return np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
 
     def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
@@ -596,11 +596,11 @@ class _Scan:
         beam = STEPS_IN_BEAM * self._step
         near = [beam + self._long_rad(where, cells.range_m, 2 * cell_m) for where in sources]
         away = np.zeros(len(cells))
-        for own, grid, power in self._scanned(cells):
+        for members, grid, power in self._scanned(cells):
             for where, reach in zip(sources, near, strict=True):
-                close = np.abs(grid.phi_rad - where.phi_rad[own, None]) <= reach[own, None]
-                power[close & (grid.cone == where.cone[own, None])] = 0.0
-            away[own] = power.max(axis=1)
+                close = np.abs(grid.phi_rad - where.phi_rad[members, None]) <= reach[members, None]
+                power[close & (grid.cone == where.cone[members, None])] = 0.0
+            away[members] = power.max(axis=1)
         return np.column_stack(
             [np.sum(np.abs(self.fitted(cells, where)) ** 2, axis=1) / self.array.gain - away for where in sources]
         )
@@ -610,8 +610,10 @@ class _Scan:
     ) -> Float[np.ndarray, " cell"]:
         """Return the angle about the motion over which the range to level ground grows by a length."""
         step = 0.01 * self._step
-        height, beside = (self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step))
-        slope = np.abs(beside - height) / step / np.maximum(height, 1e-3)
+        height, height_after = (
+            self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step)
+        )
+        slope = np.abs(height_after - height) / step / np.maximum(height, 1e-3)
         return np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
 
     def solved(
@@ -624,8 +626,8 @@ class _Scan:
             for side in (0, 1, -1)
         )
         gram = a.conj() @ np.swapaxes(a, 1, 2)
-        apart = np.flatnonzero(np.abs(np.linalg.det(gram)) >= 1e-6 * self.array.gain ** len(sources))
+        separable = np.flatnonzero(np.abs(np.linalg.det(gram)) >= 1e-6 * self.array.gain ** len(sources))
         amplitude, h = np.zeros(a.shape[:2], dtype=np.complex128), np.full(a.shape[:2], np.nan)
-        amplitude[apart] = np.einsum("nsc,nc->ns", separators(a[apart]), cells.x[apart])
-        h[apart] = np.maximum(outside(a[apart], (ahead - behind)[apart] / (2 * step)), 1e-9)
+        amplitude[separable] = np.einsum("nsc,nc->ns", separators(a[separable]), cells.x[separable])
+        h[separable] = np.maximum(outside(a[separable], (ahead - behind)[separable] / (2 * step)), 1e-9)
         return amplitude, h

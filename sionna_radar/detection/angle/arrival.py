@@ -1,4 +1,4 @@
-"""Points along each echo from several receivers' signals: range and direction of each stretch, and their accuracy.
+"""Direction of arrival along each echo from several receivers: points with range, direction and accuracy.
 
 Averaging precedes the direction: a stretch's range and direction are means over its cells and scatterers, weighted
 with the same power, and means of points on a plane lie on it. So the means are used unmodified. A mean of unit vectors
@@ -85,7 +85,7 @@ def ratio_covariance(
 MIN_SNR = 10.0
 # Largest deficit of the coherence against that of one surface, in standard deviations.
 MIN_COHERENCE_SIGMAS = 3.0
-# Largest standard deviation of a usable direction, as a share of the beam's spread.
+# Largest standard deviation of a usable direction, as a fraction of the beam's spread.
 LARGEST_SIGMA = 0.5
 # Nodes along a strip (Gauss-Hermite).
 NODES = 7
@@ -202,8 +202,8 @@ class AngleEstimator:
 
     def _by_ratio(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
         strips = stretches.strips
-        place, share = np.polynomial.hermite_e.hermegauss(NODES)
-        share = share / share.sum()
+        place, weight = np.polynomial.hermite_e.hermegauss(NODES)
+        weight = weight / weight.sum()
         cosine, ratio, slope = [], [], []
         for pattern, signal in zip(self.array.difference, signals[1:], strict=True):
             cross, _ = stretches.cross(signal, signals[0], np.zeros(len(stretches.row)))
@@ -212,7 +212,7 @@ class AngleEstimator:
             along = (strips.strip[:, pattern.axis - 1] * strips.along)[:, None] * place
             ratio.append(pattern.at(cosine[-1][:, None] + along))
             slope.append(pattern.slope)
-        covariance = ratio_covariance(np.stack(ratio, axis=1), share, stretches.snr, stretches.looks)
+        covariance = ratio_covariance(np.stack(ratio, axis=1), weight, stretches.snr, stretches.looks)
         everywhere = np.ones(len(stretches.row), dtype=bool)
         return self._placed(stretches, np.stack(cosine), covariance / np.outer(slope, slope), everywhere)
 

@@ -1,4 +1,4 @@
-"""Directions in one range cell by a linear array of receivers: one or two surfaces (a roof, the ground before it).
+"""MUSIC directions of one or two surfaces in a range cell (a roof, the ground before it) by a row of receivers.
 
 In each stretch the covariance of the row's signals is summed over its cells, after removing the phase ramp of level
 ground from cell to cell, and averaged with that of the reversed row. A second surface is sought where the second
@@ -40,10 +40,10 @@ def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[n
     return (covariance + covariance[..., ::-1, ::-1].conj()) / 2
 
 
-def noise_share(
+def noise_projection(
     covariance: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"], sources: int
 ) -> Float[np.ndarray, "*point n"]:
-    """Return the share of each steering vector outside the signal subspace: MUSIC's spectrum is its inverse."""
+    """Return the projection of each steering vector on the noise subspace: MUSIC's spectrum is its inverse."""
     signal_space = np.linalg.eigh(covariance)[1][..., -sources:]
     signal_power = np.sum(np.abs(vectors.conj() @ signal_space) ** 2, axis=-1)
     return 1 - signal_power / vectors.shape[1]
@@ -140,13 +140,13 @@ class RowEstimator(AngleEstimator):
         vectors = self._vectors(cosine)
         results = []
         for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
-            toward = lowest(noise_share(covariance[selected], vectors, sources), cosine, sources)
+            toward = lowest(noise_projection(covariance[selected], vectors, sources), cosine, sources)
             if sources == 1:
                 toward = self._mean_cosine(covariance[selected], toward)
             results.append(self._sources(stretches, sampled, covariance, selected, toward))
-        stretch, share, cosines, variance = (np.concatenate(column) for column in zip(*results, strict=True))
+        stretch, weight, cosines, variance = (np.concatenate(column) for column in zip(*results, strict=True))
         order = np.argsort(stretch, kind="stable")
-        points = stretches.rows(stretch[order], share[order])
+        points = stretches.rows(stretch[order], weight[order])
         diagonal = variance[order][:, :, None] * np.eye(variance.shape[1])
         return points, self._placed(points, cosines[order].T, diagonal, np.ones(len(order), dtype=bool))
 
@@ -235,7 +235,7 @@ class RowEstimator(AngleEstimator):
         noise = stretches.noise_power[selected]
         power = source_powers(covariance[selected], vectors, noise)
         ratio, looks = power / noise[:, None], stretches.looks[selected]
-        share = power / power.sum(axis=1, keepdims=True)
+        power_fraction = power / power.sum(axis=1, keepdims=True)
         if sources == 1:
             # Of the sum of the neighbours' phases the noise of the row's two ends is left.
             variance = 1 / (looks[:, None] * ratio * ((count - 1) * self._neighbour_phase) ** 2)
@@ -243,22 +243,29 @@ class RowEstimator(AngleEstimator):
             variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
             # The mean range of each surface depends on its own speckle; the point's is the mean of both by their
             # powers, off by the other's share of the difference of two means of L looks.
-            mean_variance_m2 = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
+            mean_variance_m2 = (
+                2 * (1 - power_fraction) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
+            )
             climb = stretches.strips.climb[selected, self._axis] * stretches.climb_per_m[selected]
             variance = variance + mean_variance_m2 * climb[:, None] ** 2
         cosines, variances = [cosine.ravel()], [variance.ravel()]
         if sampled.shape[1] > count:
             if sources == 1:
-                beside = sampled[selected, :1, count]
+                side_receiver = sampled[selected, :1, count]
             else:
                 # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
                 weight = separators(vectors)
                 source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
-                beside = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
+                side_receiver = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
             per_cosine = self.array.phase_per_cosine[:, 1 - self._axis].sum()  # of the only one on this axis
-            cosines.insert(0, (-np.angle(beside) / per_cosine).ravel())
+            cosines.insert(0, (-np.angle(side_receiver) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
-        return np.repeat(selected, sources), share.ravel(), np.stack(cosines, axis=1), np.stack(variances, axis=1)
+        return (
+            np.repeat(selected, sources),
+            power_fraction.ravel(),
+            np.stack(cosines, axis=1),
+            np.stack(variances, axis=1),
+        )
 
 
 def _second_eigenvalue(count: int, scatter_rad: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:

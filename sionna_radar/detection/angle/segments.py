@@ -1,4 +1,4 @@
-"""Stretches of echoes: a few range cells with one estimated direction each, and the strips of the cells in the beam.
+"""Division of echoes into stretches of a few range cells with one direction each, and their strips on the ground.
 
 The ground of a range cell lies in the beam as a strip across the direction in which the range grows. Over level ground
 the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up across the
@@ -173,7 +173,7 @@ class Stretches:
         offset_m = range_m - np.repeat(mean_m, self.length)
         return replace(self, range_m=mean_m, range_variance_m2=sums(power * offset_m**2, self.begin) / total)
 
-    def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
+    def rows(self, chosen: Int[np.ndarray, " row"], power_fraction: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
         nothing = np.zeros(0, dtype=np.int64)
         kept = ("row", "length", "noise", "range_m", "range_variance_m2", "shift_m")
@@ -185,8 +185,8 @@ class Stretches:
             cell_row=nothing,
             cell_bin=nothing,
             begin=np.zeros(len(chosen), dtype=np.int64),
-            power=noise_power + power_share * (self.power[chosen] - noise_power),
-            peak_power=power_share * self.peak_power[chosen],
+            power=noise_power + power_fraction * (self.power[chosen] - noise_power),
+            peak_power=power_fraction * self.peak_power[chosen],
         )
 
     @property

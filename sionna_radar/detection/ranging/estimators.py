@@ -1,4 +1,4 @@
-"""Range estimators: range and uncertainty of an echo from its detected span of bins.
+"""Range estimators (peak, centroid, leading edge, threshold, model fit, tracker) with their uncertainty.
 
 Strongest bin, centroid, leading edge, threshold, the fit of a plane's mean echo, and a first-order loop over pulses.
 
@@ -112,8 +112,8 @@ class CentroidRange:
         return Ranges(range_m=shape.centre * spans.bin_m, sigma_m=shape.speckle * spans.bin_m)
 
 
-# Share of the echo's level that defines its leading edge.
-EDGE_SHARE = 0.5
+# Level of the leading edge, as a fraction of the echo's level.
+EDGE_LEVEL = 0.5
 # Edge to middle of a Gaussian echo, over the length of its box: the box of exp(-x^2 / 2 s^2) is 2 sqrt(pi) s
 # long and 1 / sqrt(2) high, and half of that is reached sqrt(3 log 2) s before the middle.
 EDGE_TO_MIDDLE = float(np.sqrt(3 * np.log(2)) / (2 * np.sqrt(np.pi)))
@@ -159,7 +159,7 @@ class LeadingEdgeRange:
         square = np.maximum(np.add.reduceat(power**2, begin), np.finfo(float).tiny)
         # E[P^2] = 2 mu^2: a box of n bins at the level mu has total^2 / sum(P^2) = n / 2.
         level, length = square / np.maximum(total, np.finfo(float).tiny) / 2, 2 * total**2 / square
-        cell, fraction = first_crossing(spans, EDGE_SHARE * level)
+        cell, fraction = first_crossing(spans, EDGE_LEVEL * level)
         looks = np.maximum(length * spans.looks_per_bin, 1.0)
         return Ranges(
             range_m=(cell - 1 + fraction + EDGE_TO_MIDDLE * length) * spans.bin_m,
@@ -184,7 +184,7 @@ class ThresholdRange:
         row, bins, begin = spans.cells()
         square = np.maximum(spans.power[row, bins] - spans.noise[row, bins], 0.0) ** 2
         total = np.maximum(np.add.reduceat(square, begin), np.finfo(float).tiny)
-        level = EDGE_SHARE * np.sqrt(np.add.reduceat(square**2, begin) / total)
+        level = EDGE_LEVEL * np.sqrt(np.add.reduceat(square**2, begin) / total)
         cell, fraction = first_crossing(spans, level)
         step = np.abs(spans.power[spans.row, cell] - spans.power[spans.row, np.maximum(cell - 1, 0)])
         edge = level / np.maximum(step, np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""The mean echo of a sloping plane through a beam, and its fit to measured powers.
+"""Model fit of ranges: the mean echo of a sloping plane through a beam, fitted to measured powers.
 
 On a plane whose normal makes the angle t with the boresight, a ray turned by the small angles of sines s in the plane
 of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), with the mean square for u^2. The
@@ -218,19 +218,19 @@ def fit_planes(
             # The level is refitted at each step: project the other columns orthogonally to it.
             norm, along_r, along_s = 0.0, 0.0, 0.0
             for b in range(bins):
-                level_share = (mean[b] - background) / mean[b]
+                level_weight = (mean[b] - background) / mean[b]
                 by[0, b] *= level / mean[b]
                 by[1, b] *= level / mean[b]
-                norm += level_share * level_share
-                along_r += level_share * by[0, b]
-                along_s += level_share * by[1, b]
+                norm += level_weight * level_weight
+                along_r += level_weight * by[0, b]
+                along_s += level_weight * by[1, b]
             if norm == 0.0:  # even the best slope puts no power in these bins
                 empty = True
                 break
             a, c, d, pull_r, pull_s = 0.0, 0.0, 0.0, 0.0, 0.0
             for b in range(bins):
-                level_share, excess = (mean[b] - background) / mean[b], power[b] / mean[b] - 1
-                r, s = by[0, b] - level_share * along_r / norm, by[1, b] - level_share * along_s / norm
+                level_weight, excess = (mean[b] - background) / mean[b], power[b] / mean[b] - 1
+                r, s = by[0, b] - level_weight * along_r / norm, by[1, b] - level_weight * along_s / norm
                 a, c, d = a + r * r, c + r * s, d + s * s
                 pull_r, pull_s = pull_r + r * excess, pull_s + s * excess
             m, n = a + damping * (a + 1e-12), d + damping * (d + 1e-12)

@@ -1,1 +1,1 @@
-"""Detection of ground through a volume of rain, snow or dust."""
+"""Detection of ground behind volume clutter: rain, snow or dust."""

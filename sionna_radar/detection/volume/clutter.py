@@ -1,4 +1,4 @@
-"""The mean echo and the motion of a volume (rain, snowfall, dust), estimated from the survey that it contaminates.
+"""Mean echo and motion of volume clutter (rain, snowfall, dust), estimated from the survey itself.
 
 Rain has the same mean profile in every pulse; ground does not. A subsample of the survey's pulses gives the
 profile: near the radar a volume that fills the beam falls as r^-2, and exceeds the receiver noise in the
@@ -13,14 +13,14 @@ x, in a pulse whose boresight is b and through a volume of the velocity v, is
 
     mu(x) = k (r^2 + r_n^2)^-1 exp(-a r) + n,       r = x - s (b . v + the platform's range rate),
 
-with the two-way attenuation a, the receiver noise n and the antenna's near field r_n (`near_field_m`). A cell tells a
-shift of its range by the relative change of its mean, 2 / r + a far away: some hundred pulses tell the range rate to
-half a metre a second, and a scan samples many directions. (The end of the volume at the ground is shifted as well, but
-stands out in the tails of the ground's echo only, which is hundreds of times as strong: the footprint's shape would
-have to be known to a percent there.) The prior is rain falling through still air, drops weighted by their echo; its
-rate follows from the strength of the echo where the transmitted power is known. Rain in still air, snowfall, suspended
-particles and each of them in a wind are compared by their probabilities, the unknown velocity integrated out
-(Laplace's approximation; MacKay 1992, Neural Comput. 4).
+with the two-way attenuation a, the receiver noise n and the antenna's near field r_n (`near_field_m`). The
+information on a range shift in a cell is (d log mean / dr)^2, with a slope of 2 / r + a far away: some hundred pulses
+determine the range rate to half a metre a second, and a scan samples many directions. (The end of the volume at the
+ground is shifted as well, but stands out in the tails of the ground's echo only, which is hundreds of times as strong:
+the footprint's shape would have to be known to a percent there.) The prior is rain falling through still air, drops
+weighted by their echo; its rate follows from the strength of the echo where the transmitted power is known. Rain in
+still air, snowfall, suspended particles and each of them in a wind are compared by their probabilities, the unknown
+velocity integrated out (Laplace's approximation; MacKay 1992, Neural Comput. 4).
 """
 
 import math
@@ -39,13 +39,13 @@ NEAR_CELLS = 24
 MIN_OVER_NOISE = 2.0
 # In a volume, power times r^2 is the same in the nearer and the farther half of these cells, up to this factor.
 MAX_UNEVEN = 3.0
-# Share of cells assumed to hold noise only.
-QUIET_SHARE = 0.05
+# Fraction of cells assumed to hold noise only.
+QUIET_QUANTILE = 0.05
 # Weight of the law, in looks.
 LOOKS_OF_LAW = 200.0
 # Limits of the law: deviation from the first guess in nepers, and two-way loss in nepers per metre (110 dB/km).
 MAX_NEPERS, MAX_LOSS = 6.0, 0.05
-# Estimates far below the noise are random: lower limit of the mean, as a share of the law.
+# Estimates far below the noise are random: lower limit of the mean, as a fraction of the law.
 MIN_OF_LAW = 0.05
 # Strength of the volume around a pulse: pulses on each side that enter the estimate, and its limits.
 NEIGHBOURS = 12
@@ -98,8 +98,8 @@ class VolumeClutter:
         mean = np.convolve(self._near_mean(power), kernel)[about] / count
         chance = 1 / (count * looks * max(self.farther.size, 1))
         # Shrink towards the survey's mean as far as speckle explains the difference.
-        share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
-        return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
+        weight = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
+        return np.clip(1 + weight * (mean - 1), *STRENGTH_LIMITS)
 
     def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float, smoothed_cells: int) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
@@ -131,8 +131,8 @@ def first_guess(
 
     """
     # A volume over part of the survey shows in the strongest pulses only.
-    for share in (0.5, 0.8):
-        volume = _volume_at(share, power, range_m, first, last)
+    for quantile in (0.5, 0.8):
+        volume = _volume_at(quantile, power, range_m, first, last)
         if volume is not None:
             return volume
     return None
@@ -148,7 +148,7 @@ def _volume_at(
     if last - first < NEAR_CELLS:
         return None
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
-    noise = float(np.quantile(level[first:last], QUIET_SHARE))
+    noise = float(np.quantile(level[first:last], QUIET_QUANTILE))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
@@ -194,8 +194,8 @@ def _law(
     for _ in range(12):
         mean = guess.mean * np.exp(k - loss * reach)
         # Weight of a cell: sensitivity of its mean to the volume's, given the receiver noise.
-        share = mean / (mean + guess.noise)
-        weight = np.where(observed, count * share**2, 0.0)
+        signal_fraction = mean / (mean + guess.noise)
+        weight = np.where(observed, count * signal_fraction**2, 0.0)
         excess = np.where(observed, total / np.maximum(count, 1.0) / mean - 1, 0.0)
         design = np.column_stack([np.ones(len(reach)), -reach])
         normal = design.T @ (weight[:, None] * design) + np.diag([1e-9, 1e-9])
@@ -206,7 +206,7 @@ def _law(
 
 # Of drops, whose mean fall speed at 77 GHz is 4.1 m/s in rain of 1 mm/h and 4.9 m/s in 25 mm/h.
 TYPICAL_TEMPERATURE_K = 283.0
-# Rain rate where neither the scenario nor the strength of the echo tells it, and limits of the latter.
+# Rain rate where neither the scenario nor the strength of the echo gives it, and limits of the latter.
 TYPICAL_RATE_MM_PER_H = 5.0
 RATES_MM_PER_H = (0.5, 150.0)
 # Snowflakes fall at 0.8 to 1.5 m/s whatever their size (Locatelli and Hobbs 1974, J. Geophys. Res. 79, 2185).
@@ -369,9 +369,11 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
     for _ in range(MAX_STEPS):
         range_m, volume = law(value)
         mean = volume + cells.noise
-        share = volume / mean
-        by_rate = share * (2 * range_m / (range_m**2 + cells.near_field_m**2) + value[4]) * cells.shift_m
-        slopes = np.stack([*(cells.boresight.T[:, :, None] * by_rate), share, -range_m * share]).reshape(5, -1)
+        signal_fraction = volume / mean
+        by_rate = signal_fraction * (2 * range_m / (range_m**2 + cells.near_field_m**2) + value[4]) * cells.shift_m
+        slopes = np.stack(
+            [*(cells.boresight.T[:, :, None] * by_rate), signal_fraction, -range_m * signal_fraction]
+        ).reshape(5, -1)
         information = looks * slopes @ slopes.T + np.diag(precision)
         score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
         step = np.clip(np.linalg.solve(information[free, free], score[free]), -MAX_STEP, MAX_STEP)

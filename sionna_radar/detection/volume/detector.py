@@ -1,4 +1,4 @@
-"""Ground echoes behind a volume of rain: likelihood of each pulse, neighbours in the scan, range.
+"""Detector of ground behind volume clutter (rain, snow, dust), from single-pulse likelihoods and their neighbours.
 
 Through a volume a pulse has at most one echo, that of the surface that ends the volume. The cells that the model
 ascribes to the ground form the span of the echo; the mean of the volume left in them is part of the noise of its
@@ -38,7 +38,7 @@ from sionna_radar.detection.volume.end import (
     slopes_of,
     unknown_ground,
 )
-from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, Tracked, track
+from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
 from sionna_radar.radar.chirp import Chirp
@@ -48,13 +48,13 @@ MIN_PROBABILITY = 0.99
 WIDTHS_OF_SPAN = 3.0
 # Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
-# Share of pulses whose ground may lie within the cells assumed volume-only in all pulses.
-RARELY_GROUND = 0.02
-# Peak of the ground over the volume (20 dB) above which the scenario's estimator has the greater weight: side lobes of
-# stronger echoes exceed the volume, and the posterior is narrower than the range cells it is computed on.
-EVEN_LEVEL = 100.0
+# Largest fraction of pulses whose ground may lie within the cells assumed volume-only in all pulses.
+MAX_GROUND_FRACTION = 0.02
+# Peak of the ground over the volume (20 dB) at which the scenario's estimator and the posterior have equal weight: side
+# lobes of stronger echoes exceed the volume, and the posterior is narrower than the range cells it is computed on.
+EQUAL_WEIGHT_LEVEL = 100.0
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
-STRONGER = 2.0
+MIN_STRENGTH_RATIO = 2.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
@@ -150,10 +150,10 @@ class ThroughVolume:
         spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, detected)
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
-        share = 1 / (1 + (peak_level / EVEN_LEVEL) ** 4)
-        moved = share * (tilted[0].cell - tilted[1].cell) if tilted else np.zeros_like(share)
-        aside = self._aside(tracked, moved, tilt, pulses, sweep)
-        ranges, reach = self._ranges(spans, aside, share, detected)
+        weight = 1 / (1 + (peak_level / EQUAL_WEIGHT_LEVEL) ** 4)
+        moved = weight * (tilted[0].cell - tilted[1].cell) if tilted else np.zeros_like(weight)
+        off_axis = self._off_axis(tracked, moved, tilt, pulses, sweep)
+        ranges, reach = self._ranges(spans, off_axis, weight, detected)
         echoes = Echoes(
             pulse=pulses.index[detected],
             number=np.zeros(len(detected), dtype=np.int64),
@@ -161,7 +161,7 @@ class ThroughVolume:
             range_sigma_m=ranges.sigma_m,
             power=peak,
             echo_snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
-            direction=aside.direction[detected],
+            direction=off_axis.direction[detected],
             reach=reach,
         )
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
@@ -171,7 +171,7 @@ class ThroughVolume:
             in_air=profiles.of_cells(in_air[:, ::stride], detected),
             echo_m=ranges.range_m,
             echo_sigma_m=ranges.sigma_m,
-            direction=aside.direction[detected],
+            direction=off_axis.direction[detected],
             echo_reach=reach,
             drift_m=views.drift_m[detected],
             spread_m=end.spread_m,
@@ -181,39 +181,39 @@ class ThroughVolume:
     def _ranges(
         self,
         spans: EchoSpans,
-        aside: "_Aside",
-        share: Float[np.ndarray, " pulse"],
+        off_axis: "_OffAxis",
+        weight: Float[np.ndarray, " pulse"],
         detected: Int[np.ndarray, " echo"],
     ) -> tuple[Ranges, Float[np.ndarray, " echo"]]:
         """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume.
 
-        share: weight of the posterior means.
+        weight: of the posterior means.
         Also return the correlation length of their errors, in pulses; errors of the estimates are independent.
         """
-        estimated, tracked = self.detector.estimator(spans), aside.tracked
-        cell_m, share = self.end.cell_m, share[detected]
-        of_track, of_echo = share * tracked.sigma[detected] * cell_m, (1 - share) * estimated.sigma_m
+        estimated, tracked = self.detector.estimator(spans), off_axis.tracked
+        cell_m, weight = self.end.cell_m, weight[detected]
+        of_track, of_echo = weight * tracked.sigma[detected] * cell_m, (1 - weight) * estimated.sigma_m
         sigma = np.hypot(of_track, of_echo)
-        on_axis_m = share * tracked.cell[detected] * cell_m + (1 - share) * estimated.range_m
-        ranges = Ranges(range_m=on_axis_m + aside.farther_m[detected], sigma_m=sigma)
+        on_axis_m = weight * tracked.cell[detected] * cell_m + (1 - weight) * estimated.range_m
+        ranges = Ranges(range_m=on_axis_m + off_axis.farther_m[detected], sigma_m=sigma)
         return ranges, tracked.reach[detected] * (of_track / np.maximum(sigma, 1e-9)) ** 2
 
-    def _aside(
+    def _off_axis(
         self,
-        tracked: Tracked,
+        tracked: TrackedRanges,
         moved: Float[np.ndarray, " pulse"],
         tilt: float,
         pulses: Pulses,
         sweep: Chirp,
-    ) -> "_Aside":
-        """Return the directions beside the axis in which ranges do not depend on the slope of the ground.
+    ) -> "_OffAxis":
+        """Return the off-axis directions in which ranges do not depend on the slope of the ground.
 
-        Ground that rises away from the radar has a shorter echo than level ground, and ends the volume nearer. Where a
-        weak echo does not tell its width, level ground's is assumed, and the range on the axis comes out too near: by
-        as much as the range that is found changes where another slope is assumed. At the angle a above the axis, in the
-        incidence t, the range is longer by r a tan(t), which a slope changes, too: at one angle the two cancel. With
-        the variance W of ranges there that slopes make, the variance s^2 of a pulse's range is smaller by W,
-        s^4 / (s^2 + W) to first order.
+        Ground that rises away from the radar has a shorter echo than level ground, and ends the volume nearer. Where
+        the width of a weak echo is not observable, that of level ground is assumed, and the range on the axis is too
+        short, by as much as the estimated range changes when another slope is assumed. At the angle a above the axis,
+        in the incidence t, the range is longer by r a tan(t), which a slope changes, too: at one angle the two cancel.
+        With the variance W of ranges there that slopes make, the variance s^2 of a pulse's range is smaller by W, s^4 /
+        (s^2 + W) to first order.
 
         moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
@@ -230,7 +230,7 @@ class ThroughVolume:
         farther = range_cells * (angle * level + angle**2 * (level**2 + 0.5))
         toward = _raised(pose.boresight, angle)
         receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
-        return _Aside(
+        return _OffAxis(
             tracked=tracked.with_variance(1 / (1 + taken)),
             direction=np.einsum("pij,pi->pj", pose.R_world_antenna, toward),
             farther_m=farther * end.cell_m - sweep.doppler_range_m(receding),
@@ -279,13 +279,13 @@ class ThroughVolume:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Aside:
-    """The track with the variances of ranges beside the axis, their directions, and by how much they are longer.
+class _OffAxis:
+    """Tracked ranges in off-axis directions, whose ranges do not depend on the slope of the ground.
 
-    direction: in the antenna's frame.
+    direction: in the antenna's frame. farther_m: excess of the range there over that on the axis.
     """
 
-    tracked: Tracked
+    tracked: TrackedRanges
     direction: Float[np.ndarray, "pulse 3"]
     farther_m: Float[np.ndarray, " pulse"]
 
@@ -314,8 +314,8 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
         return None
     # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
     # so much that these cannot be taken for an echo.
-    margin = STRONGER if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
-    strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
+    margin = MIN_STRENGTH_RATIO if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
+    strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), MAX_GROUND_FRACTION)
     return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
 
 
@@ -374,7 +374,7 @@ def _learned(
     pulses: Pulses,
     sweep: Chirp,
 ) -> ThroughVolume:
-    """Learn the volume's mean and the ground behind it from each other, for one motion and from unknown ground."""
+    """Estimate the volume's mean and the ground behind it alternately, for one motion and from unknown ground."""
     # Motion shifts the ranges at which the law r^-2 of the first guess appears.
     nearest_m, middle = detector.analyser.chirp.range_resolution_m, _first_cell(detector) + NEAR_CELLS // 2
     range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
@@ -467,7 +467,7 @@ def _with_mean_and_ground(
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
     mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
-    near = (end.first, max(int(np.quantile(volume_end, RARELY_GROUND)), end.first))
+    near = (end.first, max(int(np.quantile(volume_end, MAX_GROUND_FRACTION)), end.first))
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
     updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
     return _through(through.detector, updated, learned, through.motion, pulses, sweep)

@@ -1,4 +1,4 @@
-"""Ground behind a volume of rain: likelihood of each range at which a surface may end it, and a prior of the ground.
+"""Likelihood of the range at which ground ends volume clutter such as rain, and a prior of the ground's echo.
 
 The likelihood is that of one pulse. Rain fills the beam up to the ground, with receiver noise alone behind it. So
 ground shows twice in a profile: by its own echo, and by the end of the rain's, present however weak the first is. In
@@ -44,8 +44,8 @@ from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
-# Levels of a smaller share are dropped.
-RAREST_LEVEL = 2e-3
+# Levels of a smaller weight are dropped.
+MIN_LEVEL_WEIGHT = 2e-3
 LEVEL_ROUNDS = 200
 # Candidate root-mean-square slopes.
 SLOPES = np.geomspace(0.04, 0.8, 9)
@@ -56,13 +56,13 @@ FIRST_SLOPE = 0.15
 class GroundBehind:
     """Prior of the ground's echo behind a volume.
 
-    level, level_share: power of a whole echo over the volume's mean in one cell, and its share of the pulses.
+    level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
     slope: root-mean-square slope of the ground in any direction.
     cell: median cell of the ground; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
-    level_share: Float[np.ndarray, " level"]
+    level_weight: Float[np.ndarray, " level"]
     slope: float
     cell: int = 0
 
@@ -74,7 +74,7 @@ class GroundBehind:
 
 def unknown_ground() -> GroundBehind:
     """Return ground of any level."""
-    return GroundBehind(level=LEVELS, level_share=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
+    return GroundBehind(level=LEVELS, level_weight=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
 
 
 def learned_ground(
@@ -90,25 +90,25 @@ def learned_ground(
         Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
 
     """
-    shares, totals = zip(*(_level_share(per_slope) for per_slope in likelihood), strict=True)
+    weights, totals = zip(*(_level_weights(per_slope) for per_slope in likelihood), strict=True)
     best = int(np.argmax(totals))
-    share = shares[best]
+    weight = weights[best]
     # Keep neighbours of frequent levels: the true level lies between two steps.
-    significant = share > RAREST_LEVEL
+    significant = weight > MIN_LEVEL_WEIGHT
     significant[1:-1] |= significant[2:] | significant[:-2]
-    share = np.where(significant, np.maximum(share, RAREST_LEVEL), 0.0)[significant]
-    return GroundBehind(level=level[significant], level_share=share / share.sum(), slope=float(SLOPES[best]))
+    weight = np.where(significant, np.maximum(weight, MIN_LEVEL_WEIGHT), 0.0)[significant]
+    return GroundBehind(level=level[significant], level_weight=weight / weight.sum(), slope=float(SLOPES[best]))
 
 
-def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
-    """Return the most likely shares of the levels, by expectation maximisation, and their log-likelihood."""
+def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
+    """Return the most likely weights of the levels, by expectation maximisation, and their log-likelihood."""
     log = likelihood.astype(np.float64)
-    share = np.full(log.shape[1], 1 / log.shape[1])
+    weight = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
-        joint = log + np.log(share)
-        share = np.exp(joint - log_sum_exp(joint, axis=1, keepdims=True)).mean(axis=0)
-        share = (share + 1e-6) / np.sum(share + 1e-6)
-    return share, float(log_sum_exp(log + np.log(share), axis=1).sum())
+        joint = log + np.log(weight)
+        weight = np.exp(joint - log_sum_exp(joint, axis=1, keepdims=True)).mean(axis=0)
+        weight = (weight + 1e-6) / np.sum(weight + 1e-6)
+    return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
 
 
 # Half-length of the window in which shapes are compared, in cells.
@@ -191,7 +191,7 @@ class VolumeEnd:
         """
         out = np.full((len(tilts), *ratio.shape), -np.inf)
         for rows, terms in self._terms(ratio, views):
-            of_widths = log_sum_exp(terms + self._log_level_share)
+            of_widths = log_sum_exp(terms + self._log_level_weights)
             for number, tilt in enumerate(tilts):
                 widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
                 out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
@@ -227,10 +227,10 @@ class VolumeEnd:
             strength = _strength_step(views.strength[row])
             silence = float(self._silence(strength)[at])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
-            terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
-            share = np.exp(terms - log_sum_exp(terms, axis=None))
-            width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
-            level[row] = share.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
+            terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_weights
+            probability = np.exp(terms - log_sum_exp(terms, axis=None))
+            width[row] = np.exp(probability.sum(axis=1) @ np.log(WIDTHS_CELLS))
+            level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
 
     def in_air(
@@ -240,7 +240,7 @@ class VolumeEnd:
         drift_m: Float[np.ndarray, " pulse"],
         place: Float[np.ndarray, " place"],
     ) -> Float[np.ndarray, "pulse place"]:
-        """Return the residual share of the volume's mean at positions (in cells) before and across the ground."""
+        """Return the residual fraction of the volume's mean at positions (in cells) before and across the ground."""
         out = np.empty((len(centre), len(place)))
         at = np.arange(-HALF, HALF + 1)
         nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(WIDTHS_CELLS)), axis=1)
@@ -275,8 +275,8 @@ class VolumeEnd:
         return np.arange(self.first, self.cells - MIN_BEHIND)
 
     @property
-    def _log_level_share(self) -> Float32[np.ndarray, " level"]:
-        return np.log(self.ground.level_share).astype(np.float32)
+    def _log_level_weights(self) -> Float32[np.ndarray, " level"]:
+        return np.log(self.ground.level_weight).astype(np.float32)
 
     def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
         """Return the cells around each cell: volume only before the first; unknown beyond the last."""
@@ -306,9 +306,9 @@ class VolumeEnd:
 
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
         """Return the mean behind the ground over the volume's, in steps of 3 dB."""
-        share = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
+        noise_fraction = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
         floor = self.floor_share
-        steps = np.round(np.log2(np.clip(share, floor, 1.0) / floor))
+        steps = np.round(np.log2(np.clip(noise_fraction, floor, 1.0) / floor))
         return np.minimum(floor * 2.0**steps, 1.0)
 
     def _behind(
@@ -334,8 +334,8 @@ class VolumeEnd:
         log -= log_sum_exp(log, axis=-1, keepdims=True)
         place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
-        share = (place - below)[:, None]
-        between = (log[:, below] * (1 - share) + log[:, below + 1] * share).astype(np.float32)
+        fraction = (place - below)[:, None]
+        between = (log[:, below] * (1 - fraction) + log[:, below + 1] * fraction).astype(np.float32)
         return np.asarray(between[..., None])
 
     def _step(self, drift_m: float) -> int:
@@ -368,7 +368,7 @@ def _spans(
 
 @lru_cache(maxsize=256)
 def _shapes(
-    step: int, spread: float, ground_cell: int, sine: bytes, share: bytes, response: bytes
+    step: int, spread: float, ground_cell: int, sine: bytes, beam_power: bytes, response: bytes
 ) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
     """Return 1 - F of the drifting volume and the ground's f, for all widths, spread by the window.
 
@@ -378,7 +378,7 @@ def _shapes(
 
     step: drift in samples; spread: its standard deviation in cells.
     """
-    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, share, response))
+    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
     beam = np.sqrt(power @ angle**2)
     place = np.arange(-HALF * FINE, HALF * FINE + 1) / FINE
     edges = (np.arange(-HALF * FINE, HALF * FINE + 2) - 0.5) / FINE

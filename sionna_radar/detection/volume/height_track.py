@@ -1,4 +1,4 @@
-"""Continuity of the ground: the height below each pulse, given its neighbours in the scan line.
+"""Tracking of the ground behind volume clutter: height below each pulse, given its neighbours in the scan line.
 
 Each pulse has a log-likelihood of ground for every range cell. Its measured pose turns a range into a height on the
 beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about zero, or jump
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.numerics import log_sum_exp
 
-# Probability that the height jumps from pulse to pulse.
+# Probability that the height jumps from one pulse to the next.
 JUMP_PROBABILITY = 0.03
 # Minimum downward cosine of a beam whose range determines a height.
 MIN_DOWN = 0.1
@@ -45,7 +45,7 @@ class AxisHeights:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tracked:
+class TrackedRanges:
     """Range of each pulse in cells, its standard deviation, and the probability of the surface it lies on.
 
     evidence: log-likelihood of ground on that surface against no ground, neighbours included.
@@ -70,15 +70,15 @@ class Tracked:
         total = np.maximum((self.alone / self.sigma) ** 2, 1.0)
         return np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
 
-    def with_variance(self, share: Float[np.ndarray, " pulse"]) -> "Tracked":
-        """Return the same ranges, of which each pulse alone knows `share` of the variance.
+    def with_variance(self, fraction: Float[np.ndarray, " pulse"]) -> "TrackedRanges":
+        """Return the same ranges, with a fraction of the variance that each pulse alone has.
 
         For the steps of variance q of that random walk x = P / s^2 obeys x^2 / (1 - x^2) = q / (4 s^2).
         """
         smoothed = np.clip((self.sigma / self.alone) ** 2, 1e-6, 1 - 1e-6)
-        steps = smoothed**2 / (1 - smoothed**2) / share
-        sigma = self.alone * np.sqrt(share * np.sqrt(steps / (1 + steps)))
-        return replace(self, sigma=np.maximum(sigma, MIN_SIGMA_CELLS), alone=self.alone * np.sqrt(share))
+        steps = smoothed**2 / (1 - smoothed**2) / fraction
+        sigma = self.alone * np.sqrt(fraction * np.sqrt(steps / (1 + steps)))
+        return replace(self, sigma=np.maximum(sigma, MIN_SIGMA_CELLS), alone=self.alone * np.sqrt(fraction))
 
 
 def track(
@@ -88,7 +88,7 @@ def track(
     line: Int[np.ndarray, " pulse"],
     slope: float,
     step_m: float,
-) -> Tracked:
+) -> TrackedRanges:
     """Return the most probable ranges of the pulses of whole scan lines.
 
     Parameters
@@ -112,16 +112,16 @@ def track(
         if len(rows):
             posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows, slope, step_m)
     total = log_sum_exp(posterior, axis=1)
-    share = np.exp(posterior - total[:, None])
+    probability_of_cell = np.exp(posterior - total[:, None])
     cell = np.arange(evidence.shape[1])
-    same = np.abs(cell - share.argmax(axis=1)[:, None]) <= SAME_SURFACE_CELLS
-    surface_share = np.where(same, share, 0.0)
-    probability = surface_share.sum(axis=1)
-    mean = surface_share @ cell / probability
-    sigma = np.sqrt(np.sum(surface_share * (cell - mean[:, None]) ** 2, axis=1) / probability)
+    same = np.abs(cell - probability_of_cell.argmax(axis=1)[:, None]) <= SAME_SURFACE_CELLS
+    on_surface = np.where(same, probability_of_cell, 0.0)
+    probability = on_surface.sum(axis=1)
+    mean = on_surface @ cell / probability
+    sigma = np.sqrt(np.sum(on_surface * (cell - mean[:, None]) ** 2, axis=1) / probability)
     sigma = np.maximum(sigma, MIN_SIGMA_CELLS)
     alone = np.maximum(_alone(evidence, same, mean), MIN_SIGMA_CELLS)
-    return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, alone=alone)
+    return TrackedRanges(cell=mean, sigma=sigma, probability=probability, evidence=total, alone=alone)
 
 
 def _alone(

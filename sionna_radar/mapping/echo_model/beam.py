@@ -1,4 +1,4 @@
-"""The beam model of mapping: nodes and samples of the main lobe, and their two-way power.
+"""Discretised main lobe of the antenna for mapping: directions and two-way power of beam samples.
 
 The samples form a low-discrepancy set rather than a lattice, so that few of them cross an edge at once.
 """
@@ -124,11 +124,11 @@ def _axis(
     lobe = lobe_samples(cut, FOLLOWED)
     low, high = cut.cosine[max(lobe.start - 1, 0)], cut.cosine[min(lobe.stop, len(cut.cosine) - 1)]
     count = (nodes - 1) * samples
-    below, part = _between(count, samples)
+    below, fraction = _between(count, samples)
     between = np.zeros((count, nodes))
-    between[np.arange(count), below] = 1 - part
-    between[np.arange(count), below + 1] = part
-    cosine = low + (below + part) / (nodes - 1) * (high - low)
+    between[np.arange(count), below] = 1 - fraction
+    between[np.arange(count), below + 1] = fraction
+    cosine = low + (below + fraction) / (nodes - 1) * (high - low)
     return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4, between
 
 

@@ -1,4 +1,4 @@
-"""The forward model of echoes as machine code, pulse by pulse; `model` says what it computes.
+"""Numba kernels of the echo model: likelihood of range profiles, its score and curvature.
 
 Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
 profile, with a margin of `pad` cells on both sides for the response of the window. The response is that of cells over
@@ -64,8 +64,8 @@ def fit_level(power, shape, volume, noise, top, mean, weight):
         for c in range(low, high):
             own = level * shape[c]
             signal = own + volume[c]
-            inverse, share = 1 / (signal + noise), signal / (signal + FADING_LEVEL * top)
-            part = share * share * own * inverse
+            inverse, damping = 1 / (signal + noise), signal / (signal + FADING_LEVEL * top)
+            part = damping * damping * own * inverse
             pull += part * (min(power[c] * inverse, MAX_SPECKLE) - 1)
             total += part
         step = pull / max(total, 2.2e-308)
@@ -186,8 +186,8 @@ def volume_in_front(low, high, data, clutter, geometry, antenna, result):
     first, start, _, _, _, cell_m = data
     volume_power, drift, sigma = clutter
     range_m, shift, per_height, _ = geometry
-    share, lattice, response = antenna
-    cell, near, inverse = np.empty(len(share)), np.empty(len(share)), np.empty(range_m.shape[1])
+    beam_power, lattice, response = antenna
+    cell, near, inverse = np.empty(len(beam_power)), np.empty(len(beam_power)), np.empty(range_m.shape[1])
     scale, half = np.empty(len(inverse)), len(response) // 2
     for pulse in range(low, high):
         begin = float(first[pulse])
@@ -195,14 +195,16 @@ def volume_in_front(low, high, data, clutter, geometry, antenna, result):
         for node in range(len(scale)):
             scale[node] = 0.0 if np.isnan(inverse[node]) else inverse[node] ** 2 * per_height[pulse, node]
         before = 0.0
-        for k in range(len(share)):
+        for k in range(len(beam_power)):
             if cell[k] <= begin - (half + BEYOND - 1):
-                before += share[k]
-        own = in_double(volume_power, start[pulse], start[pulse + 1])
-        found = _volume(own, share, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale)
-        for row in range(len(found)):
-            for column in range(found.shape[1]):
-                result[start[pulse] - start[low] + row, column] = found[row, column]
+                before += beam_power[k]
+        volume_cells = in_double(volume_power, start[pulse], start[pulse + 1])
+        mean = _volume(
+            volume_cells, beam_power, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale
+        )
+        for row in range(len(mean)):
+            for column in range(mean.shape[1]):
+                result[start[pulse] - start[low] + row, column] = mean[row, column]
 
 
 @compiled
@@ -252,13 +254,13 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
         if weight[c] <= MIN_WEIGHT:
             continue
         # The part of the change that a change of the echo's level explains is projected out.
-        part = level * shape[c] / mean[c] / of_level
+        level_slope = level * shape[c] / mean[c] / of_level
         root = np.sqrt(looks * weight[c])
         rest = root * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
         residual[row] = rest
         weight_of[row] = weight[c]
         for node in range(len(own)):
-            whitened = root * (jacobian[row, node] - part * own[node])
+            whitened = root * (jacobian[row, node] - level_slope * own[node])
             if row % together == offset:
                 factor[row // together, node] = whitened * scale
             score[node] += rest * whitened
@@ -275,17 +277,17 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
     """
     first, _, _, _, _, cell_m = data
     range_m, shift, per_height, ground = geometry
-    share, lattice, response = antenna
-    share, slope = sample_power(pulse, share, ground, lattice)
+    beam_power, lattice, response = antenna
+    beam_power, slope = sample_power(pulse, beam_power, ground, lattice)
     cell, near, inverse = samples
     half = len(response) // 2
     pad = half + BEYOND
     middle = beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
     for node in range(len(scale)):
         scale[node] = 0.0 if np.isnan(inverse[node]) else inverse[node] ** 2 * per_height[pulse, node]
-    for k in range(len(share)):
-        moved[k] = share[k] * (middle * middle / cell_m)
-        power[k] = share[k] * (middle * near[k]) ** 2
+    for k in range(len(beam_power)):
+        moved[k] = beam_power[k] * (middle * middle / cell_m)
+        power[k] = beam_power[k] * (middle * near[k]) ** 2
     for k in range(len(slope)):
         slope[k, 0] *= (middle * near[k]) ** 2
         slope[k, 1] *= (middle * near[k]) ** 2
@@ -388,10 +390,10 @@ def _gain_of_cells(power, echo, looks, gain):
         gain[c] = 0.0
         if weight[c] > MIN_WEIGHT:
             rows += 1
-            share = level * shape[c] / mean[c]
+            level_fraction = level * shape[c] / mean[c]
             rest = looks * weight[c] * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
-            of_level += weight[c] * share * share
-            pulled += rest * share
+            of_level += weight[c] * level_fraction * level_fraction
+            pulled += rest * level_fraction
             gain[c] = rest * level / mean[c]
     for c in range(len(shape)):
         if weight[c] > MIN_WEIGHT:
@@ -404,8 +406,8 @@ def _gain_of_cells(power, echo, looks, gain):
 def scores(low, high, data, geometry, antenna, score):
     """Write the score of the pulses from `low` to `high`; see `linearise`."""
     first, start, profile_power, profile_noise, looks, _ = data
-    share, lattice, response = antenna
-    nodes, number, half = score.shape[1], len(share), len(response) // 2
+    beam_power, lattice, response = antenna
+    nodes, number, half = score.shape[1], len(beam_power), len(response) // 2
     pad, most = half + BEYOND, 1
     for pulse in range(low, high):
         most = max(most, start[pulse + 1] - start[pulse])

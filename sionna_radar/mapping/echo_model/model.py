@@ -1,4 +1,4 @@
-"""The forward model of echoes: profiles predicted for a surface, their derivatives by its heights, and mean ranges.
+"""Forward model of echoes: predicted range profiles over a surface, their derivatives by heights, and mean ranges.
 
 A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
 meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
@@ -41,7 +41,7 @@ FOLLOWED = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)
-class KnownCover:
+class LandCover:
     """Land cover known beforehand: what of the ground is brighter, and by how much.
 
     grid: cells of the cover, continued beyond its borders.
@@ -99,7 +99,7 @@ class Sightings:
     microrelief_m: float = 0.0
     range_bias_m: float = 0.0
     range_scale: float = 0.0
-    cover: KnownCover | None = None
+    cover: LandCover | None = None
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -118,8 +118,8 @@ class Sightings:
 
         of_power: in the powers of whole echoes, instead of their mean ranges.
         """
-        own = self.pose.rows, range_m, self.beam, self.chirp, self.memory
-        return speckle_reach(self.profiles.pulse, *own, of_power=of_power)
+        geometry = self.pose.rows, range_m, self.beam, self.chirp, self.memory
+        return speckle_reach(self.profiles.pulse, *geometry, of_power=of_power)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

@@ -1,4 +1,4 @@
-"""Where a beam meets a surface, and in which range cells its power falls, as machine code, pulse by pulse.
+"""Numba kernels of the echo model: intersections of beam and surface, and power per range cell.
 
 Cells are numbered from the first of a profile, with a margin of `pad` cells on both sides for the response of the
 window; see `kernels`.
@@ -80,9 +80,9 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
             moved[node - first] = shift[node] * (1 - b) + shift[node + nodes] * b
         for j in range(along):
             node, a = low_v[j], part_v[j]
-            own = near[node] * (1 - a) + near[node + 1] * a
-            inverse_range[k] = own
-            cell[k] = (1 / own + moved[node] * (1 - a) + moved[node + 1] * a + drift_m) / cell_m
+            interpolated = near[node] * (1 - a) + near[node + 1] * a
+            inverse_range[k] = interpolated
+            cell[k] = (1 / interpolated + moved[node] * (1 - a) + moved[node + 1] * a + drift_m) / cell_m
             k += 1
     return total / met if met else np.nan
 
@@ -298,8 +298,8 @@ def in_double(values, begin, end):
 def echo_levels(start, power, noise, volume, level):
     """Write the level of each profile; `volume` is the mean power of what is in front of the ground, by cell."""
     for pulse in range(len(level)):
-        own = in_double(power, start[pulse], start[pulse + 1])
-        level[pulse] = echo_level(own, noise[pulse], volume[start[pulse] : start[pulse + 1]])
+        cells = in_double(power, start[pulse], start[pulse + 1])
+        level[pulse] = echo_level(cells, noise[pulse], volume[start[pulse] : start[pulse + 1]])
 
 
 @compiled
@@ -326,8 +326,8 @@ def mean_cells(start, power, noise, looks, below_peak, mean, sigma):
                 square += (float(power[k]) * (k - start[pulse] - centre)) ** 2
                 alone += float(power[k]) ** 2
         # The mean square of an exponential power is twice the square of its mean.
-        share = alone / total / total / (2 * looks)
-        mean[pulse], sigma[pulse] = centre, np.sqrt(square / 2 / looks * (1 + share)) / total
+        variance = alone / total / total / (2 * looks)
+        mean[pulse], sigma[pulse] = centre, np.sqrt(square / 2 / looks * (1 + variance)) / total
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Speckle correlation length in pulses: geometry, beam, ground motion.
+"""Correlation of speckle between pulses, from geometry, beam and motion of the ground.
 
 The field in a range cell is the sum over fixed random scatterers on the ground, weighted with the beam's gain
 and the phase of their range. The fields of pulses p and q correlate by the overlap of their
@@ -89,18 +89,20 @@ def speckle_reach(
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1
     while len(rest) and tried <= LONGEST_LAG:
-        found = _error_correlation(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried), of_power)
-        found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
+        correlation = _error_correlation(
+            pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried), of_power
+        )
+        correlation *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
         # A lag at which nothing is left says less than the one before it.
-        better = np.isfinite(found) & ((found > MIN_CORRELATION) | (tried == 1))
-        lag[rest[better]], alike[rest[better]] = tried, found[better]
-        rest, tried = rest[better & (found > STILL_ALIKE)], 2 * tried
-    known = sampled[np.isfinite(alike[sampled])]
-    if len(known) == 0:
+        better = np.isfinite(correlation) & ((correlation > MIN_CORRELATION) | (tried == 1))
+        lag[rest[better]], alike[rest[better]] = tried, correlation[better]
+        rest, tried = rest[better & (correlation > STILL_ALIKE)], 2 * tried
+    sampled_valid = sampled[np.isfinite(alike[sampled])]
+    if len(sampled_valid) == 0:
         return reach
-    squared = -(lag[known] ** 2) / np.log(np.clip(alike[known], 1e-300, 1 - 1e-9))
-    of_known = np.where(alike[known] < MIN_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
-    return of_known[KDTree(feature[known]).query(feature)[1]]
+    squared = -(lag[sampled_valid] ** 2) / np.log(np.clip(alike[sampled_valid], 1e-300, 1 - 1e-9))
+    of_known = np.where(alike[sampled_valid] < MIN_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
+    return of_known[KDTree(feature[sampled_valid]).query(feature)[1]]
 
 
 def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

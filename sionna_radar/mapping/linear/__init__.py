@@ -1,1 +1,1 @@
-"""Maps that interpolate points linearly: gridding, triangulation and walls."""
+"""The DEM method "linear": triangulation, gridding and walls."""

@@ -74,8 +74,8 @@ def _halves(window: Window, cell: np.ndarray, most: int, least: int) -> Iterator
     side = sides[axis]
     middle = int(np.clip(np.median(cell[:, axis]), side.start + least, side.stop - least))
     below = cell[:, axis] < middle
-    for part, inside in ((slice(side.start, middle), below), (slice(middle, side.stop), ~below)):
-        columns, rows = (part, sides[1]) if axis == 0 else (sides[0], part)
+    for half, inside in ((slice(side.start, middle), below), (slice(middle, side.stop), ~below)):
+        columns, rows = (half, sides[1]) if axis == 0 else (sides[0], half)
         yield from _halves(Window(window.grid, rows, columns), cell[inside], most, least)
 
 
@@ -128,11 +128,11 @@ def grid_points(
             unique, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad, options
         )
 
-    found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
+    pieces = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
     height = np.full(grid.rows * grid.columns, np.nan)
-    for cell, corner, weight in found:
+    for cell, corner, weight in pieces:
         height[cell] = np.einsum("ck,ck->c", weight, unique.point_m[corner, 2])
-    cell, corner, weight = (np.concatenate(each) for each in zip(*found, strict=True))
+    cell, corner, weight = (np.concatenate(each) for each in zip(*pieces, strict=True))
     dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
     return Interpolated(dem, cell, highest[corner], weight)
 

@@ -83,14 +83,14 @@ class LinearUncertainty:
         """Return the distances from cells to the corners of their triangles, and the triangles' side lengths, m."""
         corner = self.heights.place_m[self.interpolated.corner[part]]
         cell = self._cells_m(grid, part)
-        apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
-        return np.linalg.norm(corner - cell[:, None], axis=2), apart
+        side_m = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
+        return np.linalg.norm(corner - cell[:, None], axis=2), side_m
 
     def _variance_m2(
         self, grid: Grid, part: slice, to_place: LongAndShort, between: LongAndShort, alone: LongAndShort
     ) -> Float[np.ndarray, " cell"]:
         """Return the variance of cells; covariance tables: cell to point, point to point, cell alone."""
-        away, apart = self._distances(grid, part)
+        away, side_m = self._distances(grid, part)
         weight, corner = self.interpolated.weight[part], self.interpolated.corner[part]
         of_cell = self.local.at(self._cells_m(grid, part))[:, None]
         of_corner = self.local.at(self.heights.place_m[corner])
@@ -104,7 +104,7 @@ class LinearUncertainty:
         # Corner i and the next one are `apart[:, i]`.
         pair = weight * np.roll(weight, -1, axis=1)
         same = covariance(between, np.zeros_like(away), of_corner, of_corner)
-        next_one = covariance(between, apart, of_corner, of_next)
+        next_one = covariance(between, side_m, of_corner, of_next)
         both = np.sum(weight**2 * (same + noise), axis=1) + 2 * np.sum(pair * (next_one + shared), axis=1)
         before = covariance(alone, np.zeros_like(of_cell), of_cell, of_cell)[:, 0]
         to_cell = np.sum(weight * covariance(to_place, away, of_cell, of_corner), axis=1)
@@ -153,8 +153,12 @@ class Linear:
         if not inputs.uncertain:
             return Estimate(dem=grid_points(*on).dem)
         gridding = in_background(lambda: grid_points(*on))
-        heights, found = inputs.heights(), gridding()
+        heights, interpolated = inputs.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
         spread = NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
-        uncertainty = linear_uncertainty(found, heights, spread, inputs.microrelief_m)
-        return Estimate(dem=found.dem) if uncertainty is None else Estimate.with_sigma(found.dem, uncertainty)
+        uncertainty = linear_uncertainty(interpolated, heights, spread, inputs.microrelief_m)
+        return (
+            Estimate(dem=interpolated.dem)
+            if uncertainty is None
+            else Estimate.with_sigma(interpolated.dem, uncertainty)
+        )

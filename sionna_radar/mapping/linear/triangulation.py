@@ -1,4 +1,4 @@
-"""The Delaunay triangles of many points, piece by piece: the whole takes over half a kilobyte of memory a point.
+"""Delaunay triangulation of many points, piece by piece to bound memory.
 
 A triangle is a Delaunay triangle if the circle through its corners holds no point. So points are triangulated in pieces
 with those around them: a circle that lies within the box around a piece is empty for good. A point all of whose
@@ -42,8 +42,8 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
         def of_piece(number: int, _: int, around: float = around) -> _Piece:
             return _piece(place, pieces[number], around)
 
-        found = list(in_threads(of_piece, [(number, number + 1) for number in range(len(pieces))]))
-        missing = np.concatenate([piece.missing for piece in found])
+        triangles = list(in_threads(of_piece, [(number, number + 1) for number in range(len(pieces))]))
+        missing = np.concatenate([piece.missing for piece in triangles])
         if len(missing) <= MAX_MISSING * len(place):
             break
         around *= 2
@@ -53,29 +53,29 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
     outer = missing[_triangles(place[missing])[0]].astype(np.int32)
     outer = outer[circles_hold_none(place[outer], KDTree(place))]
     # Pieces side by side both have what lies between them.
-    between = np.unique(np.sort(np.concatenate([piece.between for piece in found]), axis=1), axis=0)
-    return np.concatenate([*(piece.inside for piece in found), between, outer])
+    between = np.unique(np.sort(np.concatenate([piece.between for piece in triangles]), axis=1), axis=0)
+    return np.concatenate([*(piece.inside for piece in triangles), between, outer])
 
 
 def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree) -> Bool[np.ndarray, " triangle"]:
     """Return True where triangles are Delaunay triangles of points: no point lies in the circle through the corners."""
     centre, radius = _circles(corner)
-    found = np.isfinite(radius)
-    found[found] = points.query(centre[found])[0] >= radius[found] * (1 - ON_CIRCLE)
-    return found
+    empty = np.isfinite(radius)
+    empty[empty] = points.query(centre[empty])[0] >= radius[empty] * (1 - ON_CIRCLE)
+    return empty
 
 
 def _triangles(place: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "triangle 3"], Bool[np.ndarray, " n"]]:
     """Return the triangles of points, and the points that these surround."""
     try:
-        found = Delaunay(place)
+        delaunay = Delaunay(place)
     except (QhullError, ValueError):  # too few points, or all on one line
         return NONE, np.zeros(len(place), dtype=bool)
-    triangle, opposite = np.nonzero(found.neighbors < 0)
-    outline = found.simplices[triangle[:, None], (opposite[:, None] + [1, 2]) % 3]
-    surrounded = np.bincount(found.simplices.ravel(), minlength=len(place)) > 0
+    triangle, opposite = np.nonzero(delaunay.neighbors < 0)
+    outline = delaunay.simplices[triangle[:, None], (opposite[:, None] + [1, 2]) % 3]
+    surrounded = np.bincount(delaunay.simplices.ravel(), minlength=len(place)) > 0
     surrounded[outline] = False
-    return found.simplices, surrounded
+    return delaunay.simplices, surrounded
 
 
 def _pieces(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"]) -> Iterator[Int[np.ndarray, " piece"]]:

@@ -1,4 +1,4 @@
-"""Classification of triangles between the foot and the top of a wall.
+"""Detection of wall triangles, between the foot and the top of a wall, in a triangulation.
 
 Two signs, each enough. A triangle is steep, and ground as steep would go on being steep at one of its ends. Or one of
 its sides joins two levels: it is steeper than the ground beyond both of its ends, by more than half of 45 deg's slope.
@@ -56,10 +56,10 @@ def wall_triangles(
     if not len(side):
         return steep
     jump = slope > options.wall_slope
-    beside = _touching(corner, np.concatenate([side.start, side.end]), len(point_m))
-    beside_corner, gradient = corner[beside], _slopes(point_m, corner[beside])[0]
+    neighbours = _touching(corner, np.concatenate([side.start, side.end]), len(point_m))
+    beside_corner, gradient = corner[neighbours], _slopes(point_m, corner[neighbours])[0]
     for _ in range(options.wall_rounds):
-        ground = (broad & ~jump)[beside]
+        ground = (broad & ~jump)[neighbours]
         beyond = _slopes_beyond(point_m, beside_corner[ground], gradient[ground], side.start, side.end)
         # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
         more_m = (side.rise_m - beyond * side.way_m) * np.sign(side.rise_m)
@@ -122,20 +122,20 @@ def _steep(
     steep = np.flatnonzero(slope > options.wall_slope)
     height = np.ptp(point_m[corner[steep], 2], axis=1)
     steep = steep[(height > least_m) & (height > options.wall_sigmas * sigma_m[corner[steep]].max(axis=1))]
-    found = np.zeros(len(corner), dtype=bool)
+    steep_walls = np.zeros(len(corner), dtype=bool)
     if len(steep) in {0, len(corner)}:
-        return found
+        return steep_walls
     # The slope of the ground is wanted at their corners, and at the neighbours of these.
     around = _touching(corner, corner[steep], len(point_m))
     level = np.setdiff1d(_touching(corner, corner[around], len(point_m)), steep, assume_unique=True)
     ground = np.nan_to_num(_medians(corner[level].ravel(), np.repeat(slope[level], 3), len(point_m)), nan=np.inf)
     # A point amid steep triangles alone may be an echo of the wall: the ground is that of its neighbours, if they have
     # any. On a hillside they have none either.
-    beside = np.full(len(point_m), np.inf)
-    np.minimum.at(beside, corner[around].ravel(), np.repeat(ground[corner[around]].min(axis=1), 3))
-    ground = np.where(np.isinf(ground), beside, ground)
-    found[steep] = slope[steep] > options.wall_contrast * np.median(ground[corner[steep]], axis=1)
-    return found
+    adjacent = np.full(len(point_m), np.inf)
+    np.minimum.at(adjacent, corner[around].ravel(), np.repeat(ground[corner[around]].min(axis=1), 3))
+    ground = np.where(np.isinf(ground), adjacent, ground)
+    steep_walls[steep] = slope[steep] > options.wall_contrast * np.median(ground[corner[steep]], axis=1)
+    return steep_walls
 
 
 def _touching(
@@ -163,7 +163,7 @@ def _slopes_beyond(
     order = np.argsort(corner.ravel(), kind="stable")
     first = np.searchsorted(corner.ravel()[order], np.arange(len(point_m) + 1))
     middle = point_m[corner, :2].mean(axis=1)
-    found = []
+    slopes = []
     for point, away in ((start, -along), (end, along)):
         count = first[point + 1] - first[point]
         side = np.repeat(np.arange(len(point)), count)
@@ -171,8 +171,8 @@ def _slopes_beyond(
         triangle = order[first[point][side] + within] // 3
         beyond = np.einsum("ij,ij->i", middle[triangle] - point_m[point[side], :2], away[side]) > 0
         side, triangle = side[beyond], triangle[beyond]
-        found.append(_medians(side, np.einsum("ij,ij->i", gradient[triangle], along[side]), len(point)))
-    return np.stack(found)
+        slopes.append(_medians(side, np.einsum("ij,ij->i", gradient[triangle], along[side]), len(point)))
+    return np.stack(slopes)
 
 
 def _medians(

@@ -1,1 +1,1 @@
-"""Maps that fit range profiles or echo ranges to a smooth surface."""
+"""The DEM methods "smooth" and "refined": smooth surfaces fitted to ranges or to whole range profiles."""

@@ -1,4 +1,4 @@
-"""The information matrix of all echoes about the heights of grid cells, as a linear operator.
+"""Fisher information of all echoes on the heights of grid cells, as a linear operator.
 
 The factor F of a pulse acts on the heights under its nodes, and those are bilinear in the cells around. Where a
 footprint covers fewer cells than there are nodes, F is brought onto the cells once, which is then less work each time
@@ -127,13 +127,13 @@ def onto_cells(
     factor, first, last, place, west, south, spacing, rows, columns, local, count, start, on_cells, low, high
 ):
     """Write F of the pulses from `low` to `high` as it acts on their cells, row by row, from `start` on."""
-    share = np.empty((place.shape[1], 4))
+    weight = np.empty((place.shape[1], 4))
     for pulse in range(low, high):
         cells = count[pulse]
         for node in range(place.shape[1]):
             _, _, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
-            share[node, 0], share[node, 1] = (1 - a) * (1 - b), a * (1 - b)
-            share[node, 2], share[node, 3] = (1 - a) * b, a * b
+            weight[node, 0], weight[node, 1] = (1 - a) * (1 - b), a * (1 - b)
+            weight[node, 2], weight[node, 3] = (1 - a) * b, a * b
         for row in range(last[pulse] - first[pulse]):
             at = start[pulse] + row * cells
             for k in range(at, at + cells):
@@ -141,7 +141,7 @@ def onto_cells(
             for node in range(place.shape[1]):
                 value = factor[first[pulse] + row, node]
                 for c in range(4):
-                    on_cells[at + local[pulse, node, c]] += value * share[node, c]
+                    on_cells[at + local[pulse, node, c]] += value * weight[node, c]
 
 
 @compiled
@@ -157,12 +157,12 @@ def curve_cells(on_cells, start, cell, begin, height, result, low, high):
         cells, size = begin[pulse + 1] - begin[pulse], start[pulse + 1] - start[pulse]
         if size == 0:
             continue
-        own = on_cells[start[pulse] : start[pulse + 1]].reshape((size // cells, cells))
+        block = on_cells[start[pulse] : start[pulse + 1]].reshape((size // cells, cells))
         under, back, along = memory[:cells], memory[most : most + cells], memory[2 * most : 2 * most + size // cells]
         for k in range(cells):
             under[k] = height[cell[begin[pulse] + k]]
-        np.dot(own, under, along)
-        np.dot(along, own, back)
+        np.dot(block, under, along)
+        np.dot(along, block, back)
         for k in range(cells):
             result[cell[begin[pulse] + k]] += back[k]
 
@@ -175,8 +175,8 @@ def add_to_cells(place, value, west, south, spacing, result, low, high):
     for pulse in range(low, high):
         for node in range(place.shape[1]):
             i, j, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
-            own = value[pulse, node]
-            result[i, j] += own * (1 - a) * (1 - b)
-            result[i, j + 1] += own * a * (1 - b)
-            result[i + 1, j] += own * (1 - a) * b
-            result[i + 1, j + 1] += own * a * b
+            node_value = value[pulse, node]
+            result[i, j] += node_value * (1 - a) * (1 - b)
+            result[i, j + 1] += node_value * a * (1 - b)
+            result[i + 1, j] += node_value * (1 - a) * b
+            result[i + 1, j + 1] += node_value * a * b

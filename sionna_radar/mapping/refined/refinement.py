@@ -13,7 +13,7 @@ overlapping tiles; each has its own terrain model, and their surfaces are blende
 Fisher scoring. Each step needs the score of all echoes on the surface reached, and solves for the step with the
 expected curvature of the likelihood. The score decides where the iteration ends, and is exact. The curvature only
 says by which way: it is computed on the first two surfaces alone, from some of the range cells of each pulse, and the
-system is solved on a coarser grid where the echoes tell less of shorter waves than is known of them beforehand. Each
+system is solved on a coarser grid where the echoes carry less information on shorter waves than the prior. Each
 step takes such a wave too far by at most half, and the next one comes back.
 
 Anderson acceleration. Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at
@@ -142,8 +142,8 @@ def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: Te
     for times in COARSER:
         grid = terrain.coarser(times)
         curvature = curvature_on_cells(linear, grid)
-        told = float(curvature(np.ones(grid.rows * grid.columns)).max()) / times**2
-        if terrain.left_out(times) * told <= LEFT_OUT:
+        information = float(curvature(np.ones(grid.rows * grid.columns)).max()) / times**2
+        if terrain.left_out(times) * information <= LEFT_OUT:
             break
     return times, curvature
 
@@ -280,6 +280,6 @@ class Smooth:
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
         fitted = smooth(heights, inputs.grid, window_heights=window, microrelief_m=ground_m)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
-        own = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
-        uncertainty = TiledUncertainty((own,))
+        uncertainty_of_points = TileUncertainty.of(EVERYWHERE, kriging, window_heights=window, microrelief_m=ground_m)
+        uncertainty = TiledUncertainty((uncertainty_of_points,))
         return Estimate.with_sigma(visible_surface(fitted.surface, inputs), uncertainty)

@@ -1,1 +1,1 @@
-"""Maps of surfaces with steps: planes, borders, and what belongs to which."""
+"""The DEM method "stepped": coarse map, segmentation at steps, plane fits, and borders between regions."""

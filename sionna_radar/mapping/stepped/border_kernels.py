@@ -218,9 +218,11 @@ def cast_all(columns, views, echoes, farthest, pulses, low, high):
             if np.isnan(views.enters[pulse, k]):
                 views.enters[pulse, k] = approach(columns, x, y, z, dx, dy, dz, farthest)
             begin = views.enters[pulse, k]
-            found, what = cast(columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere)
-            views.meets[pulse, k], views.what[pulse, k] = found, what
-            at, nearer, farther = landing(views, echoes, pulse, k, found, what)
+            range_m, what = cast(
+                columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere
+            )
+            views.meets[pulse, k], views.what[pulse, k] = range_m, what
+            at, nearer, farther = landing(views, echoes, pulse, k, range_m, what)
             if at == NOTHING:
                 continue
             one = 0
@@ -350,19 +352,19 @@ def recast_cell_rays(columns, views, echoes, level, farthest, pulse, cell, top, 
                 continue
         # Up to the cell the ray meets nothing, and beyond it what it met before.
         begin, until = max(views.enters[pulse, k], enters[n] - ROUNDING * side), leaves[n] if passes else farthest
-        meets, found = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, region)
-        if (meets == before and found == of) or (found == NOTHING and passes):
+        meets, surface = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, region)
+        if (meets == before and surface == of) or (surface == NOTHING and passes):
             continue
-        met[n], what[n] = meets, found
+        met[n], what[n] = meets, surface
         at, nearer, farther = landing(views, echoes, pulse, k, before, of)
         if at != NOTHING:
             hits[at] -= level[of] * nearer
             hits[at + 1] -= level[of] * farther
             low, high = min(low, at), max(high, at + 1)
-        at, nearer, farther = landing(views, echoes, pulse, k, meets, found)
+        at, nearer, farther = landing(views, echoes, pulse, k, meets, surface)
         if at != NOTHING:
-            hits[at] += level[found] * nearer
-            hits[at + 1] += level[found] * farther
+            hits[at] += level[surface] * nearer
+            hits[at + 1] += level[surface] * farther
             low, high = min(low, at), max(high, at + 1)
     return low, high
 
@@ -415,7 +417,7 @@ def assign_cells(
         i, j = cell // count, cell % count
         current = columns.region[i, j]
         same_region = candidate(columns, i, j, current)[3]
-        tried[0], tried[1], known = current, NOTHING, 2
+        tried[0], tried[1], tried_count = current, NOTHING, 2
         for place in range(9):
             u, v = i + place // 3 - 1, j + place % 3 - 1
             if place == 4:
@@ -425,7 +427,7 @@ def assign_cells(
             else:
                 continue
             again = False
-            for k in range(known):
+            for k in range(tried_count):
                 again |= region == tried[k]
             if again:
                 continue
@@ -433,12 +435,12 @@ def assign_cells(
             if number == 0:
                 height = ground_height[cell]
             if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
-                tried[known], gain[known] = region, alike * (number - same_region)
-                tops[known, 0], tops[known, 1], tops[known, 2] = height, a, b
-                known += 1
+                tried[tried_count], gain[tried_count] = region, alike * (number - same_region)
+                tops[tried_count, 0], tops[tried_count, 1], tops[tried_count, 2] = height, a, b
+                tried_count += 1
         for pulse in pulses[first[cell] : first[cell + 1]]:
             rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
-            for k in range(2, known):
+            for k in range(2, tried_count):
                 top = tops[k, 0], tops[k, 1], tops[k, 2], tried[k]
                 low, high = recast_cell_rays(
                     columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what
@@ -446,7 +448,7 @@ def assign_cells(
                 if high != NOTHING:
                     gain[k] += likelihood_gain(echoes, pulse, hits, low, high, mean)[0]
         best, most, next_best = 0, 0.0, -np.inf
-        for k in range(2, known):
+        for k in range(2, tried_count):
             if abs(tops[k, 0] - columns.height[i, j]) > step:
                 next_best = max(next_best, gain[k])
             if gain[k] > most:

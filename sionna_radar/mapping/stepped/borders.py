@@ -121,10 +121,10 @@ def assign_border_cells(
             near = _near(axis_m, cells)
             if near.any():
                 block = _Block(sightings.rows(near), result.height_m[window], result.region[window], cells)
-                found = block.improved(core[window], low[window], step_m)
+                assigned = block.improved(core[window], low[window], step_m)
                 inner = core[window]
                 for field in fields(StepMap):
-                    getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
+                    getattr(result, field.name)[window][inner] = getattr(assigned, field.name)[inner]
     return result
 
 
@@ -231,8 +231,8 @@ class _Block:
         """Cast the rays of some pulses."""
         from sionna_radar.mapping.stepped.border_kernels import cast_all
 
-        given = self._columns, self._views, self._echoes, self._farthest, pulses
-        list(in_threads(partial(cast_all, *given), chunks(len(pulses), PULSES_AT_ONCE)))
+        arguments = self._columns, self._views, self._echoes, self._farthest, pulses
+        list(in_threads(partial(cast_all, *arguments), chunks(len(pulses), PULSES_AT_ONCE)))
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
         """Update the reflectivities; return the power found of each cell's top, and that expected; see `predict`."""
@@ -251,8 +251,8 @@ class _Block:
         for left in reversed(range(rounds)):
             sums[:] = 0.0
             list(in_threads(partial(some, every, none if left else every), bounds))
-            found, expected = sums.sum(axis=0)
-            self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
+            returned, expected = sums.sum(axis=0)
+            self._level *= np.sqrt((returned + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
         list(in_threads(partial(some, none, none), bounds))
         return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.region.shape))
 
@@ -311,11 +311,11 @@ class _Block:
         across = count // crossing.tile_cells + 1
         row, column = cells // count // crossing.tile_cells, cells % count // crossing.tile_cells
         tile = row * across + column
-        given = self._columns, self._views, self._echoes, self._level, self._farthest, NEIGHBOUR_GAIN_NEPERS
+        arguments = self._columns, self._views, self._echoes, self._level, self._farthest, NEIGHBOUR_GAIN_NEPERS
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
             assign_cells(
-                *given, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m
+                *arguments, groups[number], crossing.first, crossing.pulse, ground, ground_m, changed, margin, step_m
             )
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -332,14 +332,14 @@ def _views(sightings: Sightings, spacing_m: float) -> CellViews:
     range_m = float(np.median(mean_ranges(sightings).range_m))
     area_m2 = range_m**2 * float(np.ptp(beam.azimuth) * np.ptp(beam.elevation)) * np.sqrt(2)
     count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, MIN_SAMPLES, MAX_SAMPLES))
-    direction, share = beam_samples(beam, count)
-    shape = len(pose), len(share)
+    direction, power = beam_samples(beam, count)
+    shape = len(pose), len(power)
     return CellViews(
         position=np.ascontiguousarray(pose.position_m),
         velocity=np.ascontiguousarray(pose.velocity_mps),
         R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
         direction=np.ascontiguousarray(direction.T),
-        power=share,
+        power=power,
         enters=np.full(shape, np.nan),
         meets=np.empty(shape),
         what=np.empty(shape, dtype=np.int32),

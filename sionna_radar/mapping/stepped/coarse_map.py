@@ -83,12 +83,12 @@ def margins(
     apart: levels of a step: nearer ones are no other side. The margin is infinite where there are none as far away.
     """
     once, count = (total - (len(DIRECTIONS) - 1) * cost) / len(DIRECTIONS), total.shape[-1]
-    own = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
+    best = _at(minimum_filter1d(once, 2 * (apart // 2) + 1, axis=-1, mode="nearest"), chosen)
     upward = np.minimum.accumulate(once, axis=-1)
     downward = np.minimum.accumulate(once[..., ::-1], axis=-1)[..., ::-1]
     lower, higher = chosen - apart, chosen + apart
-    below = np.where(lower >= 0, _at(upward, np.maximum(lower, 0)) - own, np.inf)
-    above = np.where(higher < count, _at(downward, np.minimum(higher, count - 1)) - own, np.inf)
+    below = np.where(lower >= 0, _at(upward, np.maximum(lower, 0)) - best, np.inf)
+    above = np.where(higher < count, _at(downward, np.minimum(higher, count - 1)) - best, np.inf)
     away = np.arange(count) - chosen[..., None]
     depth, rise = (_rms_levels(once, np.where(side, away, 0)) for side in (away <= -apart, away >= apart))
     return np.maximum(below, 0.0), np.maximum(above, 0.0), depth, rise
@@ -173,11 +173,11 @@ def coarse_map(
     with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
         for block in blocks:
             cells = grid.cut(block.rows, block.columns)
-            found = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
+            block_map = _block(sightings.rows(block.near), axis_m[block.near], cells, block, options)
             core = slice(block.row, block.row + size), slice(block.column, block.column + size)
             inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            for whole, own in zip((height, supported, below, above, depth, rise), found, strict=True):
-                whole[core] = own[inner][:size, :size]
+            for whole, block_values in zip((height, supported, below, above, depth, rise), block_map, strict=True):
+                whole[core] = block_values[inner][:size, :size]
             widest = max(widest, float(block.level_m[1] - block.level_m[0]))
     return CoarseMap(height, supported, below, above, depth, rise, widest)
 
@@ -224,10 +224,10 @@ def _block(
     total = path_costs(against, options)
     chosen = _highest_good(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
-    apart = int(np.ceil(options.step_levels))
+    step_levels = int(np.ceil(options.step_levels))
     # Row by row: several arrays of all cells and levels would be the largest of a map.
     of_rows = [
-        margins(c[None], t[None], level[None], apart) for c, t, level in zip(against, total, chosen, strict=True)
+        margins(c[None], t[None], level[None], step_levels) for c, t, level in zip(against, total, chosen, strict=True)
     ]
     below, above, depth, rise = map(np.concatenate, zip(*of_rows, strict=True))
     spacing_m = float(level_m[1] - level_m[0])

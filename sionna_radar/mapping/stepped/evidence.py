@@ -1,4 +1,4 @@
-"""Evidence of the echoes for and against a surface at every height over every cell of a map.
+"""Log-likelihood of a surface at every height over every cell, from range profiles.
 
 A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, contributes at least the mean power
 m = n + g w to its range cell, n being the receiver noise; the power P there is exponential about the
@@ -125,10 +125,10 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
     low, typical, high = np.percentile(level, [5, 25, 99])
-    share, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
-    lowest, highest = np.log(share * low), np.log(high / share)
+    weakest, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
+    lowest, highest = np.log(weakest * low), np.log(high / weakest)
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
-    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), share * float(typical), span)
+    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), weakest * float(typical), span)
 
 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:

@@ -79,8 +79,8 @@ def plane_of_echoes(
         heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach, options)
         if fits.sum() < MIN_ECHOES:
             return None
-        found = _robust(heights.rows(fits), 0.0, options.outlier_sigmas)
-        plane, rough = found.plane, found.spread
+        fit = _robust(heights.rows(fits), 0.0, options.outlier_sigmas)
+        plane, rough = fit.plane, fit.spread
         trend = np.array([plane.at(np.zeros((1, 2)))[0], *plane.coefficients[1:]])
     if rough > MAX_RESIDUAL_RATIO or _curved(heights.rows(fits), plane, rough, options.outlier_sigmas):
         return None
@@ -121,8 +121,8 @@ def plane_of_points(
     of = points.rows(np.flatnonzero(on))
     place, height = of.position_m[:, :2], of.position_m[:, 2]
     located = Heights.at_places(place, height, np.ones(len(of)))
-    found = _robust(located, _off_axis_m(of, beam_rad), options.outlier_sigmas)
-    return found.plane if found.spread <= 2 * spread_m else None
+    fit = _robust(located, _off_axis_m(of, beam_rad), options.outlier_sigmas)
+    return fit.plane if fit.spread <= 2 * spread_m else None
 
 
 def _off_axis_m(points: Points, beam_rad: float) -> float:
@@ -227,20 +227,20 @@ class FilledBeams:
         inside, grid: the cells of the region, of this grid.
         step_m: echoes farther above or below are not of this region.
         """
-        found = plane
+        fitted = plane
         for _ in range(FILLING_ROUNDS):
-            heights = self._heights(found, inside, grid, step_m)
+            heights = self._heights(fitted, inside, grid, step_m)
             if len(heights) < MIN_ECHOES:
                 return plane
-            found = robust_plane(heights, self.outlier_sigmas)
-        return found
+            fitted = robust_plane(heights, self.outlier_sigmas)
+        return fitted
 
     def _heights(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Heights:
         """Return the heights that echoes measure on a plane, at the power-weighted centre of its part of each beam."""
         (height, east, north), (x, y) = plane.coefficients, plane.middle_m
         near = self._near(grid, plane, step_m)
         points, pose = self.points.rows(near), self.sightings.pose.rows(self._row[near])
-        sample, share = self._samples
+        sample, sample_power = self._samples
         ray = in_world(pose, sample)
         origin = pose.position_m
 
@@ -254,13 +254,13 @@ class FilledBeams:
         place = origin[:, None] + range_m[..., None] * ray
         row, column, on = grid.cell_of(place.reshape(-1, 3))
         on[on] = inside[row[on], column[on]]
-        power = np.where(range_m > 0, share / range_m**2, 0.0)
-        own = power * on.reshape(power.shape)
-        total = own.sum(axis=1)
+        power = np.where(range_m > 0, sample_power / range_m**2, 0.0)
+        inside_power = power * on.reshape(power.shape)
+        total = inside_power.sum(axis=1)
         filled = total > MIN_FILL_FACTOR * power.sum(axis=1)
-        own = own[filled] / total[filled, None]
-        mean_m = np.sum(own * range_m[filled], axis=1)
-        middle = np.einsum("pk,pki->pi", own, place[filled])
+        inside_power = inside_power[filled] / total[filled, None]
+        mean_m = np.sum(inside_power * range_m[filled], axis=1)
+        middle = np.einsum("pk,pki->pi", inside_power, place[filled])
         excess = (mean_m - points.range_m[filled]) * falls(pose.boresight[filled])
         alike = np.abs(excess) < step_m
         count = int(alike.sum())
@@ -272,8 +272,8 @@ class FilledBeams:
         west, east, south, north = grid.extent_m
         x, y, z = self.points.position_m.T
         reach_m = 2 * float(self.points.range_m.max(initial=0.0)) * float(np.ptp(self.sightings.beam.elevation))
-        beside = (x > west - reach_m) & (x < east + reach_m) & (y > south - reach_m) & (y < north + reach_m)
-        return np.asarray(beside & (np.abs(z - plane.at(self.points.position_m[:, :2])) < 2 * step_m))
+        within_reach = (x > west - reach_m) & (x < east + reach_m) & (y > south - reach_m) & (y < north + reach_m)
+        return np.asarray(within_reach & (np.abs(z - plane.at(self.points.position_m[:, :2])) < 2 * step_m))
 
     @cached_property
     def _row(self) -> Int[np.ndarray, " point"]:

@@ -79,8 +79,8 @@ def regions_of(
     along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
     inner = _fully_linked(along, across)
     region = label(inner)[0] - 1
-    found = _extend_to_adjacent_cells(region, height_m, step_m)
-    return _remove_small_regions(found, min_cells)
+    extended = _extend_to_adjacent_cells(region, height_m, step_m)
+    return _remove_small_regions(extended, min_cells)
 
 
 def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
@@ -93,8 +93,8 @@ def raised_cells(
 ) -> Bool[np.ndarray, "row column"]:
     """Return the cells of raised regions: a step above most adjacent cells."""
     raised = np.zeros(region.shape, dtype=bool)
-    for number, found in enumerate(region_windows(region)):
-        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in found)
+    for number, window_of_region in enumerate(region_windows(region)):
+        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in window_of_region)
         cells, height = region[window] == number, height_m[window]
         ring = binary_dilation(cells, iterations=RING_CELLS) & ~cells
         if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MIN_RAISED_FRACTION:
@@ -132,13 +132,13 @@ def _extend_to_adjacent_cells(
     """Return regions extended to adjacent cells: each joins the region of the nearest height, if within a step."""
     rows, columns = region.shape
     padded, heights = np.pad(region, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
-    best, found = np.full(region.shape, step_m), region.copy()
+    best, extended = np.full(region.shape, step_m), region.copy()
     for down, right in AROUND:
         window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
-        apart = np.abs(heights[window] - height_m)
-        nearer = (region < 0) & (padded[window] >= 0) & (apart <= best)
-        found[nearer], best[nearer] = padded[window][nearer], apart[nearer]
-    return found
+        difference_m = np.abs(heights[window] - height_m)
+        nearer = (region < 0) & (padded[window] >= 0) & (difference_m <= best)
+        extended[nearer], best[nearer] = padded[window][nearer], difference_m[nearer]
+    return extended
 
 
 def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
@@ -328,8 +328,10 @@ class _Surfaces:
 
         def map_region(number: int) -> None:
             window = windows[number]
-            inside, own = region[window] == number, whole == number
-            mapped_m, mapped_sigma_m = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside)
+            inside, pulses_alone = region[window] == number, whole == number
+            mapped_m, mapped_sigma_m = self._from_echoes(
+                pulses_alone, grid.cut(*window), self.coarse.height_m[window], inside
+            )
             height[window][inside], sigma[window][inside] = mapped_m[inside], mapped_sigma_m[inside]
 
         # A region larger than all others together uses all cores; the others run concurrently, largest first.
@@ -401,10 +403,10 @@ def _refit(
         return
     window = region_windows(cells.astype(np.int64) - 1)[0]
     inside, cut = cells[window], grid.cut(*window)
-    found = beams.refitted(plane, inside, cut, step_m)
+    refitted = beams.refitted(plane, inside, cut, step_m)
     place = cut.centres_m[inside.ravel()]
-    height_m[window][inside] += found.at(place) - plane.at(place)
-    sigma_m[window][inside] = found.sigma_m(place)
+    height_m[window][inside] += refitted.at(place) - plane.at(place)
+    sigma_m[window][inside] = refitted.sigma_m(place)
 
 
 @dataclass(frozen=True)
@@ -464,8 +466,8 @@ class SteppedTiles:
             span_m = float(height_m.min()) - margin_m, float(height_m.max()) + margin_m
             sightings = sightings.rows(looking_at(sightings, cells, span_m, self.options.overlap_m))
         made = step_surface(sightings, points, cells, self.gap_m, self.options)
-        own = tuple(slice(c.start - r.start, c.stop - r.start) for c, r in zip(core, reach, strict=True))
-        return SteppedPiece({name: layer[own] for name, layer in made.layers.items()})
+        core_window = tuple(slice(c.start - r.start, c.stop - r.start) for c, r in zip(core, reach, strict=True))
+        return SteppedPiece({name: layer[core_window] for name, layer in made.layers.items()})
 
     def unpacked(self, content: bytes) -> SteppedPiece:
         """Return the piece of some bytes."""
@@ -476,15 +478,17 @@ class SteppedTiles:
         pieces: Iterable[SteppedPiece | None] = each(self)
         made = [(window, piece.layers) for window, piece in zip(self.windows, pieces, strict=True) if piece]
         # What is not mapped lies low and hides nothing.
-        lowest_m = min((float(own["height_m"].min()) for _, own in made), default=0.0)
-        known = ("cell_sigma_m", "other_side", "step_sigma_m")
-        layers = {name: np.zeros(self.grid.shape) for name in ("height_m", "supported", *known)}
+        lowest_m = min((float(tile_map["height_m"].min()) for _, tile_map in made), default=0.0)
+        sigma_layers = ("cell_sigma_m", "other_side", "step_sigma_m")
+        layers = {name: np.zeros(self.grid.shape) for name in ("height_m", "supported", *sigma_layers)}
         layers["height_m"] += lowest_m
-        for window, own in made:
-            for name, layer in own.items():
+        for window, tile_map in made:
+            for name, layer in tile_map.items():
                 layers[name][window] = layer
         surface = Heightfield(grid=self.grid, height_m=layers["height_m"])
-        return SteppedMap(surface, layers["supported"] > 0, SteppedUncertainty(*(layers[name] for name in known)))
+        return SteppedMap(
+            surface, layers["supported"] > 0, SteppedUncertainty(*(layers[name] for name in sigma_layers))
+        )
 
 
 class Stepped:

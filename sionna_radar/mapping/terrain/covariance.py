@@ -1,4 +1,4 @@
-"""Covariance of terrain heights, estimated from scattered measurements of them by maximum likelihood.
+"""Matern covariance of terrain heights, fitted to scattered heights by maximum likelihood.
 
 The Matern family spans rough to infinitely smooth terrain by its smoothness, from fractal (0.3 to 1, the Hurst
 exponent) to Gaussian (infinite), with a length and a variance (Stein 1999, "Interpolation of Spatial Data").
@@ -68,8 +68,8 @@ class CovarianceTable:
     ) -> Float[np.ndarray, "*window n m"]:
         """Return the covariance between places, of windows or not."""
         one, other = (each.reshape(-1, *each.shape[-2:]) for each in (one_m, other_m))
-        found = covariances_between(one, other, self.step_m, self.value_m2[None])
-        return found.reshape(*one_m.shape[:-1], -1)
+        covariances = covariances_between(one, other, self.step_m, self.value_m2[None])
+        return covariances.reshape(*one_m.shape[:-1], -1)
 
 
 def knots(farthest_m: float) -> Float[np.ndarray, " knot"]:
@@ -271,7 +271,7 @@ def fit_covariance(
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
     args = near, measured.microrelief_m, noise_factor_spread
     rough = minimize(_loss, start, args=args, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    found, smoothness = rough, float(np.exp(rough.x[3]))
+    best, smoothness = rough, float(np.exp(rough.x[3]))
     if smoothness > GAUSSIAN_TRIED:
         gaussian = minimize(
             _loss,
@@ -282,8 +282,8 @@ def fit_covariance(
             bounds=bounds[:3],
             options=options,
         )
-        found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
-    length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
+        best, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
+    length, scale, factor = (float(value) for value in np.exp(best.x[:3]))
     return FittedCovariance(Covariance(smoothness, length, scale, measured.microrelief_m), factor)
 
 
@@ -387,11 +387,11 @@ def repeated_pairs(
 
     Two echoes of one pulse lie in different range cells, which share none.
     """
-    apart = (order - other) ** 2
+    squared_lag = (order - other) ** 2
     square = np.maximum((reach**2 + other_reach**2) / 2, 1e-6)
     # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
-    alike = np.sqrt(reach * other_reach / square) * np.exp(-apart / square)
-    return (1 - UNCORRELATED_NOISE_FRACTION) * np.where(apart > 0, alike, 0.0)
+    alike = np.sqrt(reach * other_reach / square) * np.exp(-squared_lag / square)
+    return (1 - UNCORRELATED_NOISE_FRACTION) * np.where(squared_lag > 0, alike, 0.0)
 
 
 def _loss(
@@ -437,10 +437,10 @@ def posterior_loss(
     gradient[2] = parameters[2] / noise_factor_spread**2
     numbers = [(k, k + 1) for k in range(len(groups))]
     try:
-        for own, toward, by_variance, by_noise in in_threads(
+        for group_loss, toward, by_variance, by_noise in in_threads(
             lambda k, _: groups[k].loss(tried, factor, others), numbers
         ):
-            loss += own
+            loss += group_loss
             gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
     except np.linalg.LinAlgError:
         return 1e12, np.zeros(len(gradient))
@@ -484,8 +484,8 @@ def entry_of(distance, step, last):
 def look_up(distance, step, value, result):
     """Write the covariance at distances."""
     for n in range(len(distance)):
-        k, share = entry_of(distance[n], step, len(value) - 1)
-        result[n] = value[k] + share * (value[k + 1] - value[k])
+        k, fraction = entry_of(distance[n], step, len(value) - 1)
+        result[n] = value[k] + fraction * (value[k + 1] - value[k])
 
 
 @compiled
@@ -493,12 +493,12 @@ def look_up(distance, step, value, result):
 def between(one, other, step, value, result):
     """Write the covariance between the places of windows; value: a table for each window, or one for all."""
     for w in range(len(one)):
-        own = value[min(w, len(value) - 1)]
+        table = value[min(w, len(value) - 1)]
         for i in range(one.shape[1]):
             for j in range(other.shape[1]):
                 x, y = one[w, i, 0] - other[w, j, 0], one[w, i, 1] - other[w, j, 1]
-                k, share = entry_of(np.sqrt(x * x + y * y), step, len(own) - 1)
-                result[w, i, j] = own[k] + share * (own[k + 1] - own[k])
+                k, fraction = entry_of(np.sqrt(x * x + y * y), step, len(table) - 1)
+                result[w, i, j] = table[k] + fraction * (table[k + 1] - table[k])
 
 
 @compiled

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import BeamFootprints, KnownCover, MeanRanges, Sightings, predicted_means
+from sionna_radar.mapping.echo_model.model import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.terrain.covariance import GROUPS
 from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
@@ -40,10 +40,10 @@ class EchoSurface:
     def outstanding(self) -> Float[np.ndarray, "echo 4"]:
         """Return the echoes of other surfaces: their places, radii of their footprints, and distances from it, m."""
         heights = self.heights.rows(~self.fits)
-        apart = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
-        other = apart > MAX_SPECKLE_SIGMAS * heights.sigma_m
-        heights, apart = heights.rows(other), apart[other]
-        return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
+        residual_m = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
+        other = residual_m > MAX_SPECKLE_SIGMAS * heights.sigma_m
+        heights, residual_m = heights.rows(other), residual_m[other]
+        return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, residual_m])
 
 
 def echo_surface(
@@ -98,26 +98,26 @@ def heights_over(
     read_m, feet = predicted_means(sightings, surface)
     predicted = sightings.true_m(read_m)
     on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
-    known = np.isfinite(predicted) & np.isfinite(on_axis)
-    on_axis_m = echoes.range_m - np.where(known, predicted - on_axis, 0.0)
+    valid = np.isfinite(predicted) & np.isfinite(on_axis)
+    on_axis_m = echoes.range_m - np.where(valid, predicted - on_axis, 0.0)
     heights = _heights(sightings, echoes, pose.position_m + on_axis_m[:, None] * axis, reach, options)
     on_place_m = surface.at(*heights.place_m.T)
     if sightings.cover is not None and feet is not None:
-        place_m, footprint_m = _bright_parts(sightings, sightings.cover, feet)
-        place_m[~known], footprint_m[~known] = heights.place_m[~known], heights.footprint_m[~known]
+        place_m, footprint_m = _bright_centres(sightings, sightings.cover, feet)
+        place_m[~valid], footprint_m[~valid] = heights.place_m[~valid], heights.footprint_m[~valid]
         heights = replace(heights, place_m=place_m, footprint_m=footprint_m)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
-    fits = known & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[valid])))) if valid.any() else 1.0
+    fits = valid & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
     if fits.mean() < 0.5:
-        fits = known
+        fits = valid
     return replace(heights, height_m=heights.height_m + mean - on_place_m), fits
 
 
-def _bright_parts(
-    sightings: Sightings, cover: KnownCover, feet: BeamFootprints
+def _bright_centres(
+    sightings: Sightings, cover: LandCover, feet: BeamFootprints
 ) -> tuple[Float[np.ndarray, "pulse 2"], Float[np.ndarray, "pulse 2 2"]]:
     """Return the centre of the power of each footprint over a known cover, and its axes; see `Heights`."""
     beam = sightings.beam

@@ -102,15 +102,15 @@ class Heights(Columns):
         widest = float(np.abs(self.footprint_m).max(initial=0.0))
         if widest == 0:
             return flat.weights(*self.place_m.T)
-        place, share = np.polynomial.hermite_e.hermegauss(FEW if widest < grid.spacing_m else MANY)
-        share = share / share.sum()
+        place, weight = np.polynomial.hermite_e.hermegauss(FEW if widest < grid.spacing_m else MANY)
+        weight = weight / weight.sum()
         offset = np.stack([axis.ravel() for axis in np.meshgrid(place, place, indexing="ij")], axis=1)
         around = self.place_m[:, None] + np.einsum("kj,njx->nkx", offset, self.footprint_m)
         each = flat.weights(*around.reshape(-1, 2).T)
         count = len(offset)
         mean = csr_matrix(
             (
-                np.tile(np.outer(share, share).ravel(), len(self)),
+                np.tile(np.outer(weight, weight).ravel(), len(self)),
                 np.arange(count * len(self)),
                 np.arange(len(self) + 1) * count,
             ),
@@ -123,8 +123,8 @@ def plane_through(place_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray,
     """Return the plane of least squares: height at the origin, slopes toward east and north, level across a line."""
     along = supported_directions(place_m)
     design = np.column_stack([np.ones(len(place_m)), place_m @ along])
-    found = np.linalg.lstsq(design, height_m, rcond=None)[0]
-    return np.concatenate([found[:1], along @ found[1:]])
+    coefficients = np.linalg.lstsq(design, height_m, rcond=None)[0]
+    return np.concatenate([coefficients[:1], along @ coefficients[1:]])
 
 
 def supported_directions(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 k"]:
@@ -159,8 +159,8 @@ def strip_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes
     strips = range_strips(pose, beam.spread)
     width = strips.along * LENGTH_OVER_WIDTH * np.cos(strips.incidence_rad)
     both = np.stack([strips.strip * strips.along[:, None], strips.climb * width[:, None]], axis=1)
-    aside = np.einsum("pij,pkj->pki", pose.R_world_antenna[:, :, 1:], both)
-    return np.stack([range_m[:, None] * _on_ground(pose, aside[:, k]) for k in range(2)], axis=1)
+    offset = np.einsum("pij,pkj->pki", pose.R_world_antenna[:, :, 1:], both)
+    return np.stack([range_m[:, None] * _on_ground(pose, offset[:, k]) for k in range(2)], axis=1)
 
 
 def _on_ground(pose: Pose, aside: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse 2"]:
@@ -208,8 +208,8 @@ def point_footprints(
     axes_of = footprint_axes if points.across_sigma_m is None else strip_axes
 
     def footprints(low: int, high: int) -> Float[np.ndarray, "some 2 2"]:
-        own, back = np.unique(row[low:high], return_inverse=True)
-        return axes_of(pose_of(own).rows(back), points.range_m[low:high], beam)
+        unique_rows, back = np.unique(row[low:high], return_inverse=True)
+        return axes_of(pose_of(unique_rows).rows(back), points.range_m[low:high], beam)
 
     footprint_m = np.concatenate([footprints(*bounds) for bounds in chunks(len(points), AT_ONCE)])
     reach = reach[row] if points.reach is None else np.maximum(reach[row], points.reach)

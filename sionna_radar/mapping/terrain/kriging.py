@@ -6,16 +6,16 @@ is still unknown about a height z, or about a mean of heights, is (Rasmussen and
     var z - k^T (B C B^T + N)^-1 k,   k = cov(B z, z).
 
 It depends on where the echoes are and how uncertain, not on what they say. A block of cells takes it from the echoes in
-and around it; those farther off tell it nothing more.
+and around it; those farther off add no information.
 
-Conjugate gradients that solve for what heights say need nearly the inverse of B C B^T + N. By a chain of conditional
-distributions that is L^T L, row i of L telling height i from those before it; only the nearest of these tell much
-(Vecchia 1988, "Estimation and model identification for continuous spatial processes"). The first, of all places, are
-told from each other exactly: they hold the long waves.
+The approximate inverse of B C B^T + N preconditions conjugate gradients. By a chain of conditional distributions it is
+L^T L, row i of L predicting height i from those before it, of which only the nearest matter (Vecchia 1988, "Estimation
+and model identification for continuous spatial processes"). The first heights, spread over all places, are treated
+exactly: they carry the long waves.
 
-Heights are those above a plane through all echoes, which is known no better than these tell (universal kriging, Chiles
-and Delfiner 2012, section 3.4). An error of the plane remains in the map as far as echoes do not tell of the terrain
-above it: by the share of var z that is unknown, next to nothing over hills, all of it over level ground.
+Heights are those above a plane through all echoes, whose uncertainty is included (universal kriging, Chiles and
+Delfiner 2012, section 3.4). An error of the plane remains in the map by the fraction of var z that is still unknown:
+next to nothing over hills, all of it over level ground.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,16 +37,16 @@ from sionna_radar.mapping.terrain.local_relief import LocalRelief
 
 # Blocks of cells, and how far around them echoes count, at least; the nearest so many.
 BLOCK_CELLS, MARGIN_M, MAX_ECHOES = 32, 20.0, 600
-# Echoes that decide about a mean over a window.
-MAX_OF_A_WINDOW = 1500
-# Squares that a window is divided into, where it has more cells.
-SQUARES_OF_A_WINDOW = 300
+# Largest number of echoes for the mean over a window.
+MAX_WINDOW_ECHOES = 1500
+# Largest number of squares into which a window is divided.
+MAX_WINDOW_SQUARES = 300
 TABLE = 6000
 JITTER = 1e-10
-# Heights whose covariance is inverted exactly, the nearest that tell of another one, and how many at once.
+# Number of heights whose covariance is inverted exactly, of nearest heights that predict another one, and at once.
 EXACT, NEAREST, AT_ONCE = 1000, 15, 2000
-# Of the variance: tables, which are interpolated, must not make the covariance of nearly the same heights indefinite.
-# Where they still do it is ten times as much.
+# Nugget, as a fraction of the variance, that keeps the covariance of nearly equal places positive definite although
+# tables are interpolated; ten times as much where that is not enough.
 ROUNDING = 1e-7
 
 Places = Float[np.ndarray, "... 2"]
@@ -106,19 +106,19 @@ class Kriging:
                 if rounding > 1.0:  # so the covariance is not finite
                     raise
                 rounding *= 10
-        tree, known, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
-        while known < count:
-            # A quarter more at once, which are not told from each other.
-            new = np.arange(known, min(known + -(-known // 4), count))
+        tree, done, member = KDTree(place_m[:exact]), exact, np.zeros((0, NEAREST + 1), dtype=int)
+        while done < count:
+            # A quarter more at once, which do not predict each other.
+            new = np.arange(done, min(done + -(-done // 4), count))
             member = np.concatenate([member, np.column_stack([tree.query(place_m[new], k=NEAREST)[1], new])])
-            known += len(new)
-            tree = KDTree(place_m[:known])
+            done += len(new)
+            tree = KDTree(place_m[:done])
 
         def some(low: int, high: int) -> Float[np.ndarray, "some member"]:
             last = np.zeros((high - low, NEAREST + 1, 1))
             last[:, -1] = 1.0
-            told = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
-            return told / np.sqrt(np.abs(told[:, -1:]))
+            row = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
+            return row / np.sqrt(np.abs(row[:, -1:]))
 
         rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, chunks(len(member), AT_ONCE))])
         chain = csr_matrix(
@@ -129,40 +129,40 @@ class Kriging:
         def applied(height_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             """Return nearly the inverse times heights."""
             ordered = height_m[order]
-            told = back @ (chain @ ordered)
-            told[:exact] += cho_solve((root, True), ordered[:exact], check_finite=False)
+            solved = back @ (chain @ ordered)
+            solved[:exact] += cho_solve((root, True), ordered[:exact], check_finite=False)
             result = np.empty(count)
-            result[order] = told
+            result[order] = solved
             return result
 
         return applied
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
-        near, middle_m = self._near(place_m, MAX_OF_A_WINDOW), place_m.mean(axis=0, keepdims=True)
-        place_m, share, side_m = _in_squares(place_m)
+        near, middle_m = self._near(place_m, MAX_WINDOW_ECHOES), place_m.mean(axis=0, keepdims=True)
+        place_m, weight, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
-        before = unknown = float(share @ self._between(place_m, place_m, spread) @ share)
+        before = unknown = float(weight @ self._between(place_m, place_m, spread) @ weight)
         if len(near) > 0:
-            root, between = self._known(near, place_m, spread)
-            told = solve_lower(root, between @ share)
-            unknown = max(before - float(told @ told), 0.0)
+            root, between = self._factored(near, place_m, spread)
+            explained = solve_lower(root, between @ weight)
+            unknown = max(before - float(explained @ explained), 0.0)
         return float(np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(middle_m)[0]))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         before = unknown = self._before(place_m)
         near = self._near(place_m, MAX_ECHOES)
         if len(near) > 0:
-            root, between = self._known(near, place_m)
-            told = solve_lower(root, between)
-            unknown = np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before)
+            root, between = self._factored(near, place_m)
+            explained = solve_lower(root, between)
+            unknown = np.maximum(before - np.einsum("ij,ij->j", explained, explained), JITTER * before)
         return np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(place_m))
 
     def _plane_m2(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         """Return the variance of the height of the plane through all measured heights at some places."""
-        middle, known = self._plane
+        middle, covariance = self._plane
         design = np.column_stack([np.ones(len(place_m)), place_m - middle])
-        return np.einsum("ni,ij,nj->n", design, known, design)
+        return np.einsum("ni,ij,nj->n", design, covariance, design)
 
     @cached_property
     def _plane(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
@@ -180,7 +180,7 @@ class Kriging:
         near = np.flatnonzero(outside < MARGIN_M)
         return near if len(near) <= most else near[np.argpartition(outside[near], most)[:most]]
 
-    def _known(
+    def _factored(
         self, near: Int[np.ndarray, " near"], place_m: Float[np.ndarray, "cell 2"], around_m: float = 0.0
     ) -> tuple[Float[np.ndarray, "near near"], Float[np.ndarray, "near cell"]]:
         """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places.
@@ -230,13 +230,13 @@ def _in_squares(
     place_m: Float[np.ndarray, "cell 2"],
 ) -> tuple[Float[np.ndarray, "square 2"], Float[np.ndarray, " square"], float]:
     """Return the middles of squares that places lie in, the share of each, and their side; few places as they are."""
-    if len(place_m) <= SQUARES_OF_A_WINDOW:
+    if len(place_m) <= MAX_WINDOW_SQUARES:
         return place_m, np.full(len(place_m), 1 / len(place_m)), 0.0
     low, extent = place_m.min(axis=0), np.ptp(place_m, axis=0)
-    side = float(np.sqrt(extent.prod() / SQUARES_OF_A_WINDOW))
+    side = float(np.sqrt(extent.prod() / MAX_WINDOW_SQUARES))
     square = np.floor((place_m - low) / side)
-    _, own, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
-    middle = np.stack([np.bincount(own, column) for column in place_m.T], axis=1) / count[:, None]
+    _, square_of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    middle = np.stack([np.bincount(square_of, column) for column in place_m.T], axis=1) / count[:, None]
     return middle, count / len(place_m), side
 
 

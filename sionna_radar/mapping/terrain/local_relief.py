@@ -112,8 +112,8 @@ class LocalRelief:
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return the covariances of long waves and of short ones at distances; see `Covariance.at`."""
         long = np.zeros(len(distance_m))
-        for wider, share in LONG:
-            long += share * covariance.at(distance_m, float(np.hypot(spread_m, wider * self.cut_m)))
+        for wider, weight in LONG:
+            long += weight * covariance.at(distance_m, float(np.hypot(spread_m, wider * self.cut_m)))
         return long, covariance.at(distance_m, spread_m) - long
 
     def long_fraction(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -164,8 +164,8 @@ class Windows:
 
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
         """Return the local amplitudes of a terrain's short waves; None where they are likeliest the same."""
-        found = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
-        tables = DividedTables.of(measured, self.member, fitted.covariance, found)
+        uniform = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
+        tables = DividedTables.of(measured, self.member, fitted.covariance, uniform)
 
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
             return _log_likelihood(measured, self.member[low:high], tables, fitted)
@@ -175,7 +175,7 @@ class Windows:
         mean_square = _posterior_mean(likelihood, overlap)
         if mean_square is None:
             return None
-        return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
+        return replace(uniform, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
 @dataclass(frozen=True)
@@ -213,8 +213,11 @@ class DividedTables:
         """Return the covariances of long waves and of short ones between the places of each window."""
         at = np.interp(spread_m, self.spread_m, np.arange(len(self.spread_m)))
         low = at.astype(int)
-        high, share = np.minimum(low + 1, len(self.spread_m) - 1), (at - low)[:, None]
-        values = (own[low] + share * (own[high] - own[low]) for own in (self.long_m2, self.short_m2))
+        high, fraction = np.minimum(low + 1, len(self.spread_m) - 1), (at - low)[:, None]
+        values = (
+            values_m2[low] + fraction * (values_m2[high] - values_m2[low])
+            for values_m2 in (self.long_m2, self.short_m2)
+        )
         long, short = (covariances_between(place_m, place_m, self.step_m, each) for each in values)
         return long, short
 
@@ -235,7 +238,7 @@ def low_relief_mask(measured: Measured, window_heights: int = SMOOTH.window_heig
 def local_relief(
     measured: Measured, fitted: FittedCovariance, window_heights: int = SMOOTH.window_heights
 ) -> LocalRelief | None:
-    """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights to tell.
+    """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights.
 
     measured: heights above a trend.
     fitted: the covariance that the amplitude is relative to.
@@ -304,7 +307,7 @@ def _cross_line_errors(
     fitted: FittedCovariance,
     relief: LocalRelief,
     tables: DividedTables,
-) -> Float[np.ndarray, " told"]:
+) -> Float[np.ndarray, " window"]:
     """Return the errors of predicting the first height of windows from those of other scan lines, over their sigmas.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4). Windows with too few
@@ -314,8 +317,8 @@ def _cross_line_errors(
     line = _scan_line(measured.order[member])
     used = line != line[:, :1]
     used[:, 0] = True
-    told = (used.sum(axis=1) > MIN_OTHERS) & (line.min(axis=1) < line[:, 0]) & (line[:, 0] < line.max(axis=1))
-    member, used = member[told], used[told]
+    usable = (used.sum(axis=1) > MIN_OTHERS) & (line.min(axis=1) < line[:, 0]) & (line[:, 0] < line.max(axis=1))
+    member, used = member[usable], used[usable]
     place, spread = measured.place_m[member], np.where(used, measured.spread_m[member], np.nan)
     long, short = tables.between(place, np.nanmedian(spread, axis=1))
     amplitude = relief.at(place)
@@ -358,10 +361,10 @@ def _log_likelihood(
     diagonal = np.arange(member.shape[1])
     rest[:, diagonal, diagonal] += JITTER * fitted.covariance.variance_m2
     back = contrast.transpose(0, 2, 1)
-    share, vector = _modes(back @ short @ contrast, back @ rest @ contrast)
+    eigenvalue, vector = _modes(back @ short @ contrast, back @ rest @ contrast)
     above = _plane_free(contrast, measured.height_m[member])
     square = _plane_free(vector, above) ** 2
-    total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)[:, None]
+    total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(eigenvalue, 0.0)[:, None]
     result = -0.5 * np.sum(np.log(total) + square[:, None] / total, axis=2)
     unaveraged = covariances_between(place, place, tables.unaveraged.step_m, tables.unaveraged.value_m2[None])
     largest = np.sum(above**2, axis=1) / np.sum(contrast * (unaveraged @ contrast), axis=(1, 2))
@@ -384,8 +387,8 @@ def _modes(
         lift = np.where(values[:, 0] < rounding, 2 * np.abs(values[:, 0]) + rounding, 0.0)
         root = np.linalg.cholesky(rest + lift[:, None, None] * np.eye(rest.shape[1]))
     inverse = np.linalg.inv(root)
-    share, turn = np.linalg.eigh(inverse @ short @ inverse.transpose(0, 2, 1))
-    return share, inverse.transpose(0, 2, 1) @ turn
+    eigenvalue, turn = np.linalg.eigh(inverse @ short @ inverse.transpose(0, 2, 1))
+    return eigenvalue, inverse.transpose(0, 2, 1) @ turn
 
 
 def _posterior_mean(
@@ -393,12 +396,12 @@ def _posterior_mean(
 ) -> Float[np.ndarray, " node"] | None:
     """Return the mean of a^2 at each node; None where no width of its prior is likelier than none, so that it is one.
 
-    overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
+    overlap: windows that each height is in, about: the sum over all nodes overcounts the information by this factor.
     """
     prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
     prior -= log_sum_exp(prior, axis=1, keepdims=True)
-    told = np.column_stack([log_sum_exp(log_likelihood + each, axis=1) for each in prior])
-    evidence = told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
+    by_width = np.column_stack([log_sum_exp(log_likelihood + each, axis=1) for each in prior])
+    evidence = by_width.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
     if log_likelihood[:, LOG_SQUARES == 0].sum() / overlap >= evidence.max():
         return None
     posterior = log_likelihood + prior[np.argmax(evidence)]

@@ -1,4 +1,4 @@
-"""Smoothing surfaces: the most probable terrain given scattered heights, their noise and a covariance.
+"""Gaussian-process smoothing: the most probable terrain given scattered heights, noise and a covariance.
 
 A terrain is a plane plus a Gaussian field, z = trend + root * white, on a padded periodic grid where `root` acts by
 the fast Fourier transform. Where relief varies, long and short waves have fields of their own, the latter times the
@@ -125,7 +125,7 @@ class TerrainModel:
         """Return the white fields w with w + R^T A R w = right, R being `coloured`.
 
         information: applies A, symmetric and positive, to the heights of the cells, or of the `coarser` ones.
-        times: how much coarser. Waves that are too short for them are taken as if A told nothing of them.
+        times: how much coarser. Waves that are too short for it are solved as if A had no information on them.
 
         The unknowns are the coefficients of an orthonormal Fourier transform, in which the filters are diagonal: that
         halves the number of transforms.
@@ -141,7 +141,7 @@ class TerrainModel:
         low = np.ix_(np.arange(len(every)), _low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
         root = self.root[low].copy()
         if times > 1:
-            # A wave of two cells is not told from its mirror.
+            # A wave of two cells is indistinguishable from its mirror.
             root[:, few[0] // 2], root[:, :, -1] = 0.0, 0.0
         down, up = root * twice[low[2]], root / twice[low[2]] / times**2
         amplitude = self.amplitude[:, ::times, ::times]
@@ -155,10 +155,10 @@ class TerrainModel:
             return flat + informed.ravel().view(float)
 
         start = np.ascontiguousarray(every[low])
-        given = start.ravel().view(float)
-        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=float)
-        found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
-        every[low] = found.view(complex).reshape(down.shape)
+        right_side = start.ravel().view(float)
+        system = LinearOperator((len(right_side), len(right_side)), matvec=normal, dtype=float)
+        solution, _ = cg(system, right_side, rtol=tolerance, maxiter=iterations)
+        every[low] = solution.view(complex).reshape(down.shape)
         return scipy.fft.irfft2(every / twice, s=shape, overwrite_x=True, workers=workers).ravel()
 
     @staticmethod

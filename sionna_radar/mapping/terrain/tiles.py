@@ -25,7 +25,7 @@ from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import LocalRelief
 from sionna_radar.mapping.terrain.smoothing import Smoothed
-from sionna_radar.mapping.terrain.uncertainty import Information, Plausible, TiledUncertainty, TileUncertainty
+from sionna_radar.mapping.terrain.uncertainty import Information, PlausibleTerrain, TiledUncertainty, TileUncertainty
 
 MIN_PULSES = 20
 
@@ -70,7 +70,7 @@ class Piece:
     first: Int[np.ndarray, "2"]
     weight: Float[np.ndarray, "row column"]
     height_m: Float[np.ndarray, "row column"]
-    known: TileUncertainty
+    uncertainty: TileUncertainty
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -80,20 +80,20 @@ class Piece:
 
     def packed(self) -> bytes:
         """Return its bytes, from which `Tiles.unpacked` makes it again, bit for bit."""
-        known, kriging = self.known, self.known.kriging
+        uncertainty, kriging = self.uncertainty, self.uncertainty.kriging
         return packed(
             first=self.first,
             weight=self.weight,
             height_m=self.height_m,
-            bounds_m=np.array(known.bounds_m),
+            bounds_m=np.array(uncertainty.bounds_m),
             covariance=kriging.covariance,
             heights=kriging.heights,
             noise_factor=kriging.noise_factor,
             local=kriging.local,
-            information=known.information,
-            plausible=np.array([_numbers(each) for each in known.plausible]),
-            misfit=np.array(known.misfit),
-            **({} if known.outstanding is None else {"outstanding": known.outstanding}),
+            information=uncertainty.information,
+            plausible=np.array([_numbers(each) for each in uncertainty.plausible]),
+            misfit=np.array(uncertainty.misfit),
+            **({} if uncertainty.outstanding is None else {"outstanding": uncertainty.outstanding}),
         )
 
 
@@ -175,20 +175,20 @@ class Tiles:
         taper, options = self.tiling.taper, self.tiling.options
         across, along = taper(self.grid.x_m, west, east), taper(self.grid.y_m, south, north)
         window = _span(along > 0), _span(across > 0)
-        part = self.grid.cut(*window)
-        own = self.sightings.rows(here), self._echoes.rows(here)
-        smoothed, first, information = self.tiling.surface(*own, part, options)
+        tile_grid = self.grid.cut(*window)
+        tile_echoes = self.sightings.rows(here), self._echoes.rows(here)
+        smoothed, first, information = self.tiling.surface(*tile_echoes, tile_grid, options)
         factor = first.smoothed.noise_factor
         if self.sightings.profiles.volume is not None:
             # Errors that neighbours share look like little noise.
             factor = max(factor, 1.0)
         kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), factor, smoothed.model.local)
-        east_m, north_m = np.meshgrid(part.x_m, part.y_m)
+        east_m, north_m = np.meshgrid(tile_grid.x_m, tile_grid.y_m)
         return Piece(
             first=np.array([side.start for side in window]),
             weight=across[window[1]] * along[window[0], None],
-            height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
-            known=TileUncertainty.of(
+            height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(tile_grid.shape),
+            uncertainty=TileUncertainty.of(
                 bounds,
                 kriging,
                 information,
@@ -212,22 +212,22 @@ class Tiles:
         information = table_of(Information, "information", columns)
         bounds = (west, east, south, north)
         outstanding, misfit = columns.get("outstanding"), columns["misfit"].item()
-        known = TileUncertainty(bounds, kriging, information, plausible, outstanding, misfit)
-        return Piece(columns["first"], columns["weight"], columns["height_m"], known)
+        uncertainty = TileUncertainty(bounds, kriging, information, plausible, outstanding, misfit)
+        return Piece(columns["first"], columns["weight"], columns["height_m"], uncertainty)
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
         """Return the blended surfaces of all tiles."""
         total, weight = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
-        known: list[TileUncertainty] = []
+        uncertainties: list[TileUncertainty] = []
         for piece in each(self):
             if piece is not None:
                 total[piece.window] += piece.weight * piece.height_m
                 weight[piece.window] += piece.weight
-                known.append(piece.known)
+                uncertainties.append(piece.uncertainty)
         covered = weight > 0
         fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
         height = np.where(covered, total / np.where(covered, weight, 1.0), fallback)
-        return Mapped(Heightfield(grid=self.grid, height_m=height), TiledUncertainty(tuple(known)))
+        return Mapped(Heightfield(grid=self.grid, height_m=height), TiledUncertainty(tuple(uncertainties)))
 
     @cached_property
     def _bounds(self) -> list[tuple[float, float, float, float]]:
@@ -246,11 +246,11 @@ class Tiles:
 
 def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:
     """Return the cells of a row that are wanted, which lie together."""
-    found = np.flatnonzero(wanted)
-    return slice(int(found[0]), int(found[-1]) + 1)
+    wanted_cells = np.flatnonzero(wanted)
+    return slice(int(wanted_cells[0]), int(wanted_cells[-1]) + 1)
 
 
-def _numbers(each: Plausible) -> tuple[float, ...]:
+def _numbers(each: PlausibleTerrain) -> tuple[float, ...]:
     covariance = each.terrain.covariance
     return (
         each.probability,
@@ -262,5 +262,5 @@ def _numbers(each: Plausible) -> tuple[float, ...]:
     )
 
 
-def _plausible(probability: float, *numbers: float) -> Plausible:
-    return Plausible(probability, FittedCovariance(Covariance(*numbers[:-1]), numbers[-1]))
+def _plausible(probability: float, *numbers: float) -> PlausibleTerrain:
+    return PlausibleTerrain(probability, FittedCovariance(Covariance(*numbers[:-1]), numbers[-1]))

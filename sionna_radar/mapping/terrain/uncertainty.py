@@ -1,4 +1,4 @@
-"""The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells.
+"""Uncertainty of a DEM by Bayesian model averaging: standard deviation of cells, and of means over windows.
 
 The echoes allow terrains of several covariances, one for each smoothness, with the probability of each. Echoes hardly
 resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So
@@ -64,14 +64,14 @@ ITERATIONS, TOLERANCE = 12, 1e-4
 
 
 @dataclass(frozen=True)
-class Plausible:
+class PlausibleTerrain:
     """A covariance of the terrain that is plausible given the echoes, and its probability."""
 
     probability: float
     terrain: FittedCovariance
 
 
-def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Plausible, ...]:
+def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[PlausibleTerrain, ...]:
     """Return the plausible terrains given measured heights, the most probable first.
 
     measured: scattered heights.
@@ -84,7 +84,7 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
     first = int(
         np.argmin(np.abs(np.log(np.minimum(tried, GAUSSIAN_SMOOTHNESS) / min(taken.smoothness, GAUSSIAN_SMOOTHNESS))))
     )
-    found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
+    searched: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
 
     def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
         for number in numbers:
@@ -98,23 +98,23 @@ def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Pl
                 options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
             )
             start, onward = result.x, result.x - start
-            found[number] = (
+            searched[number] = (
                 float(result.fun) + SMOOTHNESS_PRIOR_EXPONENT * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS))),
                 result.x,
             )
-            if found[number][0] > min(loss for loss, _ in found.values()) + MAX_LOG_ODDS:
+            if searched[number][0] > min(loss for loss, _ in searched.values()) + MAX_LOG_ODDS:
                 return
 
     search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
-    search(range(first + 1, len(tried)), found[first][1], np.zeros(3))
-    search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
-    least = min(loss for loss, _ in found.values())
-    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
+    search(range(first + 1, len(tried)), searched[first][1], np.zeros(3))
+    search(range(first - 1, -1, -1), searched[first][1], np.zeros(3))
+    least = min(loss for loss, _ in searched.values())
+    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in searched.items()}
     every = []
-    for number, (_, logarithms) in found.items():
+    for number, (_, logarithms) in searched.items():
         length, variance, factor = (float(value) for value in np.exp(logarithms))
         terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
-        every.append(Plausible(float(weight[number] / sum(weight.values())), terrain))
+        every.append(PlausibleTerrain(float(weight[number] / sum(weight.values())), terrain))
     return tuple(sorted(every, key=lambda each: -each.probability))
 
 
@@ -140,14 +140,14 @@ class Information:
     def gain(self, noise_factor: float) -> float:
         """Return the information ratio of whole echoes to mean ranges in the longest waves, at least 1."""
         longest = self.wavenumber == self.wavenumber.min()
-        told = float(self.by_means[longest].sum()) / noise_factor
-        return max(1.0, float(self.by_echoes[longest].sum()) / told)
+        by_means = float(self.by_means[longest].sum()) / noise_factor
+        return max(1.0, float(self.by_echoes[longest].sum()) / by_means)
 
     def posterior_variance_m2(
         self,
         variance_m2: Float[np.ndarray, " n"],
         taken: FittedCovariance,
-        plausible: Sequence[Plausible],
+        plausible: Sequence[PlausibleTerrain],
         local: LocalRelief | None,
         place_m: Float[np.ndarray, "n 2"],
         window_m: float = 0.0,
@@ -184,8 +184,8 @@ class Information:
     ) -> Float[np.ndarray, " wave"]:
         """Return the posterior power of each wave; relief: factor on its prior power."""
         prior = np.maximum(relief * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
-        told = self.by_means / terrain.noise_factor
-        return 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
+        by_means = self.by_means / terrain.noise_factor
+        return 1 / (1 / prior + (np.maximum(by_means, self.by_echoes) if whole else by_means))
 
 
 def information_of(
@@ -214,11 +214,11 @@ def information_of(
         linear = linearised(pulses)
 
         def of_echo(row: int, _: int) -> None:
-            own = linear.rows_of(row)
+            rows = linear.rows_of(row)
             phase = (linear.place_m[row] - heights.place_m[pulses[row]]) @ wave.T
-            turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
+            turned = linear.factor[rows] @ np.cos(phase) + 1j * (linear.factor[rows] @ np.sin(phase))
             power[row] = np.sum(np.abs(turned) ** 2, axis=0)
-            noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+            noise[row] = _noise(turned, linear.weight[rows], looks_per_cell)
 
         list(in_threads(of_echo, chunks(len(pulses), 1)))
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
@@ -239,8 +239,8 @@ def _noise(
     # A residual of the weight w has the variance w, in units of that of a look: the faint cells, which count for
     # little, are known better than they count for.
     turned = np.sqrt(weight)[:, None] * turned
-    beside = (1 / looks_per_cell - 1) / 2
-    neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
+    neighbour_correlation = (1 / looks_per_cell - 1) / 2
+    neighbours = 2 * neighbour_correlation * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
     return (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
 
@@ -274,7 +274,7 @@ class TileUncertainty:
     bounds_m: tuple[float, float, float, float]
     kriging: Kriging
     information: Information
-    plausible: tuple[Plausible, ...]
+    plausible: tuple[PlausibleTerrain, ...]
     outstanding: Float[np.ndarray, "echo 4"] | None = None
     misfit: float = 1.0
 
@@ -358,14 +358,14 @@ class TiledUncertainty:
     @property
     def unexplained(self) -> int:
         """Number of echoes that the surface does not explain."""
-        own = ((tile, tile.outstanding) for tile in self.tiles)
-        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in own if out is not None)
+        by_tile = ((tile, tile.outstanding) for tile in self.tiles)
+        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in by_tile if out is not None)
 
     @cached_property
     def _heights(self) -> Heights:
         """The heights of all tiles, each from the tile that it lies in."""
-        own = (tile.kriging.heights for tile in self.tiles)
+        by_tile = (tile.kriging.heights for tile in self.tiles)
         inside = [
-            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, own, strict=True)
+            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, by_tile, strict=True)
         ]
         return Heights.concatenate(inside)

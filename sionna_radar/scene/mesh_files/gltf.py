@@ -1,4 +1,4 @@
-"""glTF 2.0 scenes, binary (GLB) and text: read by trimesh from a reduced document of nodes, triangles and materials.
+"""Reader of glTF 2.0 scenes, binary (GLB) and text, by trimesh from a document reduced to triangles and materials.
 
 Trimesh does not check accessors against their buffers or nodes for cycles, so both are checked before. Features that it
 silently ignores are rejected: fans, `normalized` and sparse accessors, and nodes with two parents.
@@ -21,8 +21,8 @@ from sionna_radar.scene.mesh_files.part import (
     MAX_VERTICES,
     MeshError,
     MeshPart,
-    beside,
     check_count,
+    file_in_same_folder,
     read_by_trimesh,
 )
 
@@ -96,10 +96,10 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
     try:
         document = json.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        message = f"has no glTF in it ({str(error)[:80] or 'nested too deeply'}); give a GLB or glTF 2.0 file"
+        message = f"is not glTF ({str(error)[:80] or 'nested too deeply'}); give a GLB or glTF 2.0 file"
         raise MeshError(message) from error
     if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
-        raise MeshError("has no glTF in it; give a GLB or glTF 2.0 file")
+        raise MeshError("is not glTF; give a GLB or glTF 2.0 file")
     if str(document["asset"].get("version", "")).split(".")[0] != "2":
         raise MeshError(f"is of glTF version {shown(document['asset'].get('version'))}; convert it to 2.0")
     return document, binary
@@ -120,7 +120,7 @@ def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
         count, start, label = accessor["count"], accessor.get("byteOffset", 0), f"accessors[{number}]"
         row = WIDTHS[accessor["type"]] * COMPONENT_BYTES[accessor["componentType"]]
         if not (_is_count(count) and _is_count(start)):
-            raise MeshError(f"has {label} with a place or a count that is no number of bytes or rows; export it again")
+            raise MeshError(f"has {label} with an invalid offset or count; export it again")
         check_count(count, 3 * MAX_FACES, f"rows in {label}")
         total += count * row
         if "bufferView" not in accessor:
@@ -214,7 +214,7 @@ def _bytes_of(path: Path, uri: str, label: str) -> bytes:
             return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
         except (binascii.Error, ValueError) as error:
             raise MeshError(f"has data in {label} that is not base64; export it again") from error
-    file = beside(path, unquote(uri), label)
+    file = file_in_same_folder(path, unquote(uri), label)
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         raise MeshError(f"{label} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there")
     return file.read_bytes()

@@ -1,4 +1,4 @@
-"""Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; other elements are ignored.
+"""Reader of Mitsuba 3 and Sionna RT scenes (XML): shapes, transforms and names of materials.
 
 Sionna's own loader runs a scene's plug-ins and reads any file; this one reads only meshes of the scene's folder.
 Mitsuba also stores positions as float32, in steps of 0.25 m at a northing of 5,000 km.
@@ -20,8 +20,8 @@ from sionna_radar.scene.mesh_files.part import (
     MAX_VERTICES,
     MeshError,
     MeshPart,
-    beside,
     check_count,
+    file_in_same_folder,
 )
 from sionna_radar.scene.mesh_files.ply import read_ply
 
@@ -108,7 +108,7 @@ def _parsed(path: Path) -> Any:
     except DefusedXmlException as error:
         raise MeshError("has a document type or entities, which no scene needs; remove them") from error
     except ParseError as error:
-        raise MeshError(f"is not XML ({error}); correct it at that place") from error
+        raise MeshError(f"is not XML ({error}); correct it there") from error
 
 
 def _refuse(element: Any, reason: str) -> None:
@@ -150,7 +150,7 @@ def _cube() -> MeshPart:
 
 def _file(path: Path, shape: Any) -> Path:
     name, label = _value(shape, "filename", "string"), f"line {shape.line}"
-    file = beside(path, name, label)
+    file = file_in_same_folder(path, name, label)
     regular_file(file, f"{label} of {shown(path)} names", "put it into the scene's folder", MAX_BYTES)
     return file
 

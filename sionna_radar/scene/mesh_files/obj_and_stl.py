@@ -1,4 +1,4 @@
-"""Wavefront OBJ meshes, read here, and stereolithography (STL) meshes, read by trimesh.
+"""Readers of Wavefront OBJ meshes and, by trimesh, of stereolithography (STL) meshes.
 
 The names of the materials of an OBJ mesh are in the file itself, so that its MTL is never opened. OBJ is not read by
 trimesh, which loses the names without the MTL and vertices after a tab, counts negative indices from the end of the

@@ -1,4 +1,4 @@
-"""Parts of a mesh as returned by all readers, their bounds, triangulation, and reading by trimesh.
+"""Mesh parts as returned by all mesh readers: bounds, triangulation, index checks, and reading by trimesh.
 
 Polygons of a mesh file are split into triangles, also concave ones, which trimesh splits as fans. Trimesh reads
 unprocessed triangles, without merging vertices, and only from the given bytes.
@@ -47,7 +47,7 @@ def check_count(count: int, most: int, what: str) -> None:
         raise MeshError(message)
 
 
-def beside(path: Path, name: str, place: str) -> Path:
+def file_in_same_folder(path: Path, name: str, place: str) -> Path:
     """Resolve a file named by another one; it must lie in the same folder after resolving links.
 
     Raises MeshError, with the position of the name.
@@ -138,12 +138,12 @@ def _split_ring(vertices: Float[np.ndarray, "vertex 3"], ring: Int[np.ndarray, "
     return faces if area_vector @ normal >= 0 else faces[:, ::-1]
 
 
-def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None = None) -> tuple[MeshPart, ...]:
+def read_by_trimesh(data: bytes, kind: str, side_files: Mapping[str, bytes] | None = None) -> tuple[MeshPart, ...]:
     """Return the triangles of a file, one part for each mesh of each node.
 
     data: the whole file; what it claims must have been checked against its bytes.
     kind: its format in trimesh's notation.
-    beside: all other files available to trimesh, by name.
+    side_files: all other files available to trimesh, by name.
 
     Raises MeshError if it cannot be read.
     """
@@ -156,7 +156,7 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
             scene = trimesh.load_scene(
                 io.BytesIO(data),
                 file_type=kind,
-                resolver=dict(beside or {}),  # no other file can be opened
+                resolver=dict(side_files or {}),  # no other file can be opened
                 allow_remote=False,
                 process=False,
             )

@@ -156,7 +156,7 @@ def _read_polygons(elements: list[_Element], rows: bytes) -> tuple[MeshPart, ...
         else:
             *_, offset = _lists(element, -1, rows, offset)
     if vertices is None or polygons is None:
-        raise MeshError("has no faces (points alone are no surface); give a mesh of triangles")
+        raise MeshError("has no faces (a point cloud is not a surface); give a mesh of triangles")
     return (MeshPart(name="", vertices=vertices, faces=triangles_of(vertices, *polygons)),)
 
 
@@ -200,6 +200,6 @@ def _whole(values: np.ndarray) -> Int[np.ndarray, " item"]:
     integers: Int[np.ndarray, " item"] = values.astype(np.int64)
     if np.any(integers != values):
         raise MeshError(
-            f"has {np.count_nonzero(integers != values):,} indices that are no whole numbers; export the mesh again"
+            f"has {np.count_nonzero(integers != values):,} indices that are not whole numbers; export the mesh again"
         )
     return integers

@@ -23,9 +23,9 @@ SAME_PLACE = 1e-6
 # Above this number, vertices are merged only within cells of that size, not across cell borders.
 MAX_JOINED = 3_000_000
 # Area vectors of a closed surface cancel. A larger residual, relative to the total area, indicates a sheet.
-SHEET_SHARE = 0.5
+SHEET_FRACTION = 0.5
 # Sheets face down if their net downward area exceeds this fraction.
-DOWNWARD_SHARE = 0.1
+DOWNWARD_FRACTION = 0.1
 # Thinner faces are degenerate for a float32 ray tracer a few metres away.
 THINNEST_M = 1e-6
 
@@ -150,10 +150,10 @@ def _outward(
 
     area_m2[flip] *= -1
     area_sum_m2 = np.column_stack([np.bincount(piece, area_m2[:, axis]) for axis in range(3)])
-    solid = sided & (np.linalg.norm(area_sum_m2, axis=1) < SHEET_SHARE * np.bincount(piece, size))[piece]
+    solid = sided & (np.linalg.norm(area_sum_m2, axis=1) < SHEET_FRACTION * np.bincount(piece, size))[piece]
     inverted = solid & (_volumes(vertices[faces].mean(axis=1), area_m2, piece) < 0)[piece]
     sheet = sided & ~solid
-    if np.sum(area_m2[sheet, 2]) < -DOWNWARD_SHARE * np.sum(size[sheet]):
+    if np.sum(area_m2[sheet, 2]) < -DOWNWARD_FRACTION * np.sum(size[sheet]):
         inverted |= sheet
     return flip ^ inverted, closed
 

@@ -1,4 +1,4 @@
-"""The ground of a scenario from `[terrain]`: the registry of sources, and the built-in ones by their tables."""
+"""Builder and registry of terrains: the ground of a scenario from `[terrain]`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
@@ -72,7 +72,7 @@ def covers_on(terrain: TerrainParameters, grid: Grid) -> dict[str, Bool[np.ndarr
     """
     names, number = cover_numbers(terrain, grid)
     name = np.array(names)[number]
-    return {str(own): name == own for own in (np.unique(name) if names else ())}
+    return {str(cover): name == cover for cover in (np.unique(name) if names else ())}
 
 
 def cover_numbers(terrain: TerrainParameters, grid: Grid) -> tuple[list[str], Int[np.ndarray, "row column"]]:
@@ -94,6 +94,19 @@ def landscape_of_heights(
     raster: Raster, terrain: CoveredTerrain, georeference: Georeference | None = None
 ) -> Landscape:
     """Return ground of given heights, with the covers of its table.
+
+    Parameters
+    ----------
+    raster:
+        Heights in local metres.
+    terrain:
+        Table with the material and the covers of the ground.
+    georeference:
+        Position of the local frame on the map; None if unknown.
+
+    Returns
+    -------
+    The ground with its surfaces, bare heights and covers.
 
     Raises
     ------
@@ -173,7 +186,7 @@ def _mesh_ground(terrain: MeshTerrain) -> MeshGround:
 
 def city(terrain: CityTerrain, inputs: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
-    chosen = {name: None if own == KEEP_SIONNA else own for name, own in terrain.materials.items()}
+    chosen = {name: None if material == KEEP_SIONNA else material for name, material in terrain.materials.items()}
     return city_landscape(terrain.city, chosen, inputs.carrier_hz, inputs.channel)
 
 
@@ -258,7 +271,24 @@ def map_frame(table: TerrainParameters) -> MapFrame | None:
 
 
 def build_landscape(table: TerrainParameters, inputs: TerrainInputs) -> Landscape:
-    """Return the ground of a scenario."""
+    """Return the ground of a scenario.
+
+    Parameters
+    ----------
+    table:
+        Table `[terrain]`.
+    inputs:
+        Window of the survey, carrier, materials and further inputs.
+
+    Returns
+    -------
+    The ground with its surfaces, bare heights and covers.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The terrain cannot be built from its table or its files.
+    """
     landscape: Landscape = TERRAINS.build(table.kind, Landscape, table, inputs)
     if landscape.georeference is None:
         return replace(landscape, georeference=_stated_place(table))

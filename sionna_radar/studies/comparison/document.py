@@ -26,7 +26,7 @@ from sionna_radar.studies.design.document import OF_LIT_CELLS
 from sionna_radar.studies.sweep.document import MARKER as SWEEP_MARKER
 from sionna_radar.studies.sweep.document import read_sweep
 from sionna_radar.studies.sweep.study import label
-from sionna_radar.survey.result import known_covers
+from sionna_radar.survey.result import cover_masks
 
 MAX_KEYS = 200
 ERRORS = {
@@ -87,7 +87,7 @@ def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: b
     sigma = read_raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
     settings = folder / (PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN)[1]
     of_scenario = settings.is_file() and "terrain" in read_document(settings, "scenario")
-    covers = known_covers(settings if of_scenario else None, dem.grid)
+    covers = cover_masks(settings if of_scenario else None, dem.grid)
     return compare_with_reference(reference, dem, sigma, sigma_m=sigma_m, apply_shift=apply_shift, covers=covers)
 
 

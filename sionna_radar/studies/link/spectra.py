@@ -1,7 +1,8 @@
 """Mean spectra in closed form: level ground under a radar, the floors under its echo, and the receiver as built.
 
-The ground has one material, incidence and rain rate. The beam's parts over the plane (`plane_echo_parts`) are each at a
-range; volume clutter before them is shifted in range by its own speed; each power is spread by the window's response.
+The ground has one material, incidence and rain rate. The beam's parts over the plane (`plane_echo_contributions`) are
+each at a range; volume clutter before them is shifted in range by its own speed; each power is spread by the window's
+response.
 
 The floors under an echo are the powers of noise, leakage, oscillator and converter in each range cell. All are mean
 powers in bins of the calibrated spectrum, on the scale of the transmitted power. A one-sided power density S (W/Hz)
@@ -27,7 +28,7 @@ from scipy.signal import fftconvolve
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.radar.equation import PlaneEcho, plane_echo_parts
+from sionna_radar.radar.equation import PlaneEcho, plane_echo_contributions
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import LeakageTable
@@ -108,7 +109,7 @@ class BuiltReceiver:
         passed = np.maximum(self.analyser.passed_power, MIN_PASSED)
         # The image of the n-th bin is the n-th from the end of the band; the end is equivalent to zero.
         image = np.roll((spectrum * passed)[::-1], 1) / passed
-        return abs(self.imbalance.own) ** 2 * spectrum + abs(self.imbalance.image) ** 2 * image
+        return abs(self.imbalance.tone_gain) ** 2 * spectrum + abs(self.imbalance.image_gain) ** 2 * image
 
     def tones(self, beat_hz: Float[np.ndarray, " tone"]) -> Complex[np.ndarray, " tone"]:
         """Return the response of all filters to beats."""
@@ -307,7 +308,9 @@ class GroundCase:
         """The echo of the plane without attenuation, from a height of one metre."""
         prepared, backscatter = self.prepared, self.prepared.scene.scene.materials[self.material]
         wavelength_m, tilt_rad = prepared.receiver.chirp.wavelength_m, float(np.deg2rad(self.incidence_deg))
-        return plane_echo_parts(prepared.antenna, as_radar_material(backscatter).co_polar, wavelength_m, 1.0, tilt_rad)
+        return plane_echo_contributions(
+            prepared.antenna, as_radar_material(backscatter).co_polar, wavelength_m, 1.0, tilt_rad
+        )
 
     def expected(self, range_m: float) -> "Expected":
         """Return the mean spectrum of ground at a range on the beam's axis, and of the volume clutter before it."""
@@ -319,7 +322,7 @@ class GroundCase:
         step_m, steps, scale = analyser.bin_m / STEPS_PER_BIN, self.built.reach * STEPS_PER_BIN, self.built.scale
         at = np.minimum(np.round(part_m * scale / step_m).astype(np.int64), steps)
         ground = np.bincount(at, echo.power * passed, minlength=steps + 1)[:steps]
-        met = np.cumsum(np.bincount(at, echo.beam_share, minlength=steps + 1)[:steps])
+        met = np.cumsum(np.bincount(at, echo.beam_fraction, minlength=steps + 1)[:steps])
         air = self._in_air((np.arange(steps) + 0.5) * step_m / scale, 1 - met) * prepared.receiver.transmit_power_w
         reaching, airborne = self._in_bins(ground), self._in_bins(air)
         return Expected(ground=self._sampled(reaching), clutter=self._sampled(airborne), reaching=reaching + airborne)

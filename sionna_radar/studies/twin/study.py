@@ -19,7 +19,7 @@ from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.elevation.placed_raster import reproject
 from sionna_radar.execution.execution import BLOCK_SIZE
-from sionna_radar.flight.pulses import GivenFlight, Pose, Pulses
+from sionna_radar.flight.pulses import MeasuredPoseFlight, Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
@@ -201,7 +201,7 @@ def _twin(source: RecordingSource, scenario: Scenario, terrain: str | Path | Non
     recorded = flight.pulses(np.arange(len(flight)))
     nominal_m = None if file.flight is None else file.flight.altitude_m
     flown = replace(recorded, measured=_moved(recorded.measured, ours, theirs))
-    prepared = prepare(scenario, CustomParts(flight=GivenFlight(pulses=flown, nominal_m=nominal_m)))
+    prepared = prepare(scenario, CustomParts(flight=MeasuredPoseFlight(pulses=flown, nominal_m=nominal_m)))
     return _compared(source, prepared, recorded)
 
 

@@ -1,1 +1,1 @@
-"""Sensors: from pulses to echoes."""
+"""Sensors that turn pulses into echoes: radar, MIMO array, lidar."""

@@ -1,4 +1,4 @@
-"""A radar whose signals stay in the ray tracer's memory, from fields to range profiles.
+"""The radar sensor on a GPU: signals stay in the ray tracer's memory, from fields to range profiles.
 
 It is used on a GPU, for engines that trace all that the radar sees, one sweep per pulse, and receivers that only add
 noise. Pulses examined before the flight and all other cases use `Radar` on the host.
@@ -37,7 +37,7 @@ class DeviceRadar(Radar):
         super().__init__(inputs)
         self._engine, self._library = self._engine_for(inputs), library
         self._analyser = inputs.detector.analyser
-        self._looks: deque[tuple[Pulses, Future[_Look]]] = deque()
+        self._looks: deque[tuple[Pulses, Future[_BlockSignals]]] = deque()
 
     @property
     def on_device(self) -> bool:
@@ -49,7 +49,7 @@ class DeviceRadar(Radar):
         if self._engine is None:
             super().expect(pulses)
         else:
-            self._looks.append((pulses, self._thread.submit(self._look, self._engine, pulses)))
+            self._looks.append((pulses, self._thread.submit(self._block_signals, self._engine, pulses)))
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
@@ -60,12 +60,12 @@ class DeviceRadar(Radar):
         with timed("trace"):
             look = self._looks.popleft()[1].result()
         with timed("detect"):
-            found = self.sweeps.detect_in(look.power, pulses)
+            detections = self.sweeps.detect_in(look.power, pulses)
         return Observation(
             paths=look.paths,
-            echoes=found.echoes,
-            profiles=found.profiles,
-            through_volume=found.through_volume,
+            echoes=detections.echoes,
+            profiles=detections.profiles,
+            through_volume=detections.through_volume,
             beats=look.beats,
         )
 
@@ -82,15 +82,17 @@ class DeviceRadar(Radar):
             return None
         return self.tracer.device_engine
 
-    def _look(self, engine: DeviceTracing, pulses: Pulses) -> "_Look":
+    def _block_signals(self, engine: DeviceTracing, pulses: Pulses) -> "_BlockSignals":
         """Return paths, beat signals and spectra of a block; called in the thread that traces."""
         beats, powers, tables = [], [], []
         for paths in engine.on_device(pulses):
             beats.append(self._beat(paths))
-            powers.append(self._analyser.power_where_they_are(beats[-1], self._library))
+            powers.append(self._analyser.power_on_device(beats[-1], self._library))
             tables.append(paths.paths)
-        return _Look(
-            paths=Paths.concatenate(tables), power=np.concatenate(powers), beats=_Kept(tuple(beats), self._library)
+        return _BlockSignals(
+            paths=Paths.concatenate(tables),
+            power=np.concatenate(powers),
+            beats=_BeatsOnHost(tuple(beats), self._library),
         )
 
     def _beat(self, paths: DevicePaths) -> Any:
@@ -106,15 +108,15 @@ class DeviceRadar(Radar):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Look:
+class _BlockSignals:
     """Paths, power spectra and beat signals of a block of pulses."""
 
     paths: Paths
     power: Float[np.ndarray, "pulse bin"]
-    beats: "_Kept"
+    beats: "_BeatsOnHost"
 
 
-class _Kept(Sequence[Inexact[np.ndarray, "pulse sample"]]):
+class _BeatsOnHost(Sequence[Inexact[np.ndarray, "pulse sample"]]):
     """The beat signals of a block, copied to the host on demand."""
 
     def __init__(self, parts: tuple[Any, ...], library: ArrayLibrary) -> None:

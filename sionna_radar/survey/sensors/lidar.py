@@ -1,4 +1,4 @@
-"""A laser range sensor on the radar's scan."""
+"""The lidar sensor: a laser range finder on the radar's scan."""
 
 import numpy as np
 from jaxtyping import Int

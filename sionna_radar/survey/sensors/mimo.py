@@ -1,4 +1,4 @@
-"""A module with an array of transmitters and receivers that maps without turning; a pulse of its survey is a frame.
+"""The MIMO sensor: an array of transmitters and receivers that maps without scanning; its pulses are frames.
 
 Paths are traced once a frame, from the pose in its middle: all chirps, transmitters and receivers share the scatterers
 (`signal.array_beats`). Those of a block, which are few, are kept for whoever records them.
@@ -54,9 +54,9 @@ class Mimo:
 
     def _received(self, paths: Paths, frame: Pulses) -> Complex[np.ndarray, "chirp rx sample"]:
         receiver = self._receiver
-        own = paths.rows(slice(*np.searchsorted(paths.pulse, [frame.index[0], frame.index[0] + 1])))
+        frame_paths = paths.rows(slice(*np.searchsorted(paths.pulse, [frame.index[0], frame.index[0] + 1])))
         chirps = self._frames.chirps_of(frame)
-        beats = array_beats(FramePaths.of(own, frame.true), chirps.true, self._module, receiver.chirp)
+        beats = array_beats(FramePaths.of(frame_paths, frame.true), chirps.true, self._module, receiver.chirp)
         beats *= np.sqrt(receiver.transmit_power_w)
         if receiver.chirp.sampling == "real":
             beats = np.sqrt(2) * beats.real
@@ -85,6 +85,6 @@ def build_mimo(inputs: SensorInputs) -> Mimo:
     if not isinstance(inputs.angle, ArrayEstimator) or inputs.module is None or inputs.bursts is None:
         raise ScenarioError.of("radar.array", "missing; sensor = 'mimo' needs its elements")
     if inputs.receiver.chain is not None or inputs.receiver.high_pass is not None:
-        message = "an array's receivers are ideal but for noise and radar.array; remove the others"
+        message = "an array's receivers support thermal noise and radar.array only; remove the other keys"
         raise ScenarioError.of("radar.receiver", message)
     return Mimo(inputs, inputs.bursts, inputs.module, inputs.angle)

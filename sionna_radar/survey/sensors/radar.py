@@ -1,4 +1,4 @@
-"""The radar: one sweep a pulse, or an up- and a down-sweep."""
+"""The radar sensor: trace, synthesise and detect pulses of one sweep, or of an up- and a down-sweep."""
 
 from collections import deque
 from collections.abc import Callable
@@ -70,12 +70,12 @@ class Radar:
         if isinstance(self._angle, AngleEstimator):
             return self._in_directions(self._angle, paths, reception, pulses)
         with timed("detect"):
-            found = self.sweeps.detect(reception.beats, pulses)
+            detections = self.sweeps.detect(reception.beats, pulses)
         return Observation(
             paths=self._of_pulses(paths),
-            echoes=found.echoes,
-            profiles=found.profiles,
-            through_volume=found.through_volume,
+            echoes=detections.echoes,
+            profiles=detections.profiles,
+            through_volume=detections.through_volume,
             beats=tuple(reception.beats),
             saturated=self._counted(reception),
         )

@@ -1,4 +1,4 @@
-"""The interface of sensors, their inputs, and their registration under a name."""
+"""The interface of sensors, their inputs, and their registration by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

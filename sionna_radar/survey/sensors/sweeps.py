@@ -1,4 +1,4 @@
-"""From the beat signals of a pulse's sweeps to echoes, simulated or recorded."""
+"""Detection in the beat signals of single or paired sweeps, simulated or recorded."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ STILL_PULSES = 256
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class SweepDetections:
     """Detections in the beat signals of a block of pulses; ranges are not corrected for Doppler.
 
     profiles: around the echoes of single sweeps; None for pairs.
@@ -125,12 +125,14 @@ class SweepDetector:
         rate_mps, offset_s = pulses.measured.boresight_range_rate_mps, self.bursts.offset_s
         return [burst_mean(beat, sweep, offset_s, rate_mps) for beat, sweep in zip(beats, self.sweeps, strict=True)]
 
-    def detect(self, beats: Beats, pulses: Pulses) -> Found:
+    def detect(self, beats: Beats, pulses: Pulses) -> SweepDetections:
         """Return the echoes in the beat signals of a block of pulses."""
         beats = self.cleaned(beats, pulses)
         if self.paired:
             through_volume = self.through[0] is not None
-            return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through_volume)
+            return SweepDetections(
+                echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through_volume
+            )
         return self.detect_in(self.detector.analyser.power(beats[0]), pulses)
 
     def directions(self, angle: AngleEstimator, beats: ChirpBeats, pulses: Pulses) -> Echoes:
@@ -139,14 +141,16 @@ class SweepDetector:
         cleaned = [self.cleaned([beat], pulses)[0] for beat in beats]
         return angle.find(cleaned, pulses.index, pulses.measured, self.window_m(pulses))
 
-    def detect_in(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> Found:
+    def detect_in(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> SweepDetections:
         """Return the echoes in the power spectra of single sweeps."""
         through, window_m = self.through[0], self.window_m(pulses)
         if through is None:
-            found = self.detector.find_in(power, pulses.index, window_m)
+            detections = self.detector.find_in(power, pulses.index, window_m)
         else:
-            found = through.find(power, pulses, self.sweeps[0], window_m)
-        return Found(echoes=found.echoes, profiles=found.profiles, through_volume=through is not None)
+            detections = through.find(power, pulses, self.sweeps[0], window_m)
+        return SweepDetections(
+            echoes=detections.echoes, profiles=detections.profiles, through_volume=through is not None
+        )
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
@@ -183,7 +187,7 @@ class SweepDetector:
             echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp), on_axis=True).echoes
             spectra = replace(spectra, threshold=through.threshold(spectra))
         threshold = np.where(np.isfinite(spectra.threshold), spectra.threshold, np.nan)
-        own = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
+        echoes_of_pulse = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
         return [
             ChirpRecord(
                 pulse=int(pulses.index[row]),
@@ -192,8 +196,8 @@ class SweepDetector:
                 range_m=detector.analyser.range_m,
                 power=spectra.power[row],
                 threshold=threshold[row],
-                echo_range_m=own[row].range_m,
-                echo_power=own[row].power,
+                echo_range_m=echoes_of_pulse[row].range_m,
+                echo_power=echoes_of_pulse[row].power,
             )
             for row in range(len(pulses))
         ]

@@ -1,4 +1,4 @@
-"""The air between radar and scene: the loss on every path, and the echo of rain, snow, fog or dust."""
+"""Propagation loss of every path in the atmosphere, and the volume echo of rain, snow, fog or dust."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Targets with a shape: the paths to the parts of a body that the radar sees, and the cross-section of the body.
+"""Echoes and radar cross-section of targets with a shape, by physical optics on their visible faces.
 
 Paths come in small steps of range. The cross-section, from all sides, is by physical optics and further reflections
 between the faces.
@@ -67,11 +67,11 @@ def _trace(
     radar_m = np.einsum("pji,pj->pi", R_world_body, pose.position_m - place_m)
     amplitude = scatterer.amplitude(radar_m)
     row, face = np.nonzero(amplitude)
-    share, place, bounced = amplitude[row, face] * abs(antenna.mirrored), scatterer.middle_m[face], None
+    echo_field, place, bounced = amplitude[row, face] * abs(antenna.mirrored), scatterer.middle_m[face], None
     if scatterer.sees_itself:
         bounced = _bounced(scatterer, pulses, place_m, R_world_body, radar_m, antenna)
         row, place = np.concatenate([row, bounced.row]), np.concatenate([place, bounced.place_m])
-        share = np.concatenate([share, bounced.amplitude])
+        echo_field = np.concatenate([echo_field, bounced.amplitude])
     if len(row) == 0:
         return _to(pulses, row, np.zeros((0, 3)), np.zeros(0, dtype=np.complex128))
     middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], place)
@@ -81,7 +81,7 @@ def _trace(
     if bounced is not None:
         range_m[len(row) - len(bounced) :] = bounced.range_m
     # The square root of the radar equation (Rouveure et al. 2017, eq. 3).
-    field = antenna.gain(direction) * wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2) * share
+    field = antenna.gain(direction) * wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2) * echo_field
     step_m = STEP_CELLS * chirp.range_resolution_m
     number = np.floor(range_m / step_m).astype(np.int64)
     ahead_m = range_m - (number + 0.5) * step_m
@@ -94,8 +94,8 @@ def _trace(
     group = np.flatnonzero(faces)
     gain = np.bincount(of, field.real, len(faces))[group] + 1j * np.bincount(of, field.imag, len(faces))[group]
     hit_m = np.stack([np.bincount(of, column, len(faces))[group] / faces[group] for column in middle.T], axis=1)
-    own, step = np.divmod(group, steps)
-    paths = _to(pulses, own, hit_m, gain)
+    member, step = np.divmod(group, steps)
+    paths = _to(pulses, member, hit_m, gain)
     return replace(paths, delay_s=2 / speed_of_light * (step + nearest + 0.5) * step_m)
 
 
@@ -148,11 +148,14 @@ def beyond_body(
     aside_m = np.sqrt(np.maximum(np.einsum("ni,ni->n", centre, centre) - along_m**2, 0.0))
     near = (aside_m < radius_m) & (along_m > -radius_m) & (along_m < length_m + radius_m) & (length_m > 0)
     hidden = np.zeros(len(paths), dtype=bool)
-    own = np.flatnonzero(near & (paths.surface != VOLUME))
-    if len(own):
-        turn, origin = R_world_body[row[own]], place_m[row[own]]
-        ends = [np.einsum("nji,nj->ni", turn, place - origin) for place in (radar[own], hit[own].astype(np.float64))]
-        hidden[own] = scatterer.hides(*ends)
+    candidates = np.flatnonzero(near & (paths.surface != VOLUME))
+    if len(candidates):
+        turn, origin = R_world_body[row[candidates]], place_m[row[candidates]]
+        ends = [
+            np.einsum("nji,nj->ni", turn, place - origin)
+            for place in (radar[candidates], hit[candidates].astype(np.float64))
+        ]
+        hidden[candidates] = scatterer.hides(*ends)
     return hidden
 
 
@@ -165,7 +168,7 @@ def rcs_m2(scatterer: Scatterer, toward: Float[np.ndarray, "n 3"], range_m: floa
 
     Where it sees itself, of a wave whose field lies in the plane of its upward axis.
     """
-    found = np.empty(len(toward))
+    result = np.empty(len(toward))
     for number, one in enumerate(toward):
         place = one[None] * range_m
         away_m = np.linalg.norm(scatterer.middle_m - place, axis=1)
@@ -177,5 +180,5 @@ def rcs_m2(scatterer: Scatterer, toward: Float[np.ndarray, "n 3"], range_m: floa
             away_m, amplitude = np.append(away_m, bounced.range_m), np.append(amplitude, bounced.amplitude)
         phase = np.exp(-4j * np.pi / scatterer.wavelength_m * (away_m - range_m))
         # The radar equation with the range of each face.
-        found[number] = np.abs(np.sum(amplitude * phase * (range_m / away_m) ** 2)) ** 2
-    return found
+        result[number] = np.abs(np.sum(amplitude * phase * (range_m / away_m) ** 2)) ** 2
+    return result

@@ -1,4 +1,4 @@
-"""Echoes of a body that sees itself: shooting and bouncing rays into physical optics.
+"""Multiple reflections inside a body: shooting and bouncing rays (SBR) with physical optics.
 
 Tubes of rays from the radar are lit faces, or parts of them. Each is reflected by geometrical optics from plane to
 plane (Ling, Chou and Lee 1989, "Shooting and bouncing rays", IEEE Trans. AP 37, 194-205), and wherever it falls on a
@@ -78,7 +78,7 @@ def bounced_echoes(
     row, face = np.nonzero(scatterer.seen(radar_m))
     level = _Tubes(row=row, face=face, corner_m=scatterer.corner_m[face])
     nothing = np.zeros((0, MAX_BOUNCES), dtype=np.int64)
-    found = [_returned(scatterer, radar_m, sent, received, level.rows(slice(0, 0)), nothing)]
+    echoes = [_returned(scatterer, radar_m, sent, received, level.rows(slice(0, 0)), nothing)]
     # Level by level, so that the order of a place's tubes does not depend on what other places there are.
     while len(level):
         parted = []
@@ -90,11 +90,11 @@ def bounced_echoes(
             alike = (planes == planes[:, :1]).all(axis=(1, 2))
             side_m = np.linalg.norm(tubes.corner_m - np.roll(tubes.corner_m, 1, axis=1), axis=2).max(axis=1)
             whole = alike | (side_m <= SMALLEST * scatterer.wavelength_m)
-            own = np.flatnonzero(bounces & whole)
-            found.append(_returned(scatterer, radar_m, sent, received, tubes.rows(own), faces[own, 0]))
+            complete = np.flatnonzero(bounces & whole)
+            echoes.append(_returned(scatterer, radar_m, sent, received, tubes.rows(complete), faces[complete, 0]))
             parted.append(tubes.rows(np.flatnonzero(bounces & ~whole)))
         level = _Tubes.concatenate(parted).quartered()
-    return BouncedEchoes.concatenate(found)
+    return BouncedEchoes.concatenate(echoes)
 
 
 def _faces_met(
@@ -155,24 +155,24 @@ def _returned(
         sound &= (faces[:, bounce] >= 0) & (np.abs(distance) < 4 * scatterer.sphere[1]).all(axis=1)
         corner = corner + np.where(sound[:, None], distance, 0.0)[..., None] * direction
         way = way + np.where(sound[:, None], distance, 0.0)
-        own = np.flatnonzero(sound)
-        middle, ray = corner[own].mean(axis=1), _unit(direction[own].mean(axis=1))
-        normal = normal[own] * -np.sign(np.einsum("ti,ti->t", ray, normal[own]))[:, None]
-        back = np.einsum("ti,ti->t", radar[own] - middle, normal) > 0
-        back[back] = ~scatterer.hidden(radar_m, tubes.row[own[back]], middle[back])
-        own, middle, ray, normal = own[back], middle[back], ray[back], normal[back]
-        heard, at = received[tubes.row[own]], field[own]
+        valid = np.flatnonzero(sound)
+        middle, ray = corner[valid].mean(axis=1), _unit(direction[valid].mean(axis=1))
+        normal = normal[valid] * -np.sign(np.einsum("ti,ti->t", ray, normal[valid]))[:, None]
+        back = np.einsum("ti,ti->t", radar[valid] - middle, normal) > 0
+        back[back] = ~scatterer.hidden(radar_m, tubes.row[valid[back]], middle[back])
+        valid, middle, ray, normal = valid[back], middle[back], ray[back], normal[back]
+        heard, at = received[tubes.row[valid]], field[valid]
         turned = _dot(heard, ray) * _dot(normal, at) - _dot(heard, at) * _dot(normal, ray)
-        whole = way[own] + np.linalg.norm(corner[own] - radar[own, None], axis=2)
+        whole = way[valid] + np.linalg.norm(corner[valid] - radar[valid, None], axis=2)
         mean = whole.mean(axis=1)
         wave = -2 * np.pi / scatterer.wavelength_m * (whole - mean[:, None])
-        sides = corner[own, 1:] - corner[own, :1]
+        sides = corner[valid, 1:] - corner[valid, :1]
         area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
         scale = 2 * np.sqrt(np.pi * scatterer.body.reflectivity) / scatterer.wavelength_m
         parts.append(
             BouncedEchoes(
-                row=tubes.row[own],
-                place_m=(first[own] + middle) / 2,
+                row=tubes.row[valid],
+                place_m=(first[valid] + middle) / 2,
                 range_m=mean / 2,
                 amplitude=scale * turned * 2 * area * second_differences(np.ascontiguousarray(wave)),
             )

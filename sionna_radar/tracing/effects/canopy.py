@@ -1,4 +1,4 @@
-"""Vegetation in front of the ground: what it takes from the ground's echo, and its own.
+"""Vegetation above the ground: attenuation of the ground's echo, and volume echo of the plants.
 
 Each diffuse path to the ground stands for a solid angle, whose ray passes through the stands on its way. With the
 extinction k (power, one way) and the cross-section eta per volume along it, the ground's echo passes with
@@ -51,24 +51,24 @@ class Canopy:
 
     def over(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's paths, those to the ground dimmed, together with the echo of plants."""
-        own = np.flatnonzero(paths.surface >= 0)
-        row = pulses.row_of(paths.pulse[own])
-        toward = pulses.true.position_m[row] - paths.hit_m[own]
+        on_surfaces = np.flatnonzero(paths.surface >= 0)
+        row = pulses.row_of(paths.pulse[on_surfaces])
+        toward = pulses.true.position_m[row] - paths.hit_m[on_surfaces]
         range_m = np.linalg.norm(toward, axis=1)
         back = toward / range_m[:, None]
-        cosine = np.cos(paths.incidence_rad[own])
+        cosine = np.cos(paths.incidence_rad[on_surfaces])
         shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), SHALLOWEST)
-        drawn = place_uniforms(self._seed, Stream.VEGETATION, paths.hit_m[own], 5)
+        drawn = place_uniforms(self._seed, Stream.VEGETATION, paths.hit_m[on_surfaces], 5)
         least_m = np.minimum(self._highest_m / shallow, range_m * (1 - 1e-6))
-        passed, returned, away_m = self._follow(paths.hit_m[own], back, least_m, drawn[:, :2])
+        passed, returned, away_m = self._follow(paths.hit_m[on_surfaces], back, least_m, drawn[:, :2])
         gain = paths.gain.copy()
-        gain[own] *= np.sqrt(passed)
+        gain[on_surfaces] *= np.sqrt(passed)
         dimmed = replace(paths, gain=gain)
-        sigma0 = self._ground(paths.surface[own], paths.incidence_rad[own])
+        sigma0 = self._ground(paths.surface[on_surfaces], paths.incidence_rad[on_surfaces])
         seen = (returned > 0) & (sigma0 > 0)
         if not seen.any():
             return dimmed
-        some, away = own[seen], range_m[seen] - away_m[seen]
+        some, away = on_surfaces[seen], range_m[seen] - away_m[seen]
         beam = np.abs(paths.gain[some]) ** 2 * range_m[seen] ** 2 * cosine[seen] / sigma0[seen]
         power = beam * returned[seen] / away**2
         shift_hz = self._wind.shift_hz(drawn[seen, 3:])

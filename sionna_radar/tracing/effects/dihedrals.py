@@ -1,4 +1,4 @@
-"""Two mirrors that meet at a right angle: a dihedral, which returns what comes from the plane across its edge.
+"""Dihedral corner reflectors: two mirrors that meet at a right angle return waves from the plane across their edge.
 
                   B |                 The wave meets A and then B, or B and then A: both orders together send a strip
                     |   to the radar  of it back, which reaches w = min(a sin p, b cos p) to either side of the edge,
@@ -35,14 +35,14 @@ from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.
 MAX_TURN_RAD = float(np.deg2rad(3.0))
-# Echoes weaker than this share of the dihedral's greatest field are left out.
+# Echoes weaker than this fraction of the dihedral's greatest field are left out.
 MIN_FIELD = 1e-3
 # Side lobes along the edge fade out where they are this share of it, from the first to the second.
 LOBES_FADE = 10**-1.5, 1e-2
 # Of half the strip, over each of which the length that both faces send back is even.
-STRIP_PARTS = 16
+STRIP_SEGMENTS = 16
 # Rays look at the faces this far from the edge, where the other face does not hide them.
-BESIDE_EDGE_M = 0.05
+EDGE_OFFSET_M = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
     radius = np.array([m.patch.radius_m for m in mirrors])
     outline = [m.patch.centre_m + m.patch.border_m.reshape(-1, 2) @ m.patch.axes for m in mirrors]
     near = KDTree(centre).query_ball_point(centre, 2 * radius + TOUCHING_M)
-    found = []
+    dihedrals = []
     for one, others in enumerate(near):
         other = np.sort(np.array(others, dtype=np.int64))
         other = other[other > one]
@@ -92,8 +92,8 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
             ahead = ((outline[number] - centre[one]) @ normal[one]).max() > TOUCHING_M
             if ahead and ((outline[one] - centre[number]) @ normal[number]).max() > TOUCHING_M:
                 corner = _dihedral(mirrors[one], mirrors[number])
-                found += [] if corner is None else [corner]
-    return found
+                dihedrals += [] if corner is None else [corner]
+    return dihedrals
 
 
 def _dihedral(one: PlaneMirror, other: PlaneMirror) -> Dihedral | None:
@@ -180,14 +180,14 @@ class DihedralTracer:
         # Between both faces a ray goes along the edge, by so much for each metre of its place in the strip.
         sines = into[:, row] / height
         shift = np.abs(place - end) / height / (sines[0] * sines[1])
-        parts = np.linspace(near, far, STRIP_PARTS + 1)
+        parts = np.linspace(near, far, STRIP_SEGMENTS + 1)
         cut = np.minimum(shift * (parts[1:] + parts[:-1]) / 2, length) / 2
         low, high = corner.low_m - end - slant + cut, corner.high_m - end - slant - cut
         # Both halves of the strip, each beside a foot of its own.
-        strip = 2 * _fresnel_share(parts[:-1] - foot, parts[1:] - foot, straight, wavelength)
-        share = np.sum(strip * _fresnel_share(low, high, straight / squared_cosine, wavelength), axis=0)
+        strip = 2 * _fresnel_integral(parts[:-1] - foot, parts[1:] - foot, straight, wavelength)
+        share = np.sum(strip * _fresnel_integral(low, high, straight / squared_cosine, wavelength), axis=0)
         share *= _faded(np.abs(place - end), _outside_m(height, wavelength, length))
-        straight_on = 2 * np.abs(_fresnel_share(near, far, straight, wavelength))
+        straight_on = 2 * np.abs(_fresnel_integral(near, far, straight, wavelength))
         straight_on *= np.minimum(1.0, length * np.sqrt(2 / (wavelength * height)))
         strong = np.abs(share) > MIN_FIELD * straight_on
         row, place, end, slant, straight, share, range_m, foot = (
@@ -255,7 +255,7 @@ class DihedralTracer:
         """Return True where radar positions see both faces beside the edge."""
         seen = np.ones(len(edge_m), dtype=bool)
         for face, far in zip(corner.faces, corner.far_m, strict=True):
-            beside = edge_m + min(BESIDE_EDGE_M, far / 2) * face
+            beside = edge_m + min(EDGE_OFFSET_M, far / 2) * face
             seen &= self._caster.visible(position_m, beside, TOUCHING_M)
         return seen
 
@@ -277,7 +277,7 @@ def _faded(beside_m: Float[np.ndarray, " n"], outside_m: Float[np.ndarray, " n"]
     return np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
-def _fresnel_share(
+def _fresnel_integral(
     low_m: Float[np.ndarray, "*part n"],
     high_m: Float[np.ndarray, "*part n"],
     height_m: Float[np.ndarray, " n"],

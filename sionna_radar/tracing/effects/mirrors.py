@@ -1,4 +1,4 @@
-"""Mirror reflections: plane patches of a surface that return the wave coherently, by physical optics.
+"""Coherent mirror reflections of plane surface patches, by physical optics.
 
 An infinite plane is a mirror: its echo is that of the radar's own image, twice as far away as the plane, so
 |gain| = G |R| lambda / (4 pi 2 h), with R the coherent reflection at normal incidence and h the distance to the foot of
@@ -82,8 +82,8 @@ class Patch:
     def nearest_m(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Return the point of the border nearest to each point of the plane."""
         start, along = self.border_m[:, 0], self.border_m[:, 1] - self.border_m[:, 0]
-        share = np.clip(((point_m[:, None] - start) * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
-        place = start + share[:, :, None] * along
+        fraction = np.clip(((point_m[:, None] - start) * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+        place = start + fraction[:, :, None] * along
         nearest = np.argmin(((place - point_m[:, None]) ** 2).sum(axis=2), axis=1)
         return place[np.arange(len(point_m)), nearest]
 
@@ -152,11 +152,11 @@ def _edge_wave(
     """Return the integral of (h / r)^2 exp(-2 j k (r - h)) dphi along edges."""
     size = np.abs(distance_m)
     # Nodes are dense where dphi/dt is high; there dphi = du / cosh u with t = |d| sinh u.
-    share = np.linspace(0.0, 1.0, EDGE_NODES)
+    fraction = np.linspace(0.0, 1.0, EDGE_NODES)
     low, high = np.arcsinh(first_m / size), np.arcsinh(last_m / size)
-    place = size[:, None] * np.sinh(low[:, None] + (high - low)[:, None] * share)
-    aside = distance_m[:, None] ** 2 + place**2
-    weight = distance_m[:, None] / aside / (1 + aside / height_m[:, None] ** 2)
+    place = size[:, None] * np.sinh(low[:, None] + (high - low)[:, None] * fraction)
+    squared_range = distance_m[:, None] ** 2 + place**2
+    weight = distance_m[:, None] / squared_range / (1 + squared_range / height_m[:, None] ** 2)
     # r is expanded about the edge's nearest point, where it is exact, so that the corners of small patches match.
     nearest = np.clip(0.0, first_m, last_m)
     line_m = np.hypot(height_m, distance_m)
@@ -304,7 +304,7 @@ class MirrorTracer:
         Int[np.ndarray, " echo"],
     ]:
         """Return row, nearest point, height above the plane, factor and patch of every mirror echo."""
-        found = []
+        echoes = []
         for number in np.flatnonzero(self._possible(position_m)):
             patch = self._patches[number]
             away = position_m - patch.centre_m
@@ -313,15 +313,15 @@ class MirrorTracer:
             row = np.flatnonzero((height > 0) & (np.linalg.norm(foot, axis=1) < patch.radius_m + reach))
             inside = patch.holds(foot[row])
             place = np.where(inside[:, None], foot[row], patch.nearest_m(foot[row]))
-            share = np.linalg.norm(place - foot[row], axis=1) / reach[row]
-            row, place, share = row[share < 1], place[share < 1], share[share < 1]
-            factor = patch.factor(foot[row], height[row], self._wavelength_m) * taper(share)
+            offset = np.linalg.norm(place - foot[row], axis=1) / reach[row]
+            row, place, offset = row[offset < 1], place[offset < 1], offset[offset < 1]
+            factor = patch.factor(foot[row], height[row], self._wavelength_m) * taper(offset)
             world = patch.centre_m + place @ patch.axes
-            found.append((row, world, height[row], factor, np.full(len(row), number)))
-        if not found:
+            echoes.append((row, world, height[row], factor, np.full(len(row), number)))
+        if not echoes:
             none = np.zeros(0, dtype=np.int64)
             return none, np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.complex128), none
-        rows, places, heights, factors, numbers = (np.concatenate(column) for column in zip(*found, strict=True))
+        rows, places, heights, factors, numbers = (np.concatenate(column) for column in zip(*echoes, strict=True))
         return rows, places, heights, factors, numbers
 
     def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
@@ -386,9 +386,9 @@ def across_incidence(direction: Float[np.ndarray, "n 3"], normal: Float[np.ndarr
 def plane_mirrors(scene: Scene, chirp: Chirp) -> list[PlaneMirror]:
     """Return the plane patches of all surfaces whose material reflects as a mirror."""
     least_m = MIN_WAVELENGTHS * chirp.wavelength_m
-    found = []
+    mirrors = []
     for number, surface in enumerate(scene.surfaces):
         mirror = as_radar_material(scene.materials[surface.material]).mirror
         if mirror is not None:
-            found += [PlaneMirror(patch=p, mirror=mirror) for p in patches_of(surface, number, 1 + 0j, least_m)]
-    return found
+            mirrors += [PlaneMirror(patch=p, mirror=mirror) for p in patches_of(surface, number, 1 + 0j, least_m)]
+    return mirrors

@@ -1,4 +1,4 @@
-"""The echo of a body by physical optics: of each face that the radar sees, the field of its currents.
+"""Physical-optics scattering of a body: field of the surface currents on each visible face.
 
 A face of a perfect conductor, lit along the unit vector u from a place so far away that the wave is plane over it,
 returns by the radar equation with the amplitude (Ruck and others 1970, "Radar Cross Section Handbook")
@@ -78,7 +78,7 @@ class Scatterer:
         share[place, face] = self._visible(radar_m, place, face, PROBES)
         partly = (share[place, face] > 0) & (share[place, face] < 1)
         place, face = place[partly], face[partly]
-        share[place, face] = self._visible(radar_m, place, face, _middles_of_parts(SHADOW_CUTS))
+        share[place, face] = self._visible(radar_m, place, face, _subdivided_middles(SHADOW_CUTS))
         return share
 
     def _visible(
@@ -164,7 +164,7 @@ class Scatterer:
 
 
 @lru_cache(maxsize=1)
-def _middles_of_parts(cuts: int) -> Float[np.ndarray, "part 3"]:
+def _subdivided_middles(cuts: int) -> Float[np.ndarray, "part 3"]:
     """Return the middles of the cuts^2 equal triangles of a triangle, in barycentric coordinates."""
     first, second = np.meshgrid(np.arange(cuts), np.arange(cuts), indexing="ij")
     third = cuts - 1 - first - second

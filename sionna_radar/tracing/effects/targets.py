@@ -1,4 +1,4 @@
-"""Point targets: by the radar equation, with a constant or fluctuating cross-section, at rest or on their way.
+"""Point targets by the radar equation: constant or fluctuating cross-section, at rest or moving.
 
 Swerling's cases draw the cross-section about its mean: 1 and 2 from an exponential distribution, as of many scatterers
 alike, 3 and 4 from a chi-squared one with four degrees of freedom, as of a large scatterer among small ones; 1 and 3

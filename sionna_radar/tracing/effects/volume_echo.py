@@ -1,4 +1,4 @@
-"""The volume echo (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
+"""Volume echo of rain, snow, fog and dust: one random tone per pulse in each of many thin range cells.
 
 Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase uniform),
 and new in each pulse: between two chirps drops move by many wavelengths. A tone is uniformly distributed within
@@ -39,7 +39,7 @@ from sionna_radar.weather.path import rain_clutter_power
 
 CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.
-MIN_SHARE = 1e-3
+MIN_BEAM_FRACTION = 1e-3
 
 
 # Tones that each one of a wide beam becomes.
@@ -47,7 +47,7 @@ TONES_IN_BEAM = 24
 
 
 def spread_over_beam(paths: Paths, pulses: Pulses, antenna: Antenna, caster: RayCaster, seed: int) -> Paths:
-    """Return paths with the tones of the volume spread over the beam, for receivers that tell directions apart.
+    """Return paths with the tones of the volume spread over the beam, for receivers that resolve directions.
 
     Each becomes some of random phases, in directions drawn from the two-way power, as far as the ground leaves the air
     there; together they have its power.
@@ -59,27 +59,27 @@ def spread_over_beam(paths: Paths, pulses: Pulses, antenna: Antenna, caster: Ray
     below = np.cumsum(grid.power_sr.ravel())
     row, pose = pulses.row_of(paths.pulse[rain]), pulses.true
     parts, numbers = [paths.rows(np.flatnonzero(paths.surface != VOLUME))], np.arange(TONES_IN_BEAM)
-    for own in np.unique(row):
-        tones = paths.rows(rain[row == own])
-        generator = pulse_generator(seed, Stream.VOLUME_DIRECTIONS, int(pulses.index[own]))
+    for pulse_row in np.unique(row):
+        tones = paths.rows(rain[row == pulse_row])
+        generator = pulse_generator(seed, Stream.VOLUME_DIRECTIONS, int(pulses.index[pulse_row]))
         drawn = np.searchsorted(below, generator.random((len(tones), TONES_IN_BEAM)) * below[-1])
-        toward = grid.direction[np.minimum(drawn, len(below) - 1)] @ pose.R_world_antenna[own].T
+        toward = grid.direction[np.minimum(drawn, len(below) - 1)] @ pose.R_world_antenna[pulse_row].T
         range_m = tones.delay_s * (speed_of_light / 2)
-        place = pose.position_m[own] + range_m[:, None, None] * toward
-        seen = caster.visible(np.broadcast_to(pose.position_m[own], (place.size // 3, 3)), place.reshape(-1, 3))
+        place = pose.position_m[pulse_row] + range_m[:, None, None] * toward
+        seen = caster.visible(np.broadcast_to(pose.position_m[pulse_row], (place.size // 3, 3)), place.reshape(-1, 3))
         seen = seen.reshape(len(tones), TONES_IN_BEAM)
         tone, number = np.nonzero(seen)
         phase = np.exp(2j * np.pi * generator.random((len(tones), len(numbers)))[tone, number])
         away = toward[tone, number]
         # Drops fall: their own range rate grows with the cosine of the ray from the vertical.
-        drift = (tones.range_rate_mps - pose.boresight_range_rate_mps[own])[tone]
-        drift = drift * away[:, 2] / min(float(pose.boresight[own, 2]), -0.1)
+        drift = (tones.range_rate_mps - pose.boresight_range_rate_mps[pulse_row])[tone]
+        drift = drift * away[:, 2] / min(float(pose.boresight[pulse_row, 2]), -0.1)
         parts.append(
             replace(
                 tones.rows(tone),
                 gain=tones.gain[tone] * phase / np.sqrt(seen.sum(axis=1)[tone]),
                 hit_m=place[tone, number],
-                range_rate_mps=drift - away @ pose.velocity_mps[own],
+                range_rate_mps=drift - away @ pose.velocity_mps[pulse_row],
             )
         )
     return Paths.concatenate(parts)
@@ -112,8 +112,8 @@ class VolumeEcho:
 
         surfaces: the diffuse paths of the block, which end the volume; mirror paths would be weighted too strongly.
         """
-        share = self._in_air(pulses, surfaces)
-        row, cell = np.nonzero(share > MIN_SHARE)
+        in_air = self._in_air(pulses, surfaces)
+        row, cell = np.nonzero(in_air > MIN_BEAM_FRACTION)
         drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
         place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
         pose = pulses.true
@@ -121,7 +121,7 @@ class VolumeEcho:
         range_m = (cell + place) * self.cell_m
         hit_m = pose.position_m[row] + range_m[:, None] * boresight
         origin_m = hit_m[:, :2] - pulses.time_s[row, None] * self._wind_mps[:2]
-        power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
+        power = self.cell_power[cell] * in_air[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
         fall_mps = -boresight[:, 2] * self._volume.fall_mps(origin_m, size)
         return Paths.along_boresight(
             pulses,
@@ -134,7 +134,7 @@ class VolumeEcho:
         )
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
-        """Return the share of each pulse's two-way beam that has met no surface before each cell's centre."""
+        """Return the fraction of each pulse's two-way beam that has met no surface before each cell's centre."""
         cells = len(self.cell_power)
         ground = surfaces.surface >= 0
         range_m = surfaces.delay_s[ground] * (speed_of_light / 2)
@@ -206,13 +206,13 @@ def _moments(weather: Weather) -> DropPolarization:
     still = weather.static_echoes
     hydrometeors += [spheres()] * (len(still) - len(hydrometeors))
     kinds += [(level, moments) for (level, _), moments in zip(still, hydrometeors, strict=True)]
-    share = np.array([level for level, _ in kinds])
-    share /= share.sum()
+    weight = np.array([level for level, _ in kinds])
+    weight /= weight.sum()
     return DropPolarization(
         angle_rad=kinds[0][1].angle_rad,
-        mean=share @ np.stack([moments.mean for _, moments in kinds]),
-        upright=share @ np.stack([moments.upright for _, moments in kinds]),
-        slanted=share @ np.stack([moments.slanted for _, moments in kinds]),
+        mean=weight @ np.stack([moments.mean for _, moments in kinds]),
+        upright=weight @ np.stack([moments.upright for _, moments in kinds]),
+        slanted=weight @ np.stack([moments.slanted for _, moments in kinds]),
     )
 
 

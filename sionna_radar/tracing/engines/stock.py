@@ -1,4 +1,4 @@
-"""The slow alternative: Sionna's stock path solver, pulse by pulse, with the same material and antenna.
+"""The path_solver engine: Sionna RT's stock PathSolver, pulse by pulse, with the same material and antenna; slow.
 
 It shoots its rays over the whole sphere, so a pencil beam gets few of them; its use is to check the beam engine.
 """
@@ -54,7 +54,7 @@ class PathSolverEngine:
         for device in self._devices:
             device.position = mi.Point3f(*pose.position_m[row].tolist())
             device.orientation = mi.Point3f(*angles.tolist())
-        found = self._solver(
+        paths = self._solver(
             self._sionna.rt_scene,
             max_depth=1,
             samples_per_src=self._samples,
@@ -66,13 +66,13 @@ class PathSolverEngine:
             seed=(self._seed + index) % 2**31,
         )
         # Padding, if there is any, has a negative delay. Threads find the paths in an order that differs each time.
-        delay_s, vertices = found.tau.numpy().ravel(), np.moveaxis(found.vertices.numpy(), -1, 0)
+        delay_s, vertices = paths.tau.numpy().ravel(), np.moveaxis(paths.vertices.numpy(), -1, 0)
         order = np.lexsort([column.ravel() for column in vertices])
         real = order[delay_s[order] >= 0]
-        gain = (found.a[0].numpy() + 1j * found.a[1].numpy()).ravel()[real]
+        gain = (paths.a[0].numpy() + 1j * paths.a[1].numpy()).ravel()[real]
         hit = np.stack([column.ravel()[real] for column in vertices], axis=1)
-        shape = found.objects.numpy().ravel()[real]
-        primitive = found.primitives.numpy().ravel()[real]
+        shape = paths.objects.numpy().ravel()[real]
+        primitive = paths.primitives.numpy().ravel()[real]
         direction = hit - pose.position_m[row]
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         phase = 2 * np.pi * pulse_generator(self._seed, Stream.SPECKLE, index).random(len(gain))

@@ -1,4 +1,4 @@
-"""Check of the undocumented parts of Sionna RT that the engines rely on, on a path with known gain.
+"""Self-test of the undocumented parts of Sionna RT that the engines rely on.
 
 The engines fill Sionna's path buffer through private names. Another release may rename one, and would then compute from
 zeros, or from uninitialised memory, without an error.
@@ -54,14 +54,14 @@ def check_sionna() -> None:
         mi.Float([4 * math.pi / SOLID_ANGLE_SR]),
         mi.Bool([True]),
     )
-    found = calculate_fields(
+    fields = calculate_fields(
         sionna, buffer, mi.Point3f(0.0, 0.0, [HEIGHT_M]), mi.Point3f(sionna_angles(down).T.astype(np.float32))
     )
-    gain = complex(found.a[0][0].real.numpy()[0], found.a[0][0].imag.numpy()[0])
+    gain = complex(fields.a[0][0].real.numpy()[0], fields.a[0][0].imag.numpy()[0])
     wavelength_m = speed_of_light / CARRIER_HZ
     expected = (wavelength_m * antenna.peak_gain / HEIGHT_M) ** 2 * GAMMA * SOLID_ANGLE_SR / (4 * math.pi) ** 3
     delay_s = 2 * HEIGHT_M / speed_of_light
-    right = abs(abs(gain) ** 2 / expected - 1) < TOLERANCE and abs(found.tau.numpy()[0] / delay_s - 1) < TOLERANCE
+    right = abs(abs(gain) ** 2 / expected - 1) < TOLERANCE and abs(fields.tau.numpy()[0] / delay_s - 1) < TOLERANCE
     if not right:
         raise BackendError(
             f"sionna-rt {metadata.version('sionna-rt')} gives a test path the power {abs(gain) ** 2:.3g} instead of "

@@ -1,4 +1,4 @@
-"""Sionna's field calculator for the monostatic single-bounce paths found by our engines."""
+"""Adapter of Sionna RT's field calculator for monostatic single-bounce paths."""
 
 from importlib import metadata
 from typing import Any

@@ -1,4 +1,4 @@
-"""A backscatter model as a radio material of Sionna RT."""
+"""Adapter of backscatter models as a radio material of Sionna RT."""
 
 from typing import Any
 
@@ -49,8 +49,8 @@ class BackscatterMaterial(rt.RadioMaterialBase):
     @property
     def tables(self) -> list[Any]:
         """Amplitudes of the matrix against incidence, as far as it has them."""
-        found = (self._vertical, self._excess, self._cross, self._opposed)
-        return [table for table in found if table is not None]
+        models = (self._vertical, self._excess, self._cross, self._opposed)
+        return [table for table in models if table is not None]
 
     def frequency_update(self) -> None:
         """Do nothing: sigma0 is given at the carrier of the scenario."""
@@ -74,11 +74,11 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         """Return the Jones matrix toward `wo`; `si.t` holds the ray tube's solid angle."""
         position = dr.safe_acos(-si.wi.z) * ((TABLE_SIZE - 1) / (np.pi / 2))
         below = mi.UInt32(dr.clip(position, 0, TABLE_SIZE - 2))
-        share = position - mi.Float(below)
+        fraction = position - mi.Float(below)
 
         def at_incidence(table):  # type: ignore[no-untyped-def]
             low = dr.gather(mi.Float, table, below, active)
-            return dr.lerp(low, dr.gather(mi.Float, table, below + 1, active), share)
+            return dr.lerp(low, dr.gather(mi.Float, table, below + 1, active), fraction)
 
         outward = dr.dot(wo, si.n) > 0
         diffuse = dr.reinterpret_array(mi.UInt32, si.dp_du.z) == InteractionType.DIFFUSE

@@ -1,4 +1,4 @@
-"""Our antenna as an antenna pattern of Sionna RT."""
+"""Adapter of antennas as an antenna pattern of Sionna RT."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ class SionnaPattern(rt.AntennaPattern):
 
     def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
         # Reversing one axis swaps the two senses of circular polarization.
-        shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
+        components = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         whole = antenna.transmit if jones is None or antenna.receive is None else antenna.receive
         self.tables: list[Any]
         voltage_toward, self.tables = _product_of_cuts(antenna) if whole is None else _whole(whole, antenna.efficiency)
@@ -36,7 +36,7 @@ class SionnaPattern(rt.AntennaPattern):
             sin_theta, cos_theta = dr.sincos(theta)
             sin_phi, cos_phi = dr.sincos(phi)
             voltage = voltage_toward(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
-            return tuple(mi.Complex2f(voltage * share.real, voltage * share.imag) for share in shares)
+            return tuple(mi.Complex2f(voltage * component.real, voltage * component.imag) for component in components)
 
         self.patterns = [pattern]
 
@@ -69,13 +69,15 @@ def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
             azimuth, elevation = (mi.Float(cut.astype(np.float32)) for cut in (pattern.azimuth, pattern.elevation))
             return (
                 lambda ahead, left, up: (
-                    _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+                    _lookup(azimuth, _azimuth_fraction(ahead, left)) * _lookup(elevation, _elevation_fraction(up))
                 ),
                 [azimuth, elevation],
             )
         case SphericalPattern():
             table = _Table(pattern.samples)
-            return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left)), [table.samples]
+            return lambda ahead, left, up: table.at(_elevation_fraction(up), _azimuth_fraction(ahead, left)), [
+                table.samples
+            ]
         case ElementPattern():
             half = pattern.exponent / 2
             return lambda ahead, left, up: dr.power(dr.maximum(ahead, 0.0), half), []
@@ -101,11 +103,11 @@ def _steered(pattern: ArrayPattern):  # type: ignore[no-untyped-def]
     return amplitude, [table.samples, *of_element]
 
 
-def _azimuth_share(ahead, left):  # type: ignore[no-untyped-def]
+def _azimuth_fraction(ahead, left):  # type: ignore[no-untyped-def]
     return dr.atan2(left, ahead) / (2 * dr.pi) + 0.5
 
 
-def _elevation_share(up):  # type: ignore[no-untyped-def]
+def _elevation_fraction(up):  # type: ignore[no-untyped-def]
     return dr.safe_asin(up) / dr.pi + 0.5
 
 
@@ -133,8 +135,8 @@ def _lookup(table, share):  # type: ignore[no-untyped-def]
     """Return a table at a share of its length, linear between samples."""
     position = share * (dr.width(table) - 1)
     below = mi.UInt32(dr.minimum(position, dr.width(table) - 2))
-    part = position - mi.Float(below)
-    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), part)
+    fraction = position - mi.Float(below)
+    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), fraction)
 
 
 def sionna_angles(R_world_antenna: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

@@ -1,4 +1,4 @@
-"""A `Scene` as Sionna RT objects."""
+"""Conversion of a `Scene` to a Sionna RT scene."""
 
 from copy import copy
 from functools import cached_property
@@ -53,15 +53,15 @@ class SionnaScene:
     @cached_property
     def rt_scene(self) -> Any:
         """The scene for Sionna's own solvers, with an acceleration structure of its own."""
-        found = rt.Scene()
+        scene_rt = rt.Scene()
         # Set before adding materials, some of which are undefined at Sionna's default frequency.
-        found.frequency = self._carrier_hz
+        scene_rt.frequency = self._carrier_hz
         objects = [
             rt.SceneObject(mi_mesh=mesh, name=f"surface-{number}", radio_material=material)
             for number, (mesh, material) in enumerate(zip(self._mesh, self._material, strict=True))
         ]
-        found.edit(add=objects)
-        return found
+        scene_rt.edit(add=objects)
+        return scene_rt
 
     @property
     def wavelength(self) -> Any:

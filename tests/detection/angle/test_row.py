@@ -11,7 +11,7 @@ from sionna_radar.detection.angle.row import (
     cosine_variance,
     forward_backward,
     lowest,
-    noise_share,
+    noise_projection,
     scanned,
     source_powers,
 )
@@ -217,7 +217,7 @@ def exact(cosine, power, noise_w=1.0):
 def test_two_nearer_than_the_beam_are_told_apart():
     """0.095 apart, in a beam of 1 / 8: one hump of the conventional one."""
     vectors, covariance = steering(PLACE, SCANNED), exact(APART, [100.0, 100.0])
-    found = np.sort(lowest(noise_share(covariance[None], vectors, 2), SCANNED, 2)[0])
+    found = np.sort(lowest(noise_projection(covariance[None], vectors, 2), SCANNED, 2)[0])
     np.testing.assert_allclose(found, APART, atol=2e-4)
 
 
@@ -229,7 +229,7 @@ def test_coherent_ones_are_parted_by_the_row_turned_around():
     assert np.sum(np.linalg.eigvalsh(covariance) > 10) == 1
     parted = forward_backward(covariance)
     assert np.sum(np.linalg.eigvalsh(parted) > 10) == 2
-    found = np.sort(lowest(noise_share(parted[None], steering(PLACE, SCANNED), 2), SCANNED, 2)[0])
+    found = np.sort(lowest(noise_projection(parted[None], steering(PLACE, SCANNED), 2), SCANNED, 2)[0])
     np.testing.assert_allclose(found, APART, atol=2e-4)
 
 
@@ -237,7 +237,9 @@ def test_coherent_ones_are_parted_by_the_row_turned_around():
 def test_the_variance_is_that_of_the_bound(cosine, power):
     looks, trials = 32, 600
     covariance = covariances(cosine, power, looks, trials)
-    found = np.sort(lowest(noise_share(covariance, steering(PLACE, SCANNED), len(power)), SCANNED, len(power)), axis=1)
+    found = np.sort(
+        lowest(noise_projection(covariance, steering(PLACE, SCANNED), len(power)), SCANNED, len(power)), axis=1
+    )
     error = found - np.sort(cosine)
     vectors = steering(PLACE, np.asarray(cosine))[None]
     bound = cosine_variance(vectors, 2j * np.pi * PLACE * vectors, np.array([power]), np.array([float(looks)]))[0]

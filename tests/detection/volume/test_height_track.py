@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
+from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, track
 from sionna_radar.mapping.echo_model.speckle import repeats
 
 PULSES, CELLS, CELL_M = 600, 160, 0.3
@@ -62,7 +62,7 @@ def test_sharper_pulses_are_smoothed_as_a_random_walk_is(steps, share):
         return np.linalg.inv(walk + np.eye(201) / noise)[100, 100]
 
     alone = np.ones(1)
-    known = Tracked(cell=alone, sigma=np.sqrt([smoothed(1.0)]), probability=alone, evidence=alone, alone=alone)
+    known = TrackedRanges(cell=alone, sigma=np.sqrt([smoothed(1.0)]), probability=alone, evidence=alone, alone=alone)
     sharper = known.with_variance(np.array([share]))
     assert sharper.sigma[0] ** 2 == pytest.approx(smoothed(share), rel=1e-3)
     assert sharper.alone[0] ** 2 == pytest.approx(share)

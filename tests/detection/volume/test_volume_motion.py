@@ -141,11 +141,11 @@ def test_the_levels_and_the_slope_of_the_ground_are_learned():
     likelihood = levels_of(100, shares, 6)
     ground = learned_ground(LEVELS, likelihood)
     assert ground.slope == SLOPES[6]
-    assert ground.level_share.sum() == pytest.approx(1.0)
+    assert ground.level_weight.sum() == pytest.approx(1.0)
     level_db = 10 * np.log10(ground.level)
     for level, share in shares.items():
         about = np.abs(level_db - level) < 3
-        assert ground.level_share[about].sum() == pytest.approx(share, abs=0.02)
+        assert ground.level_weight[about].sum() == pytest.approx(share, abs=0.02)
     # What is between frequent levels stays out, but for the neighbours of each.
     assert np.all(np.abs(level_db[:, None] - list(shares)).min(axis=1) < 2.5)
 
@@ -153,7 +153,7 @@ def test_the_levels_and_the_slope_of_the_ground_are_learned():
 def test_pulses_without_preference_leave_all_levels():
     ground = learned_ground(LEVELS, np.zeros((len(SLOPES), 50, len(LEVELS)), dtype=np.float32))
     np.testing.assert_allclose(ground.level, LEVELS)
-    np.testing.assert_allclose(ground.level_share, 1 / len(LEVELS), rtol=1e-6)
+    np.testing.assert_allclose(ground.level_weight, 1 / len(LEVELS), rtol=1e-6)
 
 
 NEAR, CELLS, PULSES = (10, 60), 80, 400

@@ -80,7 +80,7 @@ def test_any_model_of_backscatter_works(plane, pencil):
     assert db(pulse_power(paths)[0] / expected) == pytest.approx(0.0, abs=0.05)
 
 
-@pytest.mark.parametrize("finer", [{"range_cells": 1.0}, {"beam_share": 0.2}])
+@pytest.mark.parametrize("finer", [{"range_cells": 1.0}, {"beam_fraction": 0.2}])
 def test_finer_facets_change_no_power(plane, pencil, over_plane, finer):
     pulses = make_pulses(4, incidence_deg=45.0, scan_deg=np.array([-20.0, 0.0, 7.0, 30.0]))
     coarse, fine = over_plane.trace(pulses), engine_over(plane, pencil, make_chirp(), **finer).trace(pulses)
@@ -254,7 +254,7 @@ def test_the_search_finds_what_a_look_at_every_facet_does(rough, pencil):
     row, place, coarse = index.search(footprint, fineness, pose, 3, 40)
     for pulse in range(3, 40):
         away = index.scatterers.place_m - pose.position_m[pulse]
-        divided = fineness.parts(index.side_m, np.linalg.norm(away, axis=1)) > 1
+        divided = fineness.subdivisions(index.side_m, np.linalg.norm(away, axis=1)) > 1
         met = footprint.meets(away @ pose.R_world_antenna[pulse], np.where(divided, index.radius_m, 0.0))
         np.testing.assert_array_equal(place[row == pulse], np.flatnonzero(met))
         np.testing.assert_array_equal(coarse[row == pulse], divided[met])

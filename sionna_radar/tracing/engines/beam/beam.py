@@ -1,4 +1,4 @@
-"""The beam engine: a block of pulses traced in one wavefront, with Sionna's field calculator.
+"""The beam engine: rays of a block of pulses in one wavefront, fields by Sionna RT's field calculator.
 
 Rays are shot only inside the beam (see `rays`). One of K rays drawn with the density p per steradian
 represents the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the
@@ -112,26 +112,26 @@ class BeamEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, traced in wavefronts of at most `RAYS_AT_ONCE` rays."""
-        found = []
-        for part in self._wavefronts(pulses):
-            columns, places = self._traced(part)
-            found.append(self._table(part, columns))
+        wavefronts = []
+        for pulses_of_wavefront in self._wavefronts(pulses):
+            columns, places = self._traced(pulses_of_wavefront)
+            wavefronts.append(self._table(pulses_of_wavefront, columns))
             if self._mirrored is not None and places is not None:
-                found.append(self._mirrored.over(part, places))
-        return found[0] if len(found) == 1 else Paths.concatenate(found)
+                wavefronts.append(self._mirrored.over(pulses_of_wavefront, places))
+        return wavefronts[0] if len(wavefronts) == 1 else Paths.concatenate(wavefronts)
 
     def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
         """Yield the paths of each wavefront, without those that return by way of mirrors."""
-        for part in self._wavefronts(pulses):
-            columns, _ = self._traced(part)
-            bounds = np.searchsorted(columns.row.numpy(), np.arange(len(part) + 1))
+        for pulses_of_wavefront in self._wavefronts(pulses):
+            columns, _ = self._traced(pulses_of_wavefront)
+            bounds = np.searchsorted(columns.row.numpy(), np.arange(len(pulses_of_wavefront) + 1))
             yield DevicePaths(
-                pulses=part,
+                pulses=pulses_of_wavefront,
                 spans=((bounds[:-1], bounds[1:]),),
                 delay_s=mi.Float64(columns.delay_s),
                 range_rate_mps=columns.range_rate_mps,
                 gain=columns.gain,
-                paths=self._table(part, columns),
+                paths=self._table(pulses_of_wavefront, columns),
             )
 
     def _wavefronts(self, pulses: Pulses) -> Iterator[Pulses]:
@@ -163,7 +163,7 @@ class BeamEngine:
         """Return the hits of a block's rays on the scene."""
         row, direction, probability = self._shoot(pulses)
         hit = self._intersect(point_of(pulses.true.position_m), row, direction)
-        found = RayHits(
+        hits = RayHits(
             row=row,
             place=hit.p,
             normal=mi.Vector3f(hit.n),
@@ -172,8 +172,8 @@ class BeamEngine:
             probability=probability,
             valid=hit.is_valid() & (probability > 0),
         )
-        dr.eval(found.row, found.place, found.normal, found.shape, found.face, found.probability, found.valid)
-        return found
+        dr.eval(hits.row, hits.place, hits.normal, hits.shape, hits.face, hits.probability, hits.valid)
+        return hits
 
     def _intersect(self, origin: Any, row: Any, direction: Any) -> Any:
         return self.sionna.caster.mi_scene.ray_intersect(mi.Ray3f(dr.gather(mi.Point3f, origin, row), direction))
@@ -215,7 +215,7 @@ class BeamEngine:
             moved -= dr.floor(moved)
             unit.append(1 - moved if self._opposite else moved)
         in_beam = ray < sampler.beam_rays
-        (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
+        (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_fraction)
         probability = dr.select(valid, 4 * dr.pi * sampler.rays * density, 0.0)
         axes = [dr.gather(mi.Vector3f, vector_of(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * ahead + axes[1] * left + axes[2] * up), probability

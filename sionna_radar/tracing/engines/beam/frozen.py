@@ -1,4 +1,4 @@
-"""Echoes as differentiable functions of the radar, its antenna and the materials, on the facets that rays have met.
+"""Differentiable echoes: profiles as functions of radar, antenna and materials over fixed ray hits.
 
 The echo of a pulse is an integral over the illuminated surface. Rays find its places once; then fields are evaluated
 again by Sionna's field calculator for a radar that moves, turns, or has another pattern, over other materials.
@@ -114,7 +114,7 @@ class FrozenEchoes:
         try:
             outputs = self._outputs(sionna, *poses, bias, of)
             wanted = list(outputs.values())
-            found = []
+            derivatives_of = []
             for direction in directions:
                 dr.clear_grad(inputs)
                 # Every gradient is written, a zero as well: the last direction's would stay.
@@ -130,11 +130,11 @@ class FrozenEchoes:
                     dr.set_grad(table, mi.Float(aligned(rate)))
                 dr.forward_to(*wanted, flags=dr.ADFlag.ClearInterior | dr.ADFlag.AllowNoGrad)
                 rate_of = {name: dr.grad(value).numpy().astype(np.float64) for name, value in outputs.items()}
-                found.append(self._rates({n: dr.detach(v) for n, v in outputs.items()}, rate_of, of))
+                derivatives_of.append(self._rates({n: dr.detach(v) for n, v in outputs.items()}, rate_of, of))
                 dr.clear_grad(wanted)
         finally:
             dr.disable_grad(inputs)
-        return found
+        return derivatives_of
 
     def _outputs(
         self, sionna: SionnaScene, origin: Any, angles: Any, velocity: Any, bias: Any, of: Sequence[str]

@@ -1,4 +1,4 @@
-"""Ray directions inside a beam, drawn on the device from the two cuts of the beam or the cells of its power.
+"""Importance sampling of ray directions inside a beam, on the device.
 
 A few hundred rays represent the whole echo. Most rays are drawn in proportion to the two-way power of the beam, a small
 share uniformly over the half sphere in front of the antenna, for the side lobes. Within a pulse the rays form a
@@ -40,7 +40,7 @@ class BeamSampler:
         return len(self.unit)
 
     @property
-    def beam_share(self) -> float:
+    def beam_fraction(self) -> float:
         """Share of the rays that follow the beam."""
         return self.beam_rays / self.rays
 
@@ -85,11 +85,11 @@ class CutRays:
         cuts = [quantiles_of(cut, one_way=one_way) for cut in (antenna.azimuth, antenna.elevation)]
         self._quantiles = [mi.Float(q.astype(np.float32)) for q in cuts]
 
-    def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
+    def shoot(self, unit: Any, in_beam: Any, beam_fraction: float) -> tuple[Any, Any, Any]:
         """Return directions (ahead, left, up), densities per steradian, and which are valid.
 
         unit: two columns of points in the unit square; in_beam: which rays follow the beam; the others are spread
-        evenly. beam_share: share of the former.
+        evenly. beam_fraction: share of the former.
         """
         wide = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*unit))
         cosines = [
@@ -99,7 +99,7 @@ class CutRays:
         u, v = cosines
         cos = dr.safe_sqrt(1 - u * u - v * v)
         beam = cos * _density(self._quantiles[0], u) * _density(self._quantiles[1], v)
-        density = beam_share * beam + (1 - beam_share) / (2 * dr.pi)
+        density = beam_fraction * beam + (1 - beam_fraction) / (2 * dr.pi)
         # Quantiles of the two cuts can combine to invalid direction cosines; such a ray carries no power.
         return (cos, u, v), density, u * u + v * v < 1
 
@@ -120,7 +120,7 @@ class GridRays:
         turn = grid.R_face_antenna
         self._turn = [[dr.opaque(mi.Float, float(value)) for value in row] for row in turn]
 
-    def shoot(self, unit: Any, in_beam: Any, beam_share: float) -> tuple[Any, Any, Any]:
+    def shoot(self, unit: Any, in_beam: Any, beam_fraction: float) -> tuple[Any, Any, Any]:
         """Return directions, densities per steradian, and which are valid; see `CutRays.shoot`."""
         sphere = mi.warp.square_to_uniform_sphere(mi.Point2f(*unit))
         row = _cell(self._row_below, mi.UInt32(0), self._rows, unit[1])
@@ -131,7 +131,7 @@ class GridRays:
         valid = ~in_beam | (u * u + v * v < 1)
         normal = dr.select(in_beam, dr.safe_sqrt(1 - u * u - v * v), sphere.z)
         u, v = dr.select(in_beam, u, sphere.x), dr.select(in_beam, v, sphere.y)
-        density = beam_share * self._density(normal, u, v) + (1 - beam_share) / (4 * dr.pi)
+        density = beam_fraction * self._density(normal, u, v) + (1 - beam_fraction) / (4 * dr.pi)
         across = [self._turn[0][i] * normal + self._turn[1][i] * u + self._turn[2][i] * v for i in range(3)]
         return (across[0], across[1], across[2]), density, valid
 
@@ -139,9 +139,9 @@ class GridRays:
         """Return the density per steradian of the rays that follow the beam; none behind the face."""
         row = _cell(self._up, mi.UInt32(0), self._rows, v)
         column = _cell(self._left, mi.UInt32(0), self._columns, u)
-        share = _step(self._row_below, row) * _step(self._below, row * (self._columns + 1) + column)
+        probability = _step(self._row_below, row) * _step(self._below, row * (self._columns + 1) + column)
         area = dr.maximum(_step(self._up, row) * _step(self._left, column), 1e-20)
-        return dr.select(normal > 0, dr.maximum(normal, 0.0) * share / area, 0.0)
+        return dr.select(normal > 0, dr.maximum(normal, 0.0) * probability / area, 0.0)
 
 
 def _cell(edges: Any, first: Any, cells: int, value: Any) -> Any:
@@ -156,16 +156,16 @@ def _step(edges: Any, cell: Any) -> Any:
 
 def _within(below: Any, edges: Any, at: Any, cell: Any, share: Any) -> Any:
     """Return the place inside a cell of a share of all, between the shares at its two edges."""
-    part = (share - dr.gather(mi.Float, below, at)) / dr.maximum(_step(below, at), 1e-30)
-    return dr.lerp(dr.gather(mi.Float, edges, cell), dr.gather(mi.Float, edges, cell + 1), dr.clip(part, 0.0, 1.0))
+    fraction = (share - dr.gather(mi.Float, below, at)) / dr.maximum(_step(below, at), 1e-30)
+    return dr.lerp(dr.gather(mi.Float, edges, cell), dr.gather(mi.Float, edges, cell + 1), dr.clip(fraction, 0.0, 1.0))
 
 
 def _quantile(quantiles, probability):  # type: ignore[no-untyped-def]
     position = probability * (dr.width(quantiles) - 1)
     below = mi.UInt32(dr.minimum(position, dr.width(quantiles) - 2))
-    share = position - mi.Float(below)
+    fraction = position - mi.Float(below)
     low, high = dr.gather(mi.Float, quantiles, below), dr.gather(mi.Float, quantiles, below + 1)
-    return dr.lerp(low, high, share)
+    return dr.lerp(low, high, fraction)
 
 
 def _density(quantiles, cosine):  # type: ignore[no-untyped-def]

@@ -1,4 +1,4 @@
-"""Which facets lie in a beam: a tree of bounding spheres, searched with the beam's envelope."""
+"""Search for the facets inside a beam: a tree of bounding spheres against the beam's envelope."""
 
 import math
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class Footprint:
 
     @property
     def directions(self) -> tuple[object, ...]:
-        """What the machine code is told of it."""
+        """The footprint as arguments of compiled code."""
         return self.azimuth, self.elevation, self.least_voltage, self.counts, self.cells
 
     def meets(
@@ -110,7 +110,7 @@ class Fineness:
     per_metre: float
     longest_m: float
 
-    def parts(
+    def subdivisions(
         self, side_m: Float[np.ndarray, " facet"], distance_m: Float[np.ndarray, " facet"]
     ) -> Int[np.ndarray, " facet"]:
         """Return the number of parts of each facet's sides, from its longest side and its distance."""
@@ -212,16 +212,16 @@ def search(
     Where each pulse's begin; the facets; and which of them are too coarse, for which a corner in the beam is enough.
     """
     edges = np.zeros(high - low + 1, dtype=np.int64)
-    found, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
+    facets, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
     for n in range(high - low):
         apex_m, axes = position_m[low + n], R_world_antenna[low + n]
-        count = _search_one(apex_m, axes, tree, facet, fineness, directions, edges[n], found, coarse)
+        count = _search_one(apex_m, axes, tree, facet, fineness, directions, edges[n], facets, coarse)
         # Here and not where they are found: arrays that are replaced within a loop cost it half of its speed.
-        while count > len(found):
-            found, coarse = np.append(found, np.empty_like(found)), np.append(coarse, np.empty_like(coarse))
-            count = _search_one(apex_m, axes, tree, facet, fineness, directions, edges[n], found, coarse)
+        while count > len(facets):
+            facets, coarse = np.append(facets, np.empty_like(facets)), np.append(coarse, np.empty_like(coarse))
+            count = _search_one(apex_m, axes, tree, facet, fineness, directions, edges[n], facets, coarse)
         edges[n + 1] = count
-    return edges, found[: edges[-1]], coarse[: edges[-1]]
+    return edges, facets[: edges[-1]], coarse[: edges[-1]]
 
 
 @compiled
@@ -286,11 +286,11 @@ def all_that_meet(
 ) -> Bool[ndarray, " sphere"]:
     """Return True where spheres reach into directions, given their centres in the antenna's frame."""
     azimuth, elevation, least_voltage, counts, cells = directions
-    found = np.empty(len(ahead_m), dtype=np.bool_)
+    meets = np.empty(len(ahead_m), dtype=np.bool_)
     for n in range(len(ahead_m)):
         ahead = ahead_m[n, 0], ahead_m[n, 1], ahead_m[n, 2]
-        found[n] = _meets(ahead, radius_m[n], azimuth, elevation, least_voltage, counts, cells)
-    return found
+        meets[n] = _meets(ahead, radius_m[n], azimuth, elevation, least_voltage, counts, cells)
+    return meets
 
 
 @compiled

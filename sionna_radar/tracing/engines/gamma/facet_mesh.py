@@ -1,4 +1,4 @@
-"""Triangles as scatterers: their subdivision, their identity, which determines the phase, and their backscatter.
+"""Facets as scatterers: subdivision of triangles, identities (which determine phases), and backscatter.
 
 The backscatter of a facet, polarization included, is the scattering matrix of `RadarMaterial` in plain NumPy. With e
 the field that the antenna transmits toward a facet and r the one that it receives, both unit vectors across the line of
@@ -102,8 +102,8 @@ def _lattice(parts: int) -> Float[np.ndarray, "piece corner 3"]:
             pieces.append([(i, j), (i + 1, j), (i, j + 1)])
             if i + j < parts - 1:
                 pieces.append([(i + 1, j + 1), (i, j + 1), (i + 1, j)])
-    share = np.array(pieces) / parts
-    return np.concatenate([1 - share.sum(axis=2, keepdims=True), share], axis=2)
+    barycentric = np.array(pieces) / parts
+    return np.concatenate([1 - barycentric.sum(axis=2, keepdims=True), barycentric], axis=2)
 
 
 def facets_of(surfaces: Sequence[Surface]) -> Facets:
@@ -144,16 +144,18 @@ class FacetScattering:
         material = self._material_of_surface[surface]
         amplitude = np.zeros(len(cosine), dtype=np.complex128)
         for number in np.unique(material):
-            own = material == number
+            of_material = material == number
             model = self._materials[number]
             if _is_plain(model):
                 # The field returns along its transmit axis: no signal in a cross-polar receiver.
                 kept = self._antenna.mirrored
                 if kept != 0:
-                    amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
+                    amplitude[of_material] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[of_material])))
                 continue
-            fields = self._fields(direction[own], normal[own], R_world_antenna[own])
-            amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(drawn[own]))
+            fields = self._fields(direction[of_material], normal[of_material], R_world_antenna[of_material])
+            amplitude[of_material] = _polarized(
+                model, np.arccos(cosine[of_material]), *fields, _signs(drawn[of_material])
+            )
         return amplitude
 
     def _fields(

@@ -44,7 +44,7 @@ from sionna_radar.tracing.paths import Paths, wander_hz
 
 # Longest side of a facet: this share of the half-power footprint, and this many range cells. At nadir,
 # where the footprint is smallest, the echo of a plane is then within 0.03 dB of the integral.
-BEAM_SHARE = 1 / 3
+BEAM_FRACTION = 1 / 3
 RANGE_CELLS = 2.5
 # Facets up to this many times too long are divided in one step.
 MAX_PARTS = 4
@@ -88,7 +88,8 @@ class GammaEngine:
     seed: determines the phases of the facets, and the signs of their scattering matrices.
     caster: rays against the scene's surfaces, for the shadows.
     footprint_db: two-way level relative to the peak down to which the beam counts.
-    beam_share, range_cells: longest side of a facet, in local half-power widths of the beam and in range resolutions.
+    beam_fraction, range_cells: longest side of a facet, in local half-power widths of the beam and in range
+        resolutions.
     speckle: whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
     decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
     """
@@ -102,18 +103,18 @@ class GammaEngine:
         caster: RayCaster,
         *,
         footprint_db: float = FOOTPRINT_DB,
-        beam_share: float = BEAM_SHARE,
+        beam_fraction: float = BEAM_FRACTION,
         range_cells: float = RANGE_CELLS,
         speckle: Literal["per_pulse", "persistent"] = "persistent",
         decorrelation_time_s: float | None = None,
     ) -> None:
         self._index = FacetIndex(facets_of(scene.surfaces))
-        self._scene, self._footprint_db, self._beam_share = scene, footprint_db, beam_share
+        self._scene, self._footprint_db, self._beam_fraction = scene, footprint_db, beam_fraction
         self._two_sided = np.array([surface.two_sided for surface in scene.surfaces])
         self._footprint = Footprint.of(antenna, footprint_db)
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
         self._fineness = Fineness(
-            per_metre=beam_share * min(antenna.beamwidths_rad), longest_m=range_cells * chirp.range_resolution_m
+            per_metre=beam_fraction * min(antenna.beamwidths_rad), longest_m=range_cells * chirp.range_resolution_m
         )
         self._scattering = FacetScattering(scene, antenna)
         self._speckle = speckle
@@ -125,7 +126,7 @@ class GammaEngine:
         other = copy(self)
         other._antenna = antenna
         other._footprint = Footprint.of(antenna, self._footprint_db)
-        other._fineness = replace(self._fineness, per_metre=self._beam_share * min(antenna.beamwidths_rad))
+        other._fineness = replace(self._fineness, per_metre=self._beam_fraction * min(antenna.beamwidths_rad))
         other._scattering = FacetScattering(self._scene, antenna)
         return other
 
@@ -204,11 +205,11 @@ class GammaEngine:
         row, place, coarse = self._index.search(self._footprint, self._fineness, pose, low, high)
         if not coarse.any():
             return row, self._index.scatterers.rows(place)
-        found = [(row[~coarse], self._index.scatterers.rows(place[~coarse]))]
-        found += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
-        row = np.concatenate([rows for rows, _ in found])
+        groups = [(row[~coarse], self._index.scatterers.rows(place[~coarse]))]
+        groups += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
+        row = np.concatenate([rows for rows, _ in groups])
         order = np.argsort(row, kind="stable")
-        return row[order], FacetScatterers.concatenate([facets for _, facets in found]).rows(order)
+        return row[order], FacetScatterers.concatenate([facets for _, facets in groups]).rows(order)
 
     def _divided(
         self, facets: Facets, row: Int[np.ndarray, " facet"], pose: Pose
@@ -220,7 +221,7 @@ class GammaEngine:
                 raise _TooManyError
             away = facets.centre_m - pose.position_m[row]
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
-            cuts = self._fineness.parts(side, np.sqrt(np.einsum("fi,fi->f", away, away)))
+            cuts = self._fineness.subdivisions(side, np.sqrt(np.einsum("fi,fi->f", away, away)))
             # No point of a triangle lies farther from its centroid than two thirds of the longest side.
             radius = np.where(cuts > 1, 2 / 3 * side, 0.0)
             met = self._footprint.meets(_seen_along(away, pose.R_world_antenna[row]), radius)
@@ -228,9 +229,9 @@ class GammaEngine:
             fine.append((row[whole], facets.rows(whole).scatterers))
             few = met & (cuts > 1) & (cuts <= MAX_PARTS)
             for count in np.unique(cuts[few]):
-                own = few & (cuts == count)
-                pieces = facets.rows(own).divided(int(count)).scatterers
-                rows = np.tile(row[own], int(count) ** 2)
+                selected = few & (cuts == count)
+                pieces = facets.rows(selected).divided(int(count)).scatterers
+                rows = np.tile(row[selected], int(count) ** 2)
                 away = pieces.place_m - pose.position_m[rows]
                 inside = self._footprint.meets(_seen_along(away, pose.R_world_antenna[rows]), 0.0)
                 fine.append((rows[inside], pieces.rows(inside)))
@@ -277,8 +278,8 @@ class GammaEngine:
 
     def _wander(self, identity: UInt64[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return a number of the two-sided exponential distribution of mean size one for each facet."""
-        share = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
-        return np.sign(share) * -np.log(np.maximum(1 - np.abs(share), 2.0**-60))
+        uniform = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
+        return np.sign(uniform) * -np.log(np.maximum(1 - np.abs(uniform), 2.0**-60))
 
 
 def _seen_along(

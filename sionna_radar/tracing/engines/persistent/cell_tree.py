@@ -1,4 +1,4 @@
-"""Cells of space: their pieces of surface, their order along a curve, and the tree searched for those in a beam.
+"""Spatial cells in Morton order, and a bounding-box tree to find those inside a beam.
 
 Cells near each other are close along the curve. The tree bounds groups of cells, down to those that a beam reaches.
 """
@@ -113,11 +113,11 @@ class CellTree:
         edges, stack = np.zeros(len(apex_m) + 1, dtype=np.int64), np.empty(128, dtype=np.int64)
         room = 64 * len(apex_m) + 64
         while True:
-            found = np.empty(room, dtype=np.int64)
+            cells = np.empty(room, dtype=np.int64)
             beams = apex_m, axes, beam.left, beam.up
-            count = _search(self.centre_m, self.half_m, self.radius_m, *beams, stack, edges, found)
+            count = _search(self.centre_m, self.half_m, self.radius_m, *beams, stack, edges, cells)
             if count <= room:
-                return edges, found[:count]
+                return edges, cells[:count]
             room = count
 
 

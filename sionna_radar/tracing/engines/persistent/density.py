@@ -1,4 +1,4 @@
-"""The density of scatterers on surfaces, set before the flight by the survey's beams, and the part of a beam they fill.
+"""Density of scatterers on surfaces, set before the flight by the footprints of sampled beams.
 
 Speckle needs enough scatterers in the beam, and enough in every range cell. What that takes per square metre depends on
 the beam's footprint, and so on the place: every place gets what the smallest footprint near it asks for. Densities are
@@ -19,10 +19,10 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.two_way_grid import TwoWayGrid
 from sionna_radar.tracing.paths import SampledBeams
 
-# Share of the two-way power outside the ellipse. A beam with side lobes of -20 dB is 28 dB down there.
-OUTSIDE_SHARE = 2e-3
+# Fraction of the two-way power outside the ellipse. A beam with side lobes of -20 dB is 28 dB down there.
+OUTSIDE_FRACTION = 2e-3
 # Shape of the ellipse: what reaches as far to either side as all but this share of the power.
-SHAPE_SHARE = 3e-4
+SHAPE_FRACTION = 3e-4
 # Half axes over the half-power widths, at most: strong side lobes are left out.
 WIDEST = 1.25
 # Edges of either kind along each cut of a separable antenna.
@@ -54,12 +54,12 @@ class FilledBeam:
 def filled_beam(antenna: Antenna) -> FilledBeam:
     """Return the part of an antenna's beam that scatterers fill."""
     grid = power_grid(antenna)
-    left, up = grid.reach(SHAPE_SHARE)
+    left, up = grid.reach(SHAPE_FRACTION)
     ahead, across, along = grid.direction.T
     away = np.where(ahead > 0, np.hypot(across / left, along / up), np.inf)
     order = np.argsort(away)
     below = np.cumsum(grid.power_sr.ravel()[order])
-    scale = away[order][np.searchsorted(below, (1 - OUTSIDE_SHARE) * below[-1])]
+    scale = away[order][np.searchsorted(below, (1 - OUTSIDE_FRACTION) * below[-1])]
     widest = WIDEST * np.array(antenna.beamwidths_rad) if antenna.separable else np.full(2, np.inf)
     return FilledBeam(float(min(scale * left, widest[0])), float(min(scale * up, widest[1])))
 
@@ -83,8 +83,8 @@ def _cells(cut: Cut) -> tuple[Float[np.ndarray, " edge"], Float[np.ndarray, " ce
     cosine = cut.cosine
     below = np.concatenate([[0.0], np.cumsum((cut.voltage[1:] ** 2 + cut.voltage[:-1] ** 2) / 2)])
     rising = np.concatenate([[True], np.diff(below) > 0])
-    shares = np.interp(np.linspace(0, below[-1], EDGES + 1)[1:-1], below[rising], cosine[rising])
-    edges = np.unique(np.concatenate([shares, np.linspace(-1.0, 1.0, EDGES + 1)]))
+    equal_power = np.interp(np.linspace(0, below[-1], EDGES + 1)[1:-1], below[rising], cosine[rising])
+    edges = np.unique(np.concatenate([equal_power, np.linspace(-1.0, 1.0, EDGES + 1)]))
     return edges, np.diff(np.interp(edges, cosine, cut.two_way_distribution))
 
 

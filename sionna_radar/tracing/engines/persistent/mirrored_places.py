@@ -73,11 +73,11 @@ class MirroredPlaces:
         none = np.zeros(0, dtype=np.int64)
         order = np.argsort(places.row, kind="stable")
         first = np.searchsorted(places.row[order], np.arange(len(pulses) + 1))
-        found = [self._paths(pulses, none, np.zeros((0, 3)), *np.zeros((3, 0)))]
+        paths = [self._paths(pulses, none, np.zeros((0, 3)), *np.zeros((3, 0)))]
         for number, rows in self._candidates(pulses):
             seen = np.concatenate([order[first[row] : first[row + 1]] for row in np.flatnonzero(rows)])
-            found.append(self._by(self._mirrors[number], pulses, places, seen))
-        return Paths.concatenate(found)
+            paths.append(self._by(self._mirrors[number], pulses, places, seen))
+        return Paths.concatenate(paths)
 
     def _candidates(self, pulses: Pulses) -> Iterator[tuple[int, Bool[np.ndarray, " pulse"]]]:
         """Yield the mirrors that beams may meet from the front, each with the rows of those pulses."""
@@ -175,7 +175,7 @@ class MirroredPlaces:
         across_in, across_out = across_incidence(ways.out, normal), across_incidence(ways.leg, normal)
         arriving = across_in, np.cross(ways.out, across_in)
         leaving = across_out, np.cross(-ways.leg, across_out)
-        parts = self._parts(places.surface, *(np.einsum("ni,ni->n", normal, way) for way in (ways.out, ways.leg)))
+        parts = self._amplitudes(places.surface, *(np.einsum("ni,ni->n", normal, way) for way in (ways.out, ways.leg)))
         one, two = _signs(places.hit_m)
         diagonal = parts.horizontal + 1j * one * parts.opposed, parts.vertical - 1j * one * parts.opposed
         matrix = sum(
@@ -189,24 +189,26 @@ class MirroredPlaces:
         )
         return np.asarray(matrix)
 
-    def _parts(
+    def _amplitudes(
         self, surface: Int[np.ndarray, " n"], first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]
     ) -> ScatteringAmplitudes:
         """Return the amplitudes of places: the geometric means of those straight back along either ray."""
         parts = np.zeros((4, len(surface)))
         for number in np.unique(surface):
-            own = surface == number
-            parts[:, own] = np.sqrt(self._tables[number].at(first[own]) * self._tables[number].at(second[own]))
+            on_surface = surface == number
+            parts[:, on_surface] = np.sqrt(
+                self._tables[number].at(first[on_surface]) * self._tables[number].at(second[on_surface])
+            )
         vertical, horizontal, opposed, exchanged = parts
         return ScatteringAmplitudes(vertical=vertical, horizontal=horizontal, opposed=opposed, exchanged=exchanged)
 
     def _normals(self, places: SeenPlaces) -> Float[np.ndarray, "n 3"]:
         normal = np.zeros((len(places), 3))
         for number in np.unique(places.surface):
-            own = places.surface == number
+            on_surface = places.surface == number
             surface = self._scene.surfaces[number]
-            corner = surface.vertices_m[surface.faces[places.face[own]]]
-            normal[own] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+            corner = surface.vertices_m[surface.faces[places.face[on_surface]]]
+            normal[on_surface] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     @staticmethod

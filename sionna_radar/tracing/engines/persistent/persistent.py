@@ -1,4 +1,4 @@
-"""The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
+"""The persistent engine: tracing of scatterers fixed to the surface, coherent from chirp to chirp.
 
 Each pulse sees the scatterers within its beam, truncated in azimuth and in elevation, that a ray reaches. Their fields
 come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and
@@ -83,9 +83,9 @@ class OuterRays:
         columns = len(grid.left) - 1
         cell = np.minimum(np.searchsorted(self._below, unit[:, 0] * self._below[-1]), len(self._below) - 1)
         power = self._power.ravel()[cell]
-        part = np.clip((unit[:, 0] - (self._below[cell] - power)) / np.maximum(power, 1e-300), 0.0, 1.0)
+        fraction = np.clip((unit[:, 0] - (self._below[cell] - power)) / np.maximum(power, 1e-300), 0.0, 1.0)
         row, column = np.divmod(cell, columns)
-        u = grid.left[column] + part * (grid.left[column + 1] - grid.left[column])
+        u = grid.left[column] + fraction * (grid.left[column + 1] - grid.left[column])
         v = grid.up[row] + unit[:, 1] * (grid.up[row + 1] - grid.up[row])
         cos2 = 1 - u**2 - v**2
         face = np.column_stack([np.sqrt(np.maximum(cos2, 0.0)), u, v])
@@ -94,8 +94,8 @@ class OuterRays:
 
     def _anywhere(self, unit: Float[np.ndarray, "ray 2"]) -> Float[np.ndarray, "ray 3"]:
         ahead = unit[:, 0] if self._ahead else 2 * unit[:, 0] - 1
-        aside, turn = np.sqrt(np.maximum(1 - ahead**2, 0.0)), 2 * np.pi * unit[:, 1]
-        return np.column_stack([ahead, aside * np.cos(turn), aside * np.sin(turn)])
+        sine, turn = np.sqrt(np.maximum(1 - ahead**2, 0.0)), 2 * np.pi * unit[:, 1]
+        return np.column_stack([ahead, sine * np.cos(turn), sine * np.sin(turn)])
 
     def _density(self, direction: Float[np.ndarray, "ray 3"]) -> Float[np.ndarray, " ray"]:
         grid = self._grid
@@ -216,10 +216,10 @@ class PersistentEngine:
         searched = in_background(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
         outside = self._outside(pulses)
         table, ends = searched()
-        found = table.first(int(ends[-1]))
-        hidden = self._sionna.caster.hides(pulses.true.position_m, found.row, found.hit_m.T, SHORT_OF_SURFACE)
+        scatterers = table.first(int(ends[-1]))
+        hidden = self._sionna.caster.hides(pulses.true.position_m, scatterers.row, scatterers.hit_m.T, SHORT_OF_SURFACE)
         if hidden.any():
-            found.keep(np.flatnonzero(~hidden))
+            scatterers.keep(np.flatnonzero(~hidden))
             ends = np.concatenate([[0], np.cumsum(~hidden)])[ends]
         seen = table.continued(int(ends[-1]), outside)
         return seen, (ends, ends[-1] + np.searchsorted(outside.row, np.arange(len(pulses) + 1)))
@@ -235,11 +235,11 @@ class PersistentEngine:
         distance = np.where(used, hits.distance_m, 0.0)
         place = pose.position_m[row] + distance[:, None] * direction
         used &= ~(self._beam.holds(within) & self._bears_scatterers(place))
-        own, single = row[used], np.float32
+        pulse_row, single = row[used], np.float32
         phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, rays).ravel()[used]
-        rate = -np.einsum("ni,ni->n", pose.velocity_mps[own], direction[used])
+        rate = -np.einsum("ni,ni->n", pose.velocity_mps[pulse_row], direction[used])
         return SeenPlaces(
-            row=own,
+            row=pulse_row,
             hit_m=place[used].T.astype(single),
             range_m=distance[used],
             range_rate_mps=rate.astype(single),

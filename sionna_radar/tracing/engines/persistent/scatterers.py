@@ -1,4 +1,4 @@
-"""Scatterers fixed to the surface, so that the phase from chirp to chirp is that of a real scene.
+"""Random scatterers fixed to surfaces, drawn on demand where beams need them.
 
 Their density follows the place (see `density`), decided before the flight, so that all pulses see scatterers of one
 and the same surface. They are drawn cell by cell of space when a beam first reaches the cell, from the seed, the
@@ -104,8 +104,8 @@ class Scatterers:
 
         # None of it depends on the seed, and nothing below writes into it.
         key = (density.key, None if region_m is None else region_m.tobytes())
-        found = divide() if caster is None else caster.once("scatterers' cells", key, divide)
-        self._triangles, self.cells, self._tree = found
+        surface_cells = divide() if caster is None else caster.once("scatterers' cells", key, divide)
+        self._triangles, self.cells, self._tree = surface_cells
         self._state = np.empty(len(self.cells), dtype=np.uint64)
         _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m, self._state)
         self._count = np.empty(len(self.cells), dtype=np.int64)

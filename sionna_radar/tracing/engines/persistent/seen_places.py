@@ -1,4 +1,4 @@
-"""Places that pulses see, before it is known whether they are hidden and what field returns from them."""
+"""Table of surface places inside the beams of pulses, before tests of visibility and computation of fields."""
 
 from dataclasses import dataclass, fields
 from typing import no_type_check

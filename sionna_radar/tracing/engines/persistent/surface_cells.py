@@ -1,4 +1,4 @@
-"""Cells of space with the pieces of surface in them: the ground on which scatterers are drawn.
+"""Spatial cells with their pieces of surface, in which scatterers are drawn.
 
 The triangles of each surface are divided until they are hardly larger than a cell, and every piece belongs to the cell
 that holds its centre. A cell's expected number of scatterers is the integral of the density over its pieces.
@@ -97,11 +97,11 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     side = cell_side_m(density.typical_per_m2)
     meshes = (triangles.vertices_m, triangles.corners)
     while True:
-        found = _all_pieces(meshes, box, density, side)
-        if len(found[0]) < MAX_PIECES:
+        pieces = _all_pieces(meshes, box, density, side)
+        if len(pieces[0]) < MAX_PIECES:
             break
         side *= 2
-    face, parts, part, place, expected = found
+    face, parts, part, place, expected = pieces
     several = len(triangles.first) > 2
     number = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
     surface = np.asarray(number, dtype=np.int32)
@@ -173,10 +173,10 @@ def _boxes(order, edges, face, parts, part, expected, vertices, corners, corner,
     """Extend the boxes of the cells around their pieces, and add up the pieces' expected numbers of scatterers."""
     for cell in range(len(edges) - 1):
         for k in range(edges[cell], edges[cell + 1]):
-            own = order[k]
-            total[cell] += expected[own]
-            corners_of(np.int64(face[own]), vertices, corners, corner)
-            piece_of(corner, np.int64(parts[own]), np.int64(part[own]), piece)
+            cell_index = order[k]
+            total[cell] += expected[cell_index]
+            corners_of(np.int64(face[cell_index]), vertices, corners, corner)
+            piece_of(corner, np.int64(parts[cell_index]), np.int64(part[cell_index]), piece)
             for number in range(3):
                 for axis in range(3):
                     low[cell, axis] = min(low[cell, axis], piece[number, axis])
@@ -236,7 +236,7 @@ def density_at(x, y, density):
 
 @compiled
 @no_type_check
-def _parts(corner, longest):
+def _subdivisions(corner, longest):
     """Return the number of parts into which the sides of a triangle are divided, so that none is longer."""
     longest2 = 0.0
     for k in range(3):
@@ -269,7 +269,7 @@ def _pieces(
         if outside:
             continue
         # No side is longer than the box around the triangle.
-        m = 1 if across2 <= longest * longest else min(_parts(corner, longest), most_parts)
+        m = 1 if across2 <= longest * longest else min(_subdivisions(corner, longest), most_parts)
         for k in range(first_part, m * m):
             n, area = expected_of(corner, m, k, density, piece)
             if n * area <= 0.0:
