@@ -222,7 +222,8 @@ def maps_of(surveys: tuple[Survey, ...], options: Mapping[str, Any] | None = Non
     """The error, the stated standard deviation and the lit cells of each map, by survey and method."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.mapping.build import build_dem_method
-    from sionna_radar.survey.observation import observe, place
+    from sionna_radar.survey.observation import observe
+    from sionna_radar.survey.placement import place
     from sionna_radar.survey.recordings import netcdf
     from sionna_radar.survey.reprocessing import open_recording
 

@@ -12,7 +12,8 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.mapping.build import build_dem_method
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
-from sionna_radar.survey.observation import observe, place
+from sionna_radar.survey.observation import observe
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import prepare
 
 NOMINAL = np.array(INTERVALS_PERCENT) / 100

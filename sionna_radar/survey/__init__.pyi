@@ -3,9 +3,9 @@ from .custom_parts import CustomParts as CustomParts
 from .observation import Observed as Observed
 from .observation import observe as observe
 from .observation import observe_blocks as observe_blocks
-from .observation import place as place
 from .observed_survey import ObservedSurvey as ObservedSurvey
 from .observed_survey import observe_survey as observe_survey
+from .placement import place as place
 from .preparation import Prepared as Prepared
 from .preparation import prepare as prepare
 from .reprocessing import process as process

@@ -16,8 +16,9 @@ from sionna_radar.foundation.progress import HoldsMemory, peak_memory_mb, releas
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.observation import Observed, Recorder, SampleType, navigation_sigma, observe, place
+from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
+from sionna_radar.survey.placement import navigation_sigma, place
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor

@@ -21,7 +21,8 @@ from sionna_radar.mapping.terrain.tiles import AnyPiece, MapTiles, TilePiece, pi
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.observation import Observed, observe, on_this_worker, place
+from sionna_radar.survey.observation import Observed, observe, on_this_worker
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Sensor
 

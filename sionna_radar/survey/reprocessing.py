@@ -49,7 +49,8 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.checks import processing_limits
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.observation import SegmentObserver, observe, place
+from sionna_radar.survey.observation import SegmentObserver, observe
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import (
     WHOLE_CELLS,
     Described,

@@ -25,7 +25,8 @@ from sionna_radar.mapping.stepped.borders import (
     nearest_echo_off_level,
 )
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
-from sionna_radar.mapping.stepped.surface import distance_to_border_m, regions_of, sigma_after_reassignment
+from sionna_radar.mapping.stepped.regions import distance_to_border_m, regions_of
+from sionna_radar.mapping.stepped.uncertainty import sigma_after_reassignment
 
 ROOF_M = 8.0
 

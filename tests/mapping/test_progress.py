@@ -14,7 +14,8 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.observation import observe, place
+from sionna_radar.survey.observation import observe
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import prepare
 
 QUICK = {

@@ -10,7 +10,7 @@ from sionna_radar import load_scenario, run
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, margins, path_costs
-from sionna_radar.mapping.stepped.surface import (
+from sionna_radar.mapping.stepped.uncertainty import (
     ABOVE_M,
     BELOW_M,
     DISTANCES_CELLS,

@@ -6,8 +6,8 @@ import pytest
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.linear.gridding import grid_points
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey.observation import navigation_sigma
 from sionna_radar.survey.observed_survey import observe_survey
+from sionna_radar.survey.placement import navigation_sigma
 
 FLIGHT = {"platform.length_m": 24.0, "terrain.kind": "hills"}
 

@@ -14,8 +14,9 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.observation import observe, place
+from sionna_radar.survey.observation import observe
 from sionna_radar.survey.observed_survey import observe_survey
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.survey.sensors.radar import Radar

@@ -32,16 +32,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import (
-    binary_dilation,
-    binary_erosion,
-    distance_transform_edt,
-    find_objects,
-    label,
-    maximum_filter,
     median_filter,
-    minimum_filter,
 )
-from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
@@ -58,196 +50,12 @@ from sionna_radar.mapping.seen import empty, visible_surface
 from sionna_radar.mapping.stepped.borders import assign_border_cells, contradicted_by_echoes, nearest_echo_off_level
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
+from sionna_radar.mapping.stepped.regions import distance_to_border_m, raised_cells, region_windows, regions_of
+from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, stepped_uncertainty
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
 # Blocks of levels along the longest side of a tile.
 TILE_BLOCKS = 3
-# Width of the ring around a region, cells, and the fraction of it that a raised region exceeds by a step.
-RING_CELLS, MIN_RAISED_FRACTION = 2, 0.75
-AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
-
-
-def regions_of(
-    height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int
-) -> Int[np.ndarray, "row column"]:
-    """Return connected regions without steps: the number of each cell's region, from zero without gaps.
-
-    height_m: heights of the cells.
-    step_m: least difference between neighbours in different regions.
-    min_cells: smaller regions join the nearest.
-    """
-    along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
-    inner = _fully_linked(along, across)
-    region = label(inner)[0] - 1
-    extended = _extend_to_adjacent_cells(region, height_m, step_m)
-    return _remove_small_regions(extended, min_cells)
-
-
-def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
-    """Return the rows and columns that contain each region, by their numbers."""
-    return [(rows, columns) for rows, columns in find_objects(region + 1)]
-
-
-def raised_cells(
-    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], step_m: float
-) -> Bool[np.ndarray, "row column"]:
-    """Return the cells of raised regions: a step above most adjacent cells."""
-    raised = np.zeros(region.shape, dtype=bool)
-    for number, window_of_region in enumerate(region_windows(region)):
-        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in window_of_region)
-        cells, height = region[window] == number, height_m[window]
-        ring = binary_dilation(cells, iterations=RING_CELLS) & ~cells
-        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MIN_RAISED_FRACTION:
-            raised[window] |= cells
-    return raised
-
-
-def distance_to_border_m(region: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
-    """Return the distance of each cell from the border of its region, m; infinite if there is only one region."""
-    border = np.zeros(region.shape, dtype=bool)
-    along, across = region[:, 1:] != region[:, :-1], region[1:] != region[:-1]
-    border[:, 1:] |= along
-    border[:, :-1] |= along
-    border[1:] |= across
-    border[:-1] |= across
-    distance: Float[np.ndarray, "row column"] = distance_transform_edt(~border) * spacing_m
-    return distance if border.any() else np.full(region.shape, np.inf)
-
-
-def _fully_linked(
-    along: Bool[np.ndarray, "row beside"], across: Bool[np.ndarray, "above column"]
-) -> Bool[np.ndarray, "row column"]:
-    """Return the cells in whose 3 x 3 neighbourhood all neighbours are linked."""
-    right = np.pad(along, ((0, 0), (0, 1)), constant_values=True)
-    below = np.pad(across, ((0, 1), (0, 0)), constant_values=True)
-    # The links of a square of three: along rows between its first two columns, and across, likewise.
-    of_row = binary_erosion(right, np.ones((3, 2)), origin=(0, 0), border_value=1)
-    of_column = binary_erosion(below, np.ones((2, 3)), origin=(0, 0), border_value=1)
-    return np.asarray(of_row & of_column)
-
-
-def _extend_to_adjacent_cells(
-    region: Int[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], step_m: float
-) -> Int[np.ndarray, "row column"]:
-    """Return regions extended to adjacent cells: each joins the region of the nearest height, if within a step."""
-    rows, columns = region.shape
-    padded, heights = np.pad(region, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
-    best, extended = np.full(region.shape, step_m), region.copy()
-    for down, right in AROUND:
-        window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
-        difference_m = np.abs(heights[window] - height_m)
-        nearer = (region < 0) & (padded[window] >= 0) & (difference_m <= best)
-        extended[nearer], best[nearer] = padded[window][nearer], difference_m[nearer]
-    return extended
-
-
-def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
-    """Return regions numbered from zero; cells of no region, or of one of fewer than `min_cells`, join the nearest."""
-    crumb = (np.bincount(region.ravel() + 1)[region + 1] < min_cells) | (region < 0)
-    if crumb.all():
-        return np.zeros(region.shape, dtype=np.int64)
-    row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
-    return np.asarray(np.unique(region[row, column], return_inverse=True)[1].reshape(region.shape))
-
-
-# Prior odds that a cell belongs to the other side of a step are these lengths (m) over the distance from the step: for
-# a cell mapped above that it is of the ground below, and for one mapped below that it is of what stands above. The map
-# takes the highest of equal levels, so that it errs upward more often. Fitted to the frequencies of six surveys of San
-# Francisco and Florence, as are the decrease with distance and with the margin, which errs by about one neper
-# (`docs/theory/uncertainty.md`).
-BELOW_M, ABOVE_M = 0.23, 0.13
-# Largest distance at which steps are searched, m, and the radii tried, cells; none was found to matter beyond.
-FARTHEST_M, DISTANCES_CELLS = 24.0, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
-# Radius of the neighbourhood in which the depth of a step is measured: in distances of the step, with a minimum in m.
-DEPTH_RADIUS_DISTANCES, MIN_DEPTH_RADIUS_M = 2, 4.0
-
-
-@dataclass(frozen=True)
-class SteppedUncertainty:
-    """Standard deviations of the cells of a stepped map.
-
-    other_side: probability that a cell belongs to the other side of a step, and is wrong by the whole step.
-    step_sigma_m: contribution of that error; without it remains the standard deviation of cells on the right side.
-    """
-
-    cell_sigma_m: Float[np.ndarray, "row column"]
-    other_side: Float[np.ndarray, "row column"]
-    step_sigma_m: Float[np.ndarray, "row column"]
-
-    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-        """Return the standard deviation of the wanted cells; NaN elsewhere. The grid is that of the map."""
-        return np.where(wanted, self.cell_sigma_m, np.nan)
-
-    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
-        """Return NaN: correlations of border errors are not modelled."""
-        return float("nan")
-
-
-def sigma_after_reassignment(
-    sigma_m: Float[np.ndarray, "row column"],
-    before: Int[np.ndarray, "row column"],
-    after: Int[np.ndarray, "row column"],
-) -> Float[np.ndarray, "row column"]:
-    """Return standard deviations in which a cell that changed its region takes that of the nearest cell that did not.
-
-    sigma_m: standard deviations within the regions that the cells belonged to before.
-    before, after: numbers of the regions of the cells.
-    """
-    result, moved = sigma_m.copy(), before != after
-    for number in np.unique(after[moved]):
-        stayed, came = np.argwhere((after == number) & ~moved), np.argwhere((after == number) & moved)
-        if len(stayed):
-            nearest = stayed[KDTree(stayed).query(came)[1]]
-            result[came[:, 0], came[:, 1]] = sigma_m[nearest[:, 0], nearest[:, 1]]
-    return result
-
-
-def stepped_uncertainty(
-    sigma_m: Float[np.ndarray, "row column"],
-    height_m: Float[np.ndarray, "row column"],
-    coarse: CoarseMap,
-    step_m: float,
-    spacing_m: float,
-) -> SteppedUncertainty:
-    """Return the uncertainty of a map: that inside its regions, and that of the sides of steps.
-
-    The other side of a step is as far away as the deepest foot nearby, or as the levels that the echoes leave open.
-
-    sigma_m: standard deviations within the regions.
-    height_m: the map.
-    coarse: margins of the echoes against other levels, and their distances from its own heights.
-    step_m, spacing_m: smallest height difference that counts as a step, and size of the cells.
-    """
-    moved_m = height_m - coarse.height_m
-    away_m, drop_m = nearest_step_below(height_m, step_m, spacing_m)
-    down, drop_m = BELOW_M / away_m * np.exp(-(coarse.below**2) / 2), np.maximum(drop_m, coarse.depth_m + moved_m)
-    away_m, rise_m = nearest_step_below(-height_m, step_m, spacing_m)
-    up, rise_m = ABOVE_M / away_m * np.exp(-(coarse.above**2) / 2), np.maximum(rise_m, coarse.rise_m - moved_m)
-    down, up = down / (1 + down + up), up / (1 + down + up)
-    step_sigma_m = np.sqrt(down * drop_m**2 + up * rise_m**2 - (up * rise_m - down * drop_m) ** 2)
-    return SteppedUncertainty(np.hypot(sigma_m, step_sigma_m), down + up, step_sigma_m)
-
-
-def nearest_step_below(
-    height_m: Float[np.ndarray, "row column"], step_m: float, spacing_m: float
-) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return the distance of each cell from the nearest foot of a step below it, and the depth of the step, m.
-
-    The distance is that of the ring of cells, one of `DISTANCES_CELLS`; infinite without such a foot.
-    """
-    foot = maximum_filter(height_m, 3, mode="nearest") - height_m > step_m
-    foot_m = np.where(foot, height_m, np.inf)
-    away_m, depth_m = np.full(height_m.shape, np.inf), np.zeros(height_m.shape)
-    for cells in DISTANCES_CELLS:
-        reach_m = cells * spacing_m
-        if cells > 1 and reach_m > FARTHEST_M:
-            break
-        below_m = height_m - minimum_filter(foot_m, 2 * cells + 1, mode="nearest")
-        lower = below_m > step_m
-        away_m[lower] = np.minimum(away_m[lower], reach_m)
-        around = lower & (reach_m <= np.maximum(DEPTH_RADIUS_DISTANCES * away_m, MIN_DEPTH_RADIUS_M))
-        depth_m[around] = below_m[around]
-    return away_m, depth_m
 
 
 @dataclass(frozen=True)

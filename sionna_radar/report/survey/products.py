@@ -14,7 +14,7 @@ from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.surface import SteppedUncertainty
+from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.report.drawing import Coordinates
 from sionna_radar.report.files.contents import (

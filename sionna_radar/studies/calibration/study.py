@@ -41,7 +41,8 @@ from sionna_radar.studies.calibration.estimation import (
 )
 from sionna_radar.studies.calibration.instrument_echoes import Readings, Together, WholeEchoes
 from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
-from sionna_radar.survey.observation import Observed, observe, place
+from sionna_radar.survey.observation import Observed, observe
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
 from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
 from sionna_radar.survey.sensors.sensor import Sensor

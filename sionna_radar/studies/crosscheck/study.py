@@ -25,7 +25,7 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 from scipy.special import ndtri
 
-from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
+from sionna_radar.accuracy.speckle_test import SpeckleTest, compare_speckle
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of

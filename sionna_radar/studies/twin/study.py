@@ -41,7 +41,7 @@ from sionna_radar.studies.twin.statistics import (
     shape_rows,
 )
 from sionna_radar.survey.custom_parts import CustomParts, over_file
-from sionna_radar.survey.observation import place
+from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recordings.described import DescribedRanges
 from sionna_radar.survey.reprocessing import (

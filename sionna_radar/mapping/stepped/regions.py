@@ -1,0 +1,98 @@
+"""Regions of a stepped surface: connected cells between steps, their windows and borders."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    distance_transform_edt,
+    find_objects,
+    label,
+)
+
+# Width of the ring around a region, cells, and the fraction of it that a raised region exceeds by a step.
+RING_CELLS, MIN_RAISED_FRACTION = 2, 0.75
+AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
+
+
+def regions_of(
+    height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int
+) -> Int[np.ndarray, "row column"]:
+    """Return connected regions without steps: the number of each cell's region, from zero without gaps.
+
+    height_m: heights of the cells.
+    step_m: least difference between neighbours in different regions.
+    min_cells: smaller regions join the nearest.
+    """
+    along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
+    inner = _fully_linked(along, across)
+    region = label(inner)[0] - 1
+    extended = _extend_to_adjacent_cells(region, height_m, step_m)
+    return _remove_small_regions(extended, min_cells)
+
+
+def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
+    """Return the rows and columns that contain each region, by their numbers."""
+    return [(rows, columns) for rows, columns in find_objects(region + 1)]
+
+
+def raised_cells(
+    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], step_m: float
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells of raised regions: a step above most adjacent cells."""
+    raised = np.zeros(region.shape, dtype=bool)
+    for number, window_of_region in enumerate(region_windows(region)):
+        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in window_of_region)
+        cells, height = region[window] == number, height_m[window]
+        ring = binary_dilation(cells, iterations=RING_CELLS) & ~cells
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MIN_RAISED_FRACTION:
+            raised[window] |= cells
+    return raised
+
+
+def distance_to_border_m(region: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
+    """Return the distance of each cell from the border of its region, m; infinite if there is only one region."""
+    border = np.zeros(region.shape, dtype=bool)
+    along, across = region[:, 1:] != region[:, :-1], region[1:] != region[:-1]
+    border[:, 1:] |= along
+    border[:, :-1] |= along
+    border[1:] |= across
+    border[:-1] |= across
+    distance: Float[np.ndarray, "row column"] = distance_transform_edt(~border) * spacing_m
+    return distance if border.any() else np.full(region.shape, np.inf)
+
+
+def _fully_linked(
+    along: Bool[np.ndarray, "row beside"], across: Bool[np.ndarray, "above column"]
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells in whose 3 x 3 neighbourhood all neighbours are linked."""
+    right = np.pad(along, ((0, 0), (0, 1)), constant_values=True)
+    below = np.pad(across, ((0, 1), (0, 0)), constant_values=True)
+    # The links of a square of three: along rows between its first two columns, and across, likewise.
+    of_row = binary_erosion(right, np.ones((3, 2)), origin=(0, 0), border_value=1)
+    of_column = binary_erosion(below, np.ones((2, 3)), origin=(0, 0), border_value=1)
+    return np.asarray(of_row & of_column)
+
+
+def _extend_to_adjacent_cells(
+    region: Int[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], step_m: float
+) -> Int[np.ndarray, "row column"]:
+    """Return regions extended to adjacent cells: each joins the region of the nearest height, if within a step."""
+    rows, columns = region.shape
+    padded, heights = np.pad(region, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
+    best, extended = np.full(region.shape, step_m), region.copy()
+    for down, right in AROUND:
+        window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
+        difference_m = np.abs(heights[window] - height_m)
+        nearer = (region < 0) & (padded[window] >= 0) & (difference_m <= best)
+        extended[nearer], best[nearer] = padded[window][nearer], difference_m[nearer]
+    return extended
+
+
+def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
+    """Return regions numbered from zero; cells of no region, or of one of fewer than `min_cells`, join the nearest."""
+    crumb = (np.bincount(region.ravel() + 1)[region + 1] < min_cells) | (region < 0)
+    if crumb.all():
+        return np.zeros(region.shape, dtype=np.int64)
+    row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
+    return np.asarray(np.unique(region[row, column], return_inverse=True)[1].reshape(region.shape))
