@@ -11,10 +11,10 @@ from sionna_radar.mapping.echo_model.kernels import (
     BEYOND,
     FADING_LEVEL,
     LEVEL_ITERATIONS,
+    LEVEL_PEDESTAL,
     LEVEL_TOLERANCE,
     MIN_CELLS,
     MIN_SPREAD_CELLS,
-    PEDESTAL,
 )
 from sionna_radar.mapping.echo_model.model import Sightings, footprints, spline_taps
 from sionna_radar.mapping.echo_model.power_kernels import OUT_OF_NOISE
@@ -70,7 +70,7 @@ class PlainEchoes:
         top = echo_level(power, noise, noise + volume)
         if not shape.any() or top == 0:
             return np.zeros(nodes), np.zeros((0, nodes))
-        level, mean, weight = _fit_level(power, shape, volume, noise + PEDESTAL * top, top)
+        level, mean, weight = _fit_level(power, shape, volume, noise + LEVEL_PEDESTAL * top, top)
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
         moved = self._moved(pulse, spread, spread.power, len(shape)) + self._passed(pulse, spread, len(shape))

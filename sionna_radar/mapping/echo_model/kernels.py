@@ -27,7 +27,8 @@ from sionna_radar.mapping.echo_model.power_kernels import (
 
 # Power relative to the echo's level at which the weight of a cell is 1/4.
 FADING_LEVEL = 0.02
-PEDESTAL = 1e-4
+# Power of a cell that no model of the surface explains, relative to the strongest: where a level is fitted.
+LEVEL_PEDESTAL = 1e-4
 MIN_WEIGHT = 1e-4
 # Tolerance of a level, Np: so small that the number of iterations does not move the surface.
 LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
@@ -356,7 +357,7 @@ def linearise(low, high, data, in_front, geometry, antenna, results):
         if top == 0.0:
             continue
         mean, weight = np.empty(cells), np.empty(cells)
-        level = fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
+        level = fit_level(power, shape, volume, noise + LEVEL_PEDESTAL * top, top, mean, weight)
         echo = level, shape, mean, weight
         rows = _changes(echo, room, added, nearest, farthest, antenna[2], scale, before, jacobian, own)
         if rows > 0:
@@ -432,7 +433,7 @@ def scores(low, high, data, geometry, antenna, score):
         top = echo_level(power, profile_noise[pulse], volume[:cells])
         if top == 0.0:
             continue
-        noise = profile_noise[pulse] + PEDESTAL * top
+        noise = profile_noise[pulse] + LEVEL_PEDESTAL * top
         level = fit_level(power, shape, volume[:cells], noise, top, mean, weight)
         if _gain_of_cells(power, (level, shape, mean, weight), looks[pulse], gain) < MIN_CELLS:
             continue

@@ -38,7 +38,7 @@ Floats = Float[np.ndarray, "..."]
 # Covariances of long waves and of short ones.
 LongAndShort = tuple[CovarianceTable, CovarianceTable]
 # Prior standard deviation of the log noise factor: range error estimates are uncertain by a factor.
-NOISE_FACTOR_SPREAD = 1.0
+UNKNOWN_NOISE_FACTOR_SPREAD = 1.0
 MIN_POINTS = 20
 # Cells per batch, to bound memory.
 AT_ONCE = 25_000
@@ -122,7 +122,7 @@ class LinearUncertainty:
 def linear_uncertainty(
     interpolated: Interpolated,
     heights: Heights,
-    noise_factor_spread: float = NOISE_FACTOR_SPREAD,
+    noise_factor_spread: float = UNKNOWN_NOISE_FACTOR_SPREAD,
     microrelief_m: float = 0.0,
 ) -> LinearUncertainty | None:
     """Return the uncertainty of a linear interpolation between heights; None with too few of them.
@@ -155,7 +155,7 @@ class Linear:
         gridding = in_background(lambda: grid_points(*on))
         heights, interpolated = inputs.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
-        spread = NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
+        spread = UNKNOWN_NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
         uncertainty = linear_uncertainty(interpolated, heights, spread, inputs.microrelief_m)
         return (
             Estimate(dem=interpolated.dem)

@@ -36,7 +36,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
-from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
+from sionna_radar.mapping.linear.linear import UNKNOWN_NOISE_FACTOR_SPREAD
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
@@ -276,7 +276,9 @@ class Smooth:
         # Estimators of ranges know their errors to a factor, which the fit below takes for known.
         ground_m, window = inputs.microrelief_m, self.tiling.options.window_heights
         measured = heights.above(heights.trend(), ground_m)
-        factor = fit_covariance(measured.rows(low_relief_mask(measured, window)), 1, NOISE_FACTOR_SPREAD).noise_factor
+        factor = fit_covariance(
+            measured.rows(low_relief_mask(measured, window)), 1, UNKNOWN_NOISE_FACTOR_SPREAD
+        ).noise_factor
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
         fitted = smooth(heights, inputs.grid, window_heights=window, microrelief_m=ground_m)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
