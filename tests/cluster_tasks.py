@@ -4,7 +4,6 @@ import json
 import logging
 import os
 import signal
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -44,7 +43,7 @@ def look(task: Mapping[str, Any]) -> bytes:
         time.sleep(60)
     if task["do"] == "warn":
         logging.getLogger("sionna_radar").warning("mind %s", "this")
-    here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed(), "ahead": "poplib" in sys.modules}
+    here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed()}
     return document_bytes(here | {"x": task["x"]})
 
 

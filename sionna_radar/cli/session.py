@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 # Opens or resumes the checkpoints of a run described by a JSON document.
 OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
-# Modules that every task needs and that take seconds to import.
-WORKER_MODULES = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 MAX_REFERENCE_BYTES = 200_000_000_000
@@ -99,7 +97,7 @@ class Session:
         """Return a context manager of the workers: this process alone by default."""
         from sionna_radar.execution.cluster import open_workers
 
-        return open_workers(self.workers, self.scheduler, WORKER_MODULES)
+        return open_workers(self.workers, self.scheduler)
 
     def load(self) -> "Scenario":
         """Return the scenario."""

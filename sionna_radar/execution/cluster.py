@@ -13,11 +13,10 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -48,13 +47,11 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("sionna_radar")
 
-# Deaths of its worker after which a task is reported as failed.
+# Deaths of its worker after which dask gives up a task of local workers; the scheduler of a cluster has its own number.
 ATTEMPTS = 3
 CONNECT_S = 10.0
 # Seconds without workers before a warning, and to wait after it.
 WARN_AFTER_S, FIRST_WORKER_S = 3.0, 30.0
-# Environment variable: modules that workers import at start.
-AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
 # Polling interval for interrupts.
 TICK_S = 0.2
 CLOSING_S = 2.0
@@ -63,9 +60,7 @@ _one_at_a_time = threading.Lock()
 
 
 @contextmanager
-def open_workers(
-    count: int | None = None, scheduler: str | None = None, ahead: Sequence[str] = ()
-) -> Iterator[Workers]:
+def open_workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
     """Yield workers: processes on this machine, an existing cluster, or this process itself.
 
     Parameters
@@ -74,8 +69,6 @@ def open_workers(
         Processes to start; they share the cores. While they are idle, this process may use all of their threads.
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
-    ahead:
-        Modules that the workers import at start-up, before the first task.
 
     Raises
     ------
@@ -106,7 +99,7 @@ def open_workers(
     # levels.
     for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    opened = _local_client(count, ahead) if count is not None else _remote_client(str(scheduler))
+    opened = _local_client(count) if count is not None else _remote_client(str(scheduler))
     with opened as client:
         workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
         workers.check()
@@ -114,7 +107,7 @@ def open_workers(
 
 
 @contextmanager
-def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
+def _local_client(count: int) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
@@ -145,13 +138,12 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
             local_directory=str(place),
             silence_logs=logging.CRITICAL,
             scheduler_kwargs={
-                # Dask blames all tasks of a worker for its death, and would try them together again.
-                "allowed_failures": 0,
+                "allowed_failures": ATTEMPTS - 1,
                 # The dashboard cannot be disabled: use a free port and no plotting dependencies.
                 "dashboard": False,
                 "dashboard_address": "127.0.0.1:0",
             },
-            env={THREADS_VARIABLE: str(threads), AHEAD_VARIABLE: " ".join(ahead)},
+            env={THREADS_VARIABLE: str(threads)},
             preload=[__name__],
         )
         try:
@@ -173,20 +165,9 @@ def _start_silent_tracker() -> None:
 
 
 def dask_setup(_: Any) -> None:
-    """Set up a worker: ignore Ctrl-C (the parent shuts it down), tune heaps, import modules ahead of tasks."""
+    """Set up a worker: ignore Ctrl-C (the parent shuts it down), and tune heaps."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tune_heaps()
-    if os.environ.get(AHEAD_VARIABLE):
-        threading.Thread(target=_load_ahead, args=(os.environ[AHEAD_VARIABLE].split(),), daemon=True).start()
-
-
-def _load_ahead(modules: Sequence[str]) -> None:
-    """Import modules in the background; the first task waits for them."""
-    with _one_at_a_time:
-        for module in modules:
-            # A task that needs the module reports the error.
-            with suppress(Exception):
-                import_module(module)
 
 
 def _end(cluster: "LocalCluster") -> None:
@@ -277,36 +258,22 @@ class DaskWorkers:
                 raise WorkerError(_other_program(address, different))
 
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the result or failure of each task as it finishes.
-
-        A task whose worker died is tried again at the end, alone: with the memory that the others took, and so that
-        none of these dies with it twice.
-        """
+        """Yield the result or failure of each task as it finishes; dask retries a task whose worker has died."""
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
-        waiting, suspects, deaths = deque(range(len(tasks))), deque[int](), Counter[int]()
+        waiting = iter(range(len(tasks)))
         given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
-        at_hand = None if shared is None or not tasks else self._sent(shared)
+        payload = None if shared is None or not tasks else self._sent(shared)
         try:
-            while waiting or running or suspects:
-                ready = [waiting.popleft() for _ in range(min(len(waiting), self.count - len(running)))]
-                if suspects and not (ready or running):
-                    ready = [suspects.popleft()]
-                for number in ready:
+            for _ in tasks:
+                # No more than run at once: dask blames all tasks of a worker for its death.
+                for number in islice(waiting, self.count - len(running)):
                     task, key = json.dumps(tasks[number]), f"sionna-radar-{uuid4().hex}"
-                    future = self.client.submit(perform, task, json.dumps(given), at_hand, key=key, pure=False)
+                    future = self.client.submit(perform, task, json.dumps(given), payload, key=key, pure=False)
                     running[future] = number
                     future.add_done_callback(finished.put)
                 future = self._next(finished)
-                number, died = running.pop(future), _deaths(future)
-                deaths[number] += died
-                if died and deaths[number] < ATTEMPTS:
-                    suspects.append(number)
-                elif died:
-                    text = f"its worker died {deaths[number]} times; is there memory enough?"
-                    yield number, Failure(kind=WorkersLostError.__name__, text=text)
-                else:
-                    yield number, _result(future)
+                yield running.pop(future), _result(future)
         finally:
             for future in running:
                 future.cancel(reason="the study has ended")
@@ -355,20 +322,17 @@ class DaskWorkers:
             cluster.scale(len(cluster.worker_spec) + self.local)
 
 
-def _deaths(future: "Future") -> int:
-    """Return how many workers died with a task, if that is how it finished."""
-    from distributed import KilledWorker
-
-    error = future.exception() if future.status == "error" else None
-    return error.allowed_failures + 1 if isinstance(error, KilledWorker) else 0
-
-
 def _result(future: "Future") -> bytes | Failure:
     """Return the result or failure of a finished task, and log its worker's messages here."""
+    from distributed import KilledWorker
+
     if future.status in ("cancelled", "lost"):
         raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")
     if future.status == "error":
         error = future.exception()
+        if isinstance(error, KilledWorker):
+            text = f"its worker died {error.allowed_failures + 1} times; is there memory enough?"
+            return Failure(kind=WorkersLostError.__name__, text=text)
         message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
         raise WorkerError(message) from error
     reply = future.result()

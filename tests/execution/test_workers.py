@@ -8,11 +8,9 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
-from distributed import KilledWorker
 
 import cluster_tasks
 from cluster_tasks import look
@@ -25,19 +23,17 @@ from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLo
 from sionna_radar.foundation.input_file import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
 
-# The first is loaded before there is anything to do; what is wrong with the second is for tasks to say.
-AHEAD = ("poplib", "no_such_module")
 TASKS = [{"do": "look", "x": 0.1}, {"do": "refuse"}, {"do": "look", "x": math.nan}, {"do": "fail"}]
 
 
 @pytest.fixture(scope="module")
 def pair():
-    with open_workers(2, ahead=AHEAD) as workers:
+    with open_workers(2) as workers:
         yield workers
 
 
 def seen(found):
-    return found if isinstance(found, Failure) else {**json.loads(found), "pid": 0, "cores": 0, "ahead": False}
+    return found if isinstance(found, Failure) else {**json.loads(found), "pid": 0, "cores": 0}
 
 
 def test_nobody_but_this_process_needs_no_dask():
@@ -71,11 +67,6 @@ def test_the_cores_are_shared_and_the_work_is_done_elsewhere(pair):
     assert {one["cores"] for one in found} == {max(cores() // 2, 1)}
     assert {one["x"] for one in found} == set(range(6))
     assert os.getpid() not in {one["pid"] for one in found}
-
-
-def test_what_is_needed_is_loaded_before_the_first_task(pair):
-    assert all(json.loads(found)["ahead"] for _, found in pair.each(look, TASKS[:1] * 4))
-    assert not json.loads(look(TASKS[0]))["ahead"]
 
 
 def test_while_workers_wait_this_process_has_the_threads_of_all(monkeypatch):
@@ -150,41 +141,6 @@ def test_a_worker_may_take_longer_to_start_again_than_dask_waits(tmp_path, monke
     with open_workers(1) as workers:
         found = dict(workers.each(look, tasks))
     assert seen(found[1])["x"] == 7
-
-
-class BlamedFuture(Future):
-    """A task that is done at once, or with which its worker died."""
-
-    def __init__(self, number, killed):
-        super().__init__()
-        self.status = "error" if killed else "finished"
-        if killed:
-            self.set_exception(KilledWorker("task", None, 0))
-        else:
-            self.set_result({"result": str(number).encode(), "failure": None, "log": [], "different": {}})
-
-
-class BlamingClient:
-    """Task 0 ends its worker each time, and dask blames task 1 for the first time."""
-
-    status = "running"
-
-    def __init__(self):
-        self.submitted = []
-
-    def submit(self, _, task, *__, **___):
-        number = json.loads(task)["x"]
-        killed = number == 0 or (number == 1 and 1 not in self.submitted)
-        self.submitted.append(number)
-        return BlamedFuture(number, killed)
-
-
-def test_a_task_that_is_blamed_for_another_s_is_done_alone():
-    workers = DaskWorkers(client=BlamingClient(), program={}, local=2)
-    found = dict(workers.each(look, [{"x": number} for number in range(4)]))
-    assert workers.client.submitted == [0, 1, 2, 3, 0, 1, 0]
-    assert found.pop(0) == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
-    assert found == {1: b"1", 2: b"2", 3: b"3"}
 
 
 @pytest.mark.parametrize(
