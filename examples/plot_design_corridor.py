@@ -15,7 +15,7 @@ SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. The same 
 # %%
 import os
 
-from sionna_radar.studies.design import draw_front, plan_design, print_design, run_design
+from sionna_radar.studies.design import DOCUMENT, draw_front, plan_design, run_design
 from sionna_radar.studies.sweep import Area
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
@@ -38,7 +38,7 @@ plan = plan_design(
     repeat=3 if SMALL else 5,
 )
 design = run_design(plan)
-print_design(design)
+DOCUMENT.show(design)
 
 # %%
 # Flown in full, the front goes from 0.06 m of error with an aperture of 0.22 m to 0.18 m of error with 0.04 m.

@@ -15,7 +15,7 @@ the flights are short and few. The same from the command line, with costs of sev
 # %%
 import os
 
-from sionna_radar.studies.design import draw_slices, plan_design, print_design, run_design
+from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design, run_design
 from sionna_radar.studies.sweep import Costs
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
@@ -40,7 +40,7 @@ plan = plan_design(
     repeat=3 if SMALL else 5,
 )
 design = run_design(plan)
-print_design(design)
+DOCUMENT.show(design)
 
 # %%
 # Through the optimum: what each parameter does to the mass, to the error and to the coverage, and where all

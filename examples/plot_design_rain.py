@@ -16,7 +16,7 @@ short and few. From the command line::
 # %%
 import os
 
-from sionna_radar.studies.design import draw_slices, plan_design, print_design, run_design
+from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design, run_design
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
@@ -37,7 +37,7 @@ plan = plan_design(
     repeat=3 if SMALL else 5,
 )
 design = run_design(plan)
-print_design(design)
+DOCUMENT.show(design)
 
 # %%
 # Flown in full, it is 9.4 km2 an hour with 1.9 deg, from 59 m at 18 m/s; the error binds, and so does the antenna.

@@ -32,9 +32,12 @@ def _records() -> Iterator[tuple[str, str]]:
 
 
 def html_of(result: Any) -> str:
-    """Return a result as HTML: the tables and figures that `views` of its document returns."""
+    """Return a result as HTML: the tables and figures of its document."""
     from sionna_radar.report.notebook import html_of as html_of_views
 
     room = type(result).__module__.rpartition(".")[0]
-    document = "sionna_radar.report.survey.figures" if room == "sionna_radar.survey" else f"{room}.document"
-    return html_of_views(import_module(document).views(result), getattr(result, "warnings", ()))
+    if room == "sionna_radar.survey":
+        views = import_module("sionna_radar.report.survey.figures").views(result)
+    else:
+        views = import_module(f"{room}.document").DOCUMENT.views(result)
+    return html_of_views(views, getattr(result, "warnings", ()))

@@ -1,5 +1,7 @@
 """The commands that simulate: surveys, studies, images, range-Doppler maps and link budgets."""
 
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,13 +27,13 @@ from sionna_radar.cli.session import (
     Session,
     command,
     log_to_stderr,
-    progress_shown,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, PointsFile, Report
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
+    from sionna_radar.report.drawing import Coordinates
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
@@ -74,6 +76,31 @@ def run_command(
     _fly(session, block_size, map_coordinates, report, points, record, record_as, heights)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _SurveyDocument:
+    """Prints and writes a survey; what writes is slow to load, and imported after the table is printed."""
+
+    coordinates: "Coordinates"
+    points: Collection[PointsFile]
+    recordings: Mapping[str, Path]
+    marker = MARKER
+    suffix = ""
+
+    def show(self, record: "Survey") -> None:
+        """Print the table."""
+        from sionna_radar.report.survey.summary import print_survey
+
+        print_survey(record)
+
+    def write(self, record: "Survey", directory: Path, *, report: Report) -> list[Path]:
+        """Write the folder of results."""
+        from sionna_radar.report.survey.products import write_survey
+
+        return write_survey(
+            record, directory, self.coordinates, report=report, points=self.points, recordings=self.recordings
+        )
+
+
 def _fly(
     session: Session,
     block_size: int | None,
@@ -88,7 +115,6 @@ def _fly(
 
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
-    from sionna_radar.report.survey.summary import print_survey
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.preparation import prepare
@@ -99,13 +125,6 @@ def _fly(
         from sionna_radar.report.files.points_table import check_parquet
 
         check_parquet()
-
-    def write(survey: "Survey", folder: Path) -> list[Path]:
-        # Imported late: plotting libraries are slow to load, and the summary is printed first.
-        from sionna_radar.report.survey.products import write_survey
-
-        with progress_shown(session.quiet):
-            return write_survey(survey, folder, coordinates, report=page, points=files, recordings=inside)
 
     def fly(keep: "OpenCheckpoints") -> "Survey":
         files, size = outside | inside, block_size or BLOCK_SIZE
@@ -126,11 +145,9 @@ def _fly(
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
             fly,
-            suffix="",
-            marker=MARKER,
-            write=write,
-            show=print_survey,
-            products=[coordinates, page.name, *files, *heights.products],
+            _SurveyDocument(coordinates=coordinates, points=files, recordings=inside),
+            report=page,
+            products=[coordinates, *files, *heights.products],
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")

@@ -138,7 +138,7 @@ def process_command(
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
-    from sionna_radar.report.survey.processed import MARKER, print_processed, write_processed
+    from sionna_radar.report.survey.processed import processed_document
     from sionna_radar.survey.reprocessing import identity_of, open_recording, process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
@@ -156,14 +156,7 @@ def process_command(
             processed = process(recording, session.overrides, execution=execution)
         return heights.beside(processed)
 
-    session.produce(
-        fly,
-        suffix="_processed",
-        marker=MARKER,
-        write=lambda processed, folder: write_processed(processed, folder, coordinates, report=page),
-        show=print_processed,
-        products=[coordinates, page.name, *heights.products],
-    )
+    session.produce(fly, processed_document(coordinates), report=page, products=[coordinates, *heights.products])
 
 
 def _describe(session: Session, capture: Path, config: Path) -> None:

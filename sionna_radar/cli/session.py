@@ -8,14 +8,14 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar, runtime_checkable
 
 import typer
 
 from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, regular_file, shown
-from sionna_radar.report.files.contents import PointsFile
+from sionna_radar.report.files.contents import PointsFile, Report
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
@@ -27,11 +27,31 @@ if TYPE_CHECKING:
     Flown = TypeVar("Flown", Survey, Processed)
 
 Result = TypeVar("Result")
+Shown = TypeVar("Shown", contravariant=True)
 # Opens or resumes the checkpoints of a run described by a JSON document.
 OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 MAX_REFERENCE_BYTES = 200_000_000_000
+
+
+@runtime_checkable
+class Document(Protocol[Shown]):
+    """What prints and writes results of one kind, as a `StudyDocument` does."""
+
+    @property
+    def marker(self) -> str:
+        """File that marks a folder of such results."""
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the default folder's name."""
+
+    def show(self, record: Shown) -> None:
+        """Print a result."""
+
+    def write(self, record: Shown, directory: Path, *, report: Report) -> list[Path]:
+        """Write a result into a folder, and return the files."""
 
 
 @dataclass(frozen=True)
@@ -119,25 +139,22 @@ class Session:
 
     def produce(
         self,
-        fly: "Callable[[OpenCheckpoints], Result]",
+        compute: "Callable[[OpenCheckpoints], Result]",
+        document: "Document[Result]",
         *,
-        suffix: str,
-        marker: str,
-        write: Callable[[Result, Path], list[Path]],
-        show: Callable[[Result], object],
+        report: Report | None = None,
         exit_code: Callable[[Result], int] = lambda _: 0,
         products: Sequence[str] = (),
     ) -> None:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
-        fly: returns the result; its argument opens the checkpoints.
-        suffix, marker: suffix of the default folder's name, and the file that marks a folder of such results.
-        write: writes a result into a folder, and returns the files.
-        show: prints a result.
+        compute: returns the result; its argument opens the checkpoints.
+        document: prints and writes the result.
+        report: selects the page, `report.html`, where that is a choice.
         exit_code: exit code of a result; may print its reason on standard error.
         products: choice of output files.
         """
-        directory, described = check_output(self.directory(suffix), marker), dict[str, Any]()
+        directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> Checkpoints:
@@ -145,19 +162,22 @@ class Session:
                 from sionna_radar.raytracer.backend import chosen_backend
 
                 # GPU and CPU round differently.
-                needed = {"command": marker, "version": versions(), "backend": chosen_backend(), **run}
-                described.update({**needed, PRODUCTS: list(products)})
+                needed = {"command": document.marker, "version": versions(), "backend": chosen_backend(), **run}
+                chosen = [*products, *([] if report is None else [report.name])]
+                described.update({**needed, PRODUCTS: chosen})
                 if self.resume:
                     self._end_if_finished(directory, described)
                 return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
             with progress_shown(self.quiet), self.reach():
-                result = fly(keep)
+                result = compute(keep)
             if not self.quiet:
                 # Drawing may take longer than the simulation: print first.
-                show(result)
+                document.show(result)
                 sys.stdout.flush()
-            written, code = write(result, directory), exit_code(result)
+            with progress_shown(self.quiet):
+                written = document.write(result, directory, report=report or Report.PAGE)
+            code = exit_code(result)
             if described:
                 note_run(directory, described, code)
         if not self.quiet:

@@ -50,8 +50,10 @@ def table_of(
     table = Table(title=title, title_justify="left")
     for name in columns:
         table.add_column(name, justify="left" if name in left else "right", overflow="fold")
+    # Characters that are spelled out later, when they are printed, would be wider than their column.
+    wider = str.maketrans(PLAIN) if console().options.ascii_only else {}
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(text.translate(wider) for text in row))
     return table
 
 
@@ -75,7 +77,7 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in str(text))
 
 
-def number(value: float, form: str, unit: str = "") -> str:
+def number(value: float | int, form: str, unit: str = "") -> str:
     """Return a formatted number with its unit; a dash for NaN."""
     return NONE if value != value else f"{value:{form}}{unit}"
 
@@ -127,7 +129,11 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
 def reference_rows(check: "ReferenceCheck") -> dict[str, str]:
     """Return the estimated shift of a DEM against measured heights, and its errors, by their names."""
     shift, error = check.shift, check.statistics
-    horizontal = "not told by the relief within 20 m" if check.error is not None else "not estimated from single points"
+    horizontal = (
+        "not observable: too little relief within 20 m"
+        if check.error is not None
+        else "not estimated from single points"
+    )
     if shift.east_m is not None and shift.north_m is not None:
         east = f"{shift.east_m:+.2f} ± {shift.east_sigma_m:.2f} m east"
         horizontal = f"{east}, {shift.north_m:+.2f} ± {shift.north_sigma_m:.2f} m north"
@@ -141,14 +147,14 @@ def reference_rows(check: "ReferenceCheck") -> dict[str, str]:
         number(value, form, " m")
         for value, form in ((error.rms_m, ".3f"), (error.mean_m, "+.3f"), (error.nmad_m, ".3f"))
     )
-    own = f"{check.sigma_m:.3f} m" if check.sigma_m else "unknown"
+    accuracy = f"standard deviation {check.sigma_m:.3f} m" if check.sigma_m else "reference accuracy not stated"
     return {
-        "reference": f"{check.name} ({check.kind}), own standard deviation {own}",
+        "reference": f"{check.name} ({check.kind}), {accuracy}",
         "DEM against reference": horizontal,
         "vertical shift": f"{shift.up_m:+.3f} ± {shift.up_sigma_m:.3f} m",
         "tilt": ", ".join(tilt) or "not estimated",
         "RMS without outliers": f"{shift.rms_m:.3f} m, {shift.shifted_rms_m:.3f} m after the shift",
         "RMSE against reference": f"{rms}, bias {mean}, NMAD {spread} of {error.count:,}, shift "
         + ("taken out" if check.applied else "left in"),
-        "not told": "; ".join(f"errors by {name} ({reason})" for name, reason in check.missing.items()) or NONE,
+        "not available": "; ".join(f"error by {name} ({reason})" for name, reason in check.missing.items()) or NONE,
     }

@@ -9,7 +9,7 @@ import pytest
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.studies.budget.document import MARKER, print_budget, write_budget
+from sionna_radar.studies.budget.document import DOCUMENT
 from sionna_radar.studies.budget.study import (
     GRADES,
     NavigationError,
@@ -92,13 +92,13 @@ def test_the_budget_is_written_and_printed(tmp_path, capsys):
     assert [grade.name for grade in budget.grades] == list(GRADES)
     growth = {grade.name: grade.growth for grade in budget.grades}
     assert growth["survey"] < growth["rtk"] < growth["consumer"]
-    files = write_budget(budget, tmp_path / "out")
-    assert {path.name for path in files} == {MARKER, "manifest.json", "budget.png"}
-    told = json.loads((tmp_path / "out" / MARKER).read_text())
+    files = DOCUMENT.write(budget, tmp_path / "out")
+    assert {path.name for path in files} == {DOCUMENT.marker, "manifest.json", "budget.png"}
+    told = json.loads((tmp_path / "out" / DOCUMENT.marker).read_text())
     assert told["limits"][0]["key"] == "platform.navigation.position_constant_m"
     assert told["limits"][0]["limit"] == pytest.approx(budget.limits[0].size)
     assert all(grade["source"] for grade in told["grades"])
-    print_budget(budget)
+    DOCUMENT.show(budget)
     printed = capsys.readouterr().out
     assert "position, up" in printed
     assert "survey" in printed

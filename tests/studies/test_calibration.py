@@ -31,10 +31,9 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.beam import beam_nodes
 from sionna_radar.studies.calibration.document import (
-    calibration_document,
+    DOCUMENT,
     calibration_page,
     calibration_toml,
-    write_calibration,
 )
 from sionna_radar.studies.calibration.estimation import Knowledge, solve
 from sionna_radar.studies.calibration.instrument_echoes import Readings, Together
@@ -98,7 +97,7 @@ def test_the_map_is_nearly_that_of_a_survey_without_errors(calibrated):
 
 def test_what_is_written_processes_the_recording_without_the_errors(calibrated, tmp_path):
     result, _, folder = calibrated
-    files = write_calibration(result, tmp_path / "out")
+    files = DOCUMENT.write(result, tmp_path / "out")
     assert {"calibration.json", "errors.csv", "calibration.toml", "report.html"} <= {file.name for file in files}
     table = tomllib.loads((tmp_path / "out" / "calibration.toml").read_text())["processing"]["calibration"]
     roll, sigma = result.errors["roll"]
@@ -144,7 +143,7 @@ def test_a_level_plane_and_a_single_line_tell_neither_heading_nor_time(tmp_path)
     survey.truth.to_geotiff(tmp_path / "plane.tif")
     result = run_calibration([tmp_path / "line.nc"], tmp_path / "plane.tif")
     assert {"heading", "time_offset"}.isdisjoint(result.errors)
-    document = calibration_document(result)
+    document = DOCUMENT.content(result)
     assert {"heading"} in [set(direction) for direction in document["trade_offs"]]
     held = next(row for row in document["errors"] if row["name"] == "heading")
     assert held["estimate"] is None
@@ -182,7 +181,7 @@ def test_doppler_tells_heading_and_pitch_of_one_line_over_level_ground_that_is_n
         assert abs(value - truth[name]) < 4 * sigma, name
         # 0.02 m/s of 10 m/s, which the flight does not tell.
         assert 0.11 < sigma < 0.25
-    document = calibration_document(result)
+    document = DOCUMENT.content(result)
     assert document["doppler"] == list(result.doppler)
     assert {"velocity_up"} in [set(direction) for direction in document["trade_offs"]]
     assert "backscatter" not in tomllib.loads(calibration_toml(result))["processing"]["calibration"]

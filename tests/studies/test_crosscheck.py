@@ -10,7 +10,7 @@ import pytest
 import sionna_radar.studies.crosscheck.study
 from sionna_radar.execution.execution import Execution
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck.document import crosscheck_summary, write_crosscheck
+from sionna_radar.studies.crosscheck.document import DOCUMENT
 from sionna_radar.studies.crosscheck.study import CrossCheck, Tolerances
 from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 
@@ -92,11 +92,11 @@ def test_engines_agree_on_what_a_circular_wave_shows():
 def test_the_dems_differ_by_speckle(check):
     assert check.dem_speckle_rms_m > 0.02
     assert check.dem_rms_difference_m < 1.25 * check.dem_speckle_rms_m
-    assert abs(crosscheck_summary(check)["dem_mean_difference_m"]) < 0.5 * check.dem_speckle_rms_m
+    assert abs(DOCUMENT.content(check)["dem_mean_difference_m"]) < 0.5 * check.dem_speckle_rms_m
 
 
 def test_the_mean_ranges_agree_to_a_tenth_of_a_cell(check):
-    spread = crosscheck_summary(check)["range_difference_m"]
+    spread = DOCUMENT.content(check)["range_difference_m"]
     assert abs(spread["mean"]) < 0.01
     assert spread["p95_abs"] < 0.03
 
@@ -135,17 +135,17 @@ def test_without_any_dem_nothing_agrees_and_the_summary_says_none(check):
     dem = replace(check.gamma.dem, height_m=np.full_like(check.gamma.dem.height_m, np.nan))
     empty = replace(check, gamma=replace(check.gamma, dem=dem))
     assert not empty.agrees
-    assert crosscheck_summary(empty)["dem_rms_difference_m"] is None
-    json.dumps(crosscheck_summary(empty), allow_nan=False)
+    assert DOCUMENT.content(empty)["dem_rms_difference_m"] is None
+    json.dumps(DOCUMENT.content(empty), allow_nan=False)
 
 
 def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check, tmp_path):
     place = tmp_path / "deep" / "check"
-    files = {path.relative_to(place).as_posix() for path in write_crosscheck(check, place)}
+    files = {path.relative_to(place).as_posix() for path in DOCUMENT.write(check, place)}
     assert files == {"manifest.json", "crosscheck.json", "figures/power.png", "figures/ranges.png", "figures/dems.png"}
     assert json.loads((place / "crosscheck.json").read_text())["agrees"] is True
     (place / "figures" / "mine.png").touch()
-    assert len(write_crosscheck(check, place)) == 5
+    assert len(DOCUMENT.write(check, place)) == 5
     assert (place / "figures" / "mine.png").exists()
     assert [path.name for path in place.parent.iterdir()] == ["check"]
 

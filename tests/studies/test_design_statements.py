@@ -13,7 +13,7 @@ from sionna_radar.execution.workers import document_bytes
 from sionna_radar.foundation.columns import packed
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies.design import study as design_study
-from sionna_radar.studies.design.document import print_design, sentence, statements
+from sionna_radar.studies.design.document import DOCUMENT, sentence, statements
 from sionna_radar.studies.design.plan import FLAT, INACTIVE, RELAXED, plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
 from sionna_radar.studies.sweep import study as sweep
@@ -82,7 +82,7 @@ def test_statements_of_flown_surveys_hold(small, capsys):
     asked = {"minimise": ["aperture_m"], "require": ["rms_m < 0.15", "coverage > 0.5"]}
     design = run_design(plan_design(small, [f"{BEAM}=1:5:log"], surveys=32, **asked))
     holds_against_flights(design)
-    print_design(design)
+    DOCUMENT.show(design)
     assert sentence(design) in capsys.readouterr().out.replace("\n", " ")
 
 

@@ -22,7 +22,7 @@ from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
 from sionna_radar.studies.images.aperture import PixelGrid
-from sionna_radar.studies.images.document import MARKER, print_image, write_imagery, write_slar
+from sionna_radar.studies.images.document import DOCUMENT, write_slar
 from sionna_radar.studies.images.point_response import Point, Widths, isolated, measured_in_patch, point_beside
 from sionna_radar.studies.images.study import image as run_images
 from sionna_radar.studies.images.study import image_recording
@@ -56,7 +56,7 @@ def imagery():
 @pytest.fixture(scope="module")
 def folder(imagery, tmp_path_factory):
     directory = tmp_path_factory.mktemp("image") / "out"
-    write_imagery(imagery, directory)
+    DOCUMENT.write(imagery, directory)
     return directory
 
 
@@ -146,12 +146,12 @@ def test_the_files_of_a_place_on_the_earth_hold_its_coordinates(imagery, tmp_pat
 
 
 def test_the_numbers_are_written_and_printed(folder, imagery, capsys):
-    told = json.loads((folder / MARKER).read_text())
+    told = json.loads((folder / DOCUMENT.marker).read_text())
     assert told["sar"]["theory"]["along_m"] == imagery.sar.along_m
     assert told["reflectors"][0]["sar"]["measured"]["along_m"] == imagery.reflectors[0].sar.measured.along_m
     assert told["sar"]["columns"] * told["sar"]["rows"] == imagery.focused.power.size
     assert {path.name for path in folder.rglob("*.png")} == {"slar.png", "sar.png"}
-    print_image(imagery)
+    DOCUMENT.show(imagery)
     printed = capsys.readouterr().out
     assert "SAR, targets.0" in printed
     assert "of theory" in printed
@@ -168,10 +168,10 @@ def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
     imagery = run_images(scenario_of(tracing={"speckle": "per_pulse", "paths_per_pulse": 64}))
     assert imagery.focused is None
     assert imagery.reflectors[0].sar is None
-    names = {path.name for path in write_imagery(imagery, tmp_path / "out")}
-    assert names == {MARKER, "manifest.json", "scenario.toml", "slar.nc", "slar.png"}
-    assert json.loads((tmp_path / "out" / MARKER).read_text())["sar"] is None
-    print_image(imagery)
+    names = {path.name for path in DOCUMENT.write(imagery, tmp_path / "out")}
+    assert names == {DOCUMENT.marker, "manifest.json", "scenario.toml", "slar.nc", "slar.png"}
+    assert json.loads((tmp_path / "out" / DOCUMENT.marker).read_text())["sar"] is None
+    DOCUMENT.show(imagery)
     assert "tracing.speckle = 'persistent'" in capsys.readouterr().out
 
 
@@ -353,7 +353,7 @@ def test_what_is_recorded_otherwise_is_not_focused(tmp_path, changes, words):
 def test_the_command_images_a_recording(imagery, strip, tmp_path):
     done = CliRunner().invoke(app, ["image", str(strip), "-q", "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    told = json.loads((tmp_path / "out" / MARKER).read_text())
+    told = json.loads((tmp_path / "out" / DOCUMENT.marker).read_text())
     assert told["recording"] == "strip.nc"
     assert told["sar"]["theory"]["along_m"] == imagery.sar.along_m
     with pytest.raises(ScenarioError, match="--ground-height: is of a recording"):
@@ -385,5 +385,5 @@ def test_a_recording_of_powers_has_a_slant_range_image_alone(imagery, strip, tmp
     row, column = np.unravel_index(np.nanargmax(found.slant.power), found.slant.power.shape)
     assert found.slant.range_m[column] == pytest.approx(np.hypot(GROUND, 28.0), abs=0.31)
     assert found.slant.along_m[row] == pytest.approx(EAST - x, abs=0.4)
-    print_image(found)
+    DOCUMENT.show(found)
     assert "because the recording holds powers" in capsys.readouterr().out

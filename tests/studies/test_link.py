@@ -11,7 +11,7 @@ from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.link.document import print_link
+from sionna_radar.studies.link.document import DOCUMENT
 from sionna_radar.studies.link.study import _survey_reach_m
 from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey import run
@@ -96,7 +96,7 @@ def test_a_reach_beyond_the_sampled_ranges_is_told(capsys):
     budget = run_link_budget(load_scenario("hills", strong), incidences_deg=[20.0], rains_mm_per_h=[0.0], pulses=40)
     (link,) = budget.links
     assert link.reaches_the_end
-    print_link(budget)
+    DOCUMENT.show(budget)
     said = capsys.readouterr().out
     assert f"{link.range_m[-1]:.0f}+" in said
     assert "the sampled ranges end there, not the reach" in said
@@ -173,7 +173,7 @@ def test_echoes_below_a_step_of_the_converter_are_told(capsys):
     budget = run_link_budget(
         load_scenario("hills", PLAIN | coarse), incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=100
     )
-    print_link(budget)
+    DOCUMENT.show(budget)
     said = capsys.readouterr().out
     assert "rounding is no noise" in said
     assert "were not compared" in said
@@ -209,7 +209,7 @@ def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys):
         assert one.survey_detection == pytest.approx(share, abs=0.1)
     assert link.cell_reach_m == 0.0
     assert link.survey_reach_m > 50.0
-    print_link(budget)
+    DOCUMENT.show(budget)
     assert "survey: the survey's detector, simulated" in capsys.readouterr().out
 
 

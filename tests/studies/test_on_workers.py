@@ -26,7 +26,7 @@ from sionna_radar.studies.budget.study import navigation_budget as run_budget
 from sionna_radar.studies.crosscheck.study import CrossCheck
 from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 from sionna_radar.studies.sweep import study as sweep_module
-from sionna_radar.studies.sweep.document import summary
+from sionna_radar.studies.sweep.document import DOCUMENT
 from sionna_radar.studies.sweep.settings import parse_design
 from sionna_radar.studies.sweep.study import SweepPlan, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
@@ -60,7 +60,7 @@ def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
 
     with open_checkpoints(tmp_path, plan.identity(), resume=False) as parts:
         there = run_sweep(plan, execution=Execution(workers=pair, progress=progress, checkpoints=parts))
-    assert strict_json(summary(there)) == strict_json(summary(here))
+    assert strict_json(DOCUMENT.content(there)) == strict_json(DOCUMENT.content(here))
     assert counts == [(done, 2) for done in range(3)]
     assert kept == list(range(3))  # each as soon as it is there
 
@@ -140,7 +140,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_survey_flown_again(pair, sm
             os.kill(min(pair.client.run(os.getpid).values()), signal.SIGKILL)
 
     there = run_sweep(plan, execution=Execution(workers=pair, progress=progress))
-    assert strict_json(summary(there)) == strict_json(summary(run_sweep(plan)))
+    assert strict_json(DOCUMENT.content(there)) == strict_json(DOCUMENT.content(run_sweep(plan)))
 
 
 @pytest.mark.study

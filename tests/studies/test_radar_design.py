@@ -15,12 +15,10 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies.design import study as design_study
 from sionna_radar.studies.design.document import (
+    DOCUMENT,
     design_page,
-    design_summary,
-    print_design,
     sentence,
     statements,
-    write_design,
 )
 from sionna_radar.studies.design.plan import plan_design, standing_of, worst
 from sionna_radar.studies.design.study import run_design
@@ -301,7 +299,7 @@ def test_a_backend_that_cannot_run_ends_the_design(small, monkeypatch):
 
 
 def test_results_of_a_design_are_written(designed, tmp_path, capsys):
-    files = {file.name for file in write_design(designed, tmp_path / "out")}
+    files = {file.name for file in DOCUMENT.write(designed, tmp_path / "out")}
     assert files == {
         *("design.json", "design.toml", "scenario.toml", "surveys.csv", "report.html", "manifest.json"),
         *("slices.png", "sensitivity.png", "maps.png"),
@@ -311,11 +309,11 @@ def test_results_of_a_design_are_written(designed, tmp_path, capsys):
     assert len(document["observations"]) == designed.surveys
     again = load_scenario(tmp_path / "out" / "scenario.toml")
     assert again == designed.best.scenario
-    print_design(designed)
+    DOCUMENT.show(designed)
     printed = capsys.readouterr().out
     assert "rms_m < 0.1: active constraint" in printed
     assert "linear" in printed
-    assert design_summary(designed)["answer"] in printed.replace("\n", " ")
+    assert DOCUMENT.content(designed)["answer"] in printed.replace("\n", " ")
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("data:image/png") == 3
     assert "rms_m &lt; 0.1: active constraint" in page

@@ -8,7 +8,7 @@ import trimesh
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.range_doppler.document import print_frames, write_frames
+from sionna_radar.studies.range_doppler.document import DOCUMENT
 from sionna_radar.studies.range_doppler.study import range_doppler as run_frames
 
 SPARSE = {"tracing.scatterers_per_m2": 10.0}
@@ -60,13 +60,13 @@ def test_the_ground_smears_as_the_radar_passes(flown):
 
 
 def test_files_and_table(flown, tmp_path, capsys):
-    files = write_frames(flown, tmp_path / "out")
+    files = DOCUMENT.write(flown, tmp_path / "out")
     names = {str(file.relative_to(tmp_path / "out")) for file in files}
     assert {"range_doppler.json", "peaks.csv", "figures/range_doppler.png"} <= names
     document = json.loads((tmp_path / "out" / "range_doppler.json").read_text())
     assert document["chirps"] == 128
     assert len(document["targets"]) == 2
-    print_frames(flown)
+    DOCUMENT.show(flown)
     assert "3 frames of 128 chirps" in capsys.readouterr().out
 
 

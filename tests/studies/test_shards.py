@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.files.folder import lasting_columns
-from sionna_radar.studies.sweep.document import read_sweep, write_sweep
+from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
 from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
 
 
@@ -24,9 +24,9 @@ def place(small, tmp_path_factory):
     """A folder with the whole and its three shards. One of the cells cannot be flown."""
     place = tmp_path_factory.mktemp("shards")
     plan = plan_sweep(small, {BEAM: [2, 400, 6]}, repeat=2)
-    write_sweep(run_sweep(plan), place / "whole")
+    DOCUMENT.write(run_sweep(plan), place / "whole")
     for number in (1, 2, 3):
-        write_sweep(run_sweep(plan, shard=Shard(number, 3)), place / str(number))
+        DOCUMENT.write(run_sweep(plan, shard=Shard(number, 3)), place / str(number))
     return place
 
 

@@ -19,7 +19,7 @@ from sionna_radar.report.drawing import BLUE
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.sweep.document import abscissa, errors, print_sweep, summary
+from sionna_radar.studies.sweep.document import DOCUMENT, abscissa, errors
 from sionna_radar.studies.sweep.ranking import Ranking, ranked
 from sionna_radar.studies.sweep.settings import Axis, parse_design
 from sionna_radar.studies.sweep.study import label, plan_sweep, run_sweep, unequal_areas
@@ -239,18 +239,18 @@ def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
 
 def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     axes = parse_design(["weather.rain_rate_mm_per_h=0,20", "processing.volume_clutter=auto,off"])
-    print_sweep(run_sweep(plan_sweep(small, axes)))
+    DOCUMENT.show(run_sweep(plan_sweep(small, axes)))
     printed = capsys.readouterr().out
     assert "nan" not in printed
     assert "come from the rain" in printed
 
 
 def test_a_study_of_linear_maps_names_the_better_map(flown, capsys):
-    print_sweep(flown[1])
-    assert "a better map: dem.method = 'refined': 0.47 to 0.85 of this error" in capsys.readouterr().out
+    DOCUMENT.show(flown[1])
+    assert "hint: dem.method = 'refined' typically cuts this error by 15 to 53 %" in capsys.readouterr().out
     flown_twice = replace(flown[1], axes=(Axis(key="dem.method", values=("linear", "refined")),))
-    print_sweep(flown_twice)
-    assert "a better map" not in capsys.readouterr().out
+    DOCUMENT.show(flown_twice)
+    assert "hint:" not in capsys.readouterr().out
 
 
 def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
@@ -300,7 +300,7 @@ def test_a_study_goes_on_where_it_was_interrupted(flown, small, tmp_path):
             assert len(surveys) - before <= max(len(kept) - there, 0) + 1
     assert interrupts > 3
     assert result == whole
-    assert strict_json(summary(result)) == strict_json(summary(whole))
+    assert strict_json(DOCUMENT.content(result)) == strict_json(DOCUMENT.content(whole))
     assert not any((tmp_path / "out").iterdir())
 
 

@@ -15,7 +15,7 @@ from sionna_radar import load_scenario, prepare, run
 from sionna_radar import twin as run_twin
 from sionna_radar.flight.pulses import MeasuredPoseFlight
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.studies.twin.document import twin_document, twin_page, write_twin
+from sionna_radar.studies.twin.document import DOCUMENT, twin_page
 from sionna_radar.studies.twin.statistics import FALSE_ALARM, Statistic, rows_of
 from sionna_radar.survey.custom_parts import CustomParts
 
@@ -258,10 +258,10 @@ def test_what_cannot_be_flown_again_is_one_clear_error(flown, foreign, tmp_path)
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_twin_leaves_its_numbers_and_its_page(alike, tmp_path):
-    files = {path.name for path in write_twin(alike, tmp_path / "out")}
+    files = {path.name for path in DOCUMENT.write(alike, tmp_path / "out")}
     assert {"twin.json", "report.html", "scenario.toml"} <= files
     document = json.loads((tmp_path / "out" / "twin.json").read_text())
-    assert document == json.loads(json.dumps(twin_document(alike)))
+    assert document == DOCUMENT.content(alike)
     assert document["false_alarm_rate"] == FALSE_ALARM
     page = twin_page(alike)
     for row in alike.rows:
@@ -333,10 +333,10 @@ def test_readings_of_an_altimeter_are_compared_by_their_ranges(tmp_path):
     assert twin.differing == ()
     assert {"range bias", "range spread", "DEM bias"} <= {row.name for row in twin.rows}
     assert "noise floor" not in {row.name for row in twin.rows}
-    document = json.loads(json.dumps(twin_document(twin)))
+    document = DOCUMENT.content(twin)
     assert document["echo"]["offset_m"] == []
     assert "profile" not in {line.partition('id="')[2].partition('"')[0] for line in twin_page(twin).splitlines()}
-    assert "report.html" in {file.name for file in write_twin(twin, tmp_path / "out")}
+    assert "report.html" in {file.name for file in DOCUMENT.write(twin, tmp_path / "out")}
     row = run_twin(read_by_radar(tmp_path, 1, 0.3), base="hills", overrides=ALTIMETER | {"seed": 2}).row("range bias")
     assert row.differs
     assert row.difference == pytest.approx(0.3, abs=4 * row.sigma)

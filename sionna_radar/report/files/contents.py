@@ -6,6 +6,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
 from typing import Any
@@ -85,21 +86,27 @@ def write_page(path: Path, page: Callable[[], str]) -> None:
 
 
 def strict_json(document: Mapping[str, Any]) -> str:
-    """Return a document as strict JSON text; NaN and infinities become null."""
-    return json.dumps(without_nan(document), indent=2, allow_nan=False) + "\n"
+    """Return a document as strict JSON text; see `jsonable`."""
+    return json.dumps(jsonable(document), indent=2, allow_nan=False) + "\n"
 
 
-def without_nan(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document with every NaN and infinity replaced by None."""
-    return {key: _without_nan(entry) for key, entry in document.items()}
+def jsonable(value: Any) -> Any:
+    """Return a value as strict JSON holds it; NaN and infinities are None.
 
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return without_nan(value)
+    Mappings, dataclasses by their fields, and tables of scenarios become objects; sequences and arrays become lists.
+    """
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: jsonable(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [jsonable(entry) for entry in value]
+    if is_dataclass(value):
+        return {field.name: jsonable(getattr(value, field.name)) for field in fields(value)}
+    # NumPy and pydantic are slow to import, and not needed by all commands.
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    return jsonable(value.model_dump(mode="json")) if hasattr(value, "model_dump") else value
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:

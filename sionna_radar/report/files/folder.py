@@ -15,7 +15,6 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,10 +22,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sionna_radar.execution.checkpoints import FOLDER as PARTS
 from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, staged
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
-from sionna_radar.report.files.contents import COSTS, strict_json, write_page, write_text
+from sionna_radar.report.files.contents import COSTS, write_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Subject = TypeVar("Subject")
 MANIFEST = "manifest.json"
@@ -276,39 +275,6 @@ def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
         except OSError:
             continue
     raise OutputError(f"output = {directory} cannot be written, nor any folder beside it; the result is lost")
-
-
-def write_study(
-    directory: Path,
-    marker: str,
-    subject: Subject,
-    document: Mapping[str, Any],
-    figures: "Mapping[str, Callable[[Subject], Figure]]",
-    texts: Mapping[str, str] | None = None,
-    page: Callable[[Subject], str] | None = None,
-) -> list[Path]:
-    """Write a study as `write_folder` does, and return the files.
-
-    directory: output folder; only the files of an earlier result in it are replaced.
-    marker: file of the numbers, as strict JSON; undefined numbers become null.
-    subject, document: the study, and its numbers.
-    figures: drawings of the study by name, for the folder `figures`.
-    texts: texts of further files, by name.
-    page: returns the page `report.html` of the study; None for none.
-
-    Raises OutputError as `write_folder` does.
-    """
-    # Slow to import, and not needed by all commands.
-    from sionna_radar.report.drawing import save_figures
-
-    def fill(folder: Path) -> None:
-        for name, text in {marker: strict_json(document), **(texts or {})}.items():
-            write_text(folder / name, text)
-        save_figures(subject, figures, folder / "figures")
-        if page is not None:
-            write_page(folder / "report.html", partial(page, subject))
-
-    return write_folder(directory, marker, fill)
 
 
 def digests(run: Mapping[str, Any]) -> dict[str, str]:

@@ -8,6 +8,9 @@ surface of 160 x 200 cells takes pyvista 4.0 s and 2.4 MB, the whole page of `hi
 package only plotly.js is used: its Python half takes half a second for a first figure.
 """
 
+import json
+import shlex
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
@@ -66,6 +69,12 @@ def document(template: str, numbers: str, scripts: tuple[str, ...], package: str
     if size > MAX_BYTES:
         raise OutputError(f"the page has {size:,} bytes, more than {MAX_BYTES:,}; use --no-report to run without it")
     return text
+
+
+def command_line(words: Iterable[str], overrides: Mapping[str, Any]) -> str:
+    """Return the command of a page that repeats its result, with `--set` for each override."""
+    changes = [word for key, value in overrides.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+    return shlex.join(["sionna-radar", *words, *changes])
 
 
 @cache

@@ -23,7 +23,7 @@ from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import LIT, Antenna
-from sionna_radar.report.files.contents import without_nan
+from sionna_radar.report.files.contents import jsonable
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import Prepared
@@ -68,7 +68,7 @@ class Pack:
 
     def text(self, document: dict[str, Any]) -> str:
         """Return a document with the places of arrays, followed by these arrays, as text."""
-        head = json.dumps(without_nan(document), allow_nan=False, separators=(",", ":")).encode("utf-8")
+        head = json.dumps(jsonable(document), allow_nan=False, separators=(",", ":")).encode("utf-8")
         head += b" " * (-(len(head) + 4) % 8)
         return compressed(len(head).to_bytes(4, "little") + head + b"".join(self._parts))
 

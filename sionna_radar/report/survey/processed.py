@@ -1,8 +1,6 @@
 """A processed recording as files, table and figures."""
 
-import json
-import shlex
-from dataclasses import asdict
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,20 +34,11 @@ from sionna_radar.report.drawing import (
     height_limits,
     map_bounds,
     map_size,
-    save_figures,
     show_raster,
 )
-from sionna_radar.report.files.contents import (
-    COSTS,
-    Report,
-    costs_json,
-    strict_json,
-    without_nan,
-    write_page,
-    write_text,
-)
-from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.files.contents import COSTS, Report, costs_json
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
+from sionna_radar.report.page.markup import command_line
 from sionna_radar.report.page.scene_data import (
     MAX_RELIEF_CELLS,
     Pack,
@@ -66,9 +55,10 @@ from sionna_radar.report.page.sections import (
     painted,
     span_of,
 )
+from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
-from sionna_radar.report.terminal import console, number, reference_rows, table_of_values
+from sionna_radar.report.terminal import number, reference_rows, table_of_values
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
@@ -77,12 +67,13 @@ SATURATED = 0.98
 TINY = 1e-300
 
 
-def draw_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Draw the spectrum and the DEM, if any, into a directory as PNG, and return the files."""
-    figures = {"readings": draw_readings} if processed.chirp is None else {"spectrum": draw_spectrum}
+def figures_of(processed: Processed, coordinates: Coordinates) -> dict[str, Callable[[Processed], Figure]]:
+    """Return the drawings of the spectrum or the readings, and of the DEM, if any."""
+    figures: dict[str, Callable[[Processed], Figure]] = {}
+    figures |= {"readings": draw_readings} if processed.chirp is None else {"spectrum": draw_spectrum}
     if processed.dem is not None and processed.dem.filled.any():
         figures["dem"] = partial(draw_map, coordinates=coordinates)
-    return save_figures(processed, figures, directory)
+    return figures
 
 
 def draw_spectrum(processed: Processed) -> Figure:
@@ -154,9 +145,6 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
     return figure
 
 
-MARKER = "processed.json"
-
-
 def write_processed(
     processed: Processed,
     directory: Path,
@@ -175,22 +163,36 @@ def write_processed(
 
     Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
     """
-    return write_folder(directory, MARKER, partial(_write_all, processed, coordinates, report))
+    return processed_document(coordinates).write(processed, directory, report=report)
 
 
-def _write_all(processed: Processed, coordinates: Coordinates, report: Report, directory: Path) -> None:
-    write_text(directory / MARKER, strict_json(_document(processed)))
-    write_text(directory / COSTS, costs_json(processed.timing_s, peak_memory_mb()))
-    write_text(directory / "settings.toml", _settings(processed))
+def processed_document(coordinates: Coordinates = Coordinates.MAP) -> StudyDocument[Processed]:
+    """Return the document of a processed recording; coordinates: of the figures and the page."""
+    return StudyDocument(
+        marker="processed.json",
+        suffix="_processed",
+        numbers=_numbers,
+        tables=lambda processed: [processed_table(processed)],
+        figures=partial(figures_of, coordinates=coordinates),
+        texts={
+            COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()),
+            "settings.toml": _settings,
+        },
+        files=[_write_echoes, _write_rasters],
+        page=partial(recording_page, coordinates=coordinates),
+    )
+
+
+def _write_echoes(processed: Processed, directory: Path) -> None:
     write_csv(directory / "echoes.csv", len(processed.echoes), partial(_echo_columns, processed))
     place = processed.georeference
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
+
+
+def _write_rasters(processed: Processed, directory: Path) -> None:
     write_rasters(directory, processed, rasters_of(processed, processed.comparison))
-    draw_processed(processed, directory / "figures", coordinates)
-    if report is Report.PAGE:
-        write_page(directory / "report.html", lambda: recording_page(processed, coordinates))
 
 
 # Pulses whose chirps are offered, positions of the flight, and cells of the surface in three dimensions.
@@ -229,7 +231,7 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
         title=processed.source.name,
         tiles=_tiles(processed),
         flown=_recorded(processed) | _mapped(processed),
-        command=_command(processed),
+        command=command_line(["process", processed.source.name], processed.overrides) + " -o again",
         lidar=False,
         beams=False,
         world_notes=[],
@@ -280,13 +282,6 @@ def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame:
     }
 
 
-def _command(processed: Processed) -> str:
-    """Return the command that processes the recording again."""
-    changes = (f"{key}={json.dumps(value)}" for key, value in processed.overrides.items())
-    changed = [word for change in changes for word in ("--set", change)]
-    return shlex.join(["sionna-radar", "process", processed.source.name, *changed, "-o", "again"])
-
-
 def _settings(processed: Processed) -> str:
     return tomli_w.dumps(processed.settings.model_dump(mode="json", exclude_none=True))
 
@@ -309,11 +304,11 @@ def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
     }
 
 
-def _document(processed: Processed) -> dict[str, Any]:
+def _numbers(processed: Processed) -> dict[str, Any]:
     points, comparison = processed.points, processed.comparison
-    document = {
+    return {
         "recording": processed.source.name,
-        "settings": processed.settings.model_dump(mode="json"),
+        "settings": processed.settings,
         "warnings": processed.warnings,
         "crs": crs_name(processed.georeference),
         "georeference": georeference(processed.georeference),
@@ -321,14 +316,13 @@ def _document(processed: Processed) -> dict[str, Any]:
         "pulses": len(processed.time_s),
         "echoes": len(processed.echoes),
         "noise_floor": processed.spectrum.floor if processed.spectrum else None,
-        "dem_error": asdict(comparison.dem_error) if comparison else None,
-        "lit_error": asdict(comparison.lit_error) if comparison else None,
-        "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
+        "dem_error": comparison.dem_error if comparison else None,
+        "lit_error": comparison.lit_error if comparison else None,
+        "off_wall_error": comparison.off_wall_error if comparison else None,
         "reference": processed.reference.document() if processed.reference else None,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
-    return without_nan(document)
 
 
 def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
@@ -343,11 +337,6 @@ def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
         "propagation_mps": sweep.propagation_mps,
         "range_cell_m": sweep.range_resolution_m,
     }
-
-
-def print_processed(processed: Processed) -> None:
-    """Print the results of processing a recording."""
-    console().print(processed_table(processed))
 
 
 def processed_table(processed: Processed) -> Table:
@@ -375,7 +364,8 @@ def _recorded(processed: Processed) -> dict[str, str]:
         "pulse": kind,
         "sweep": f"{sweep.bandwidth_hz / 1e6:.6g} MHz about {sweep.carrier_hz / 1e9:.6g} GHz, range cells of "
         f"{sweep.range_resolution_m:.4g} m to {sweep.max_range_m:.4g} m",
-        "noise floor": f"{floor_db:.1f} dB in a cell; the mean spectrum peaks at {peak_db:.1f} dB, {peak:.2f} m away",
+        "noise floor": f"{floor_db:.1f} dB re the recording's unit squared, per range cell; the mean spectrum peaks at "
+        f"{peak_db:.1f} dB, at {peak:.2f} m",
     }
 
 

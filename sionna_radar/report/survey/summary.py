@@ -14,7 +14,7 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.files.contents import strict_json, without_nan
+from sionna_radar.report.files.contents import jsonable, strict_json
 from sionna_radar.report.terminal import console, reference_rows, table_of_values
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared
@@ -94,7 +94,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "points_sha256": survey.points.sha256(),
         "versions": versions(),
     }
-    return without_nan(document)
+    return dict(jsonable(document))
 
 
 def georeference(place: Georeference | None) -> dict[str, Any] | None:
@@ -270,7 +270,8 @@ def better_map(scenario: Scenario, flown: Flown) -> str:
         and flown.lit_error.count > 0
     )
     low, high = REFINED_OVER_LINEAR
-    return f"dem.method = 'refined': {low:.2f} to {high:.2f} of this error over ten lidar DEMs" if applies else ""
+    cut = f"{100 * (1 - high):.0f} to {100 * (1 - low):.0f} %"
+    return f"dem.method = 'refined' typically cuts this error by {cut}" if applies else ""
 
 
 def _errors(survey: Survey) -> dict[str, str]:
@@ -301,7 +302,7 @@ def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": part for key, part in survey.replaced.items()}
     better = better_map(survey.prepared.local, survey)
     if better and "dem.method" not in survey.replaced:
-        rows["a better map"] = better
+        rows["hint"] = better
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
         west, south, east, north = over.places[0].extent_m

@@ -1,3 +1,3 @@
-from .document import write_budget as write_budget
+from .document import DOCUMENT as DOCUMENT
 from .study import Budget as Budget
 from .study import navigation_budget as navigation_budget

@@ -28,7 +28,7 @@ def budget(
 ) -> None:
     """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.studies.budget.document import MARKER, print_budget, write_budget
+    from sionna_radar.studies.budget.document import DOCUMENT
     from sionna_radar.studies.budget.study import GRADES, GROWTH, identity_of, load_grades
     from sionna_radar.studies.budget.study import navigation_budget as run_budget
 
@@ -43,7 +43,7 @@ def budget(
             execution = Execution(workers=team, checkpoints=keep(asked))
             return run_budget(checked, limit_m=limit_m, repeat=repeat, grades=known, execution=execution)
 
-    session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
+    session.produce(fly, DOCUMENT)
 
 
 def _rms_limit(text: str) -> float:

@@ -1,8 +1,6 @@
 """Navigation error budget: files, tables, figure."""
 
 import math
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -11,10 +9,9 @@ from matplotlib.ticker import NullFormatter
 from rich.table import Table
 
 from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
-from sionna_radar.report.files.contents import without_nan
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number, say, table_of
-from sionna_radar.studies.budget.study import Budget, Limit
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.report.terminal import number, table_of
+from sionna_radar.studies.budget.study import Budget, GradeResult, Limit
 
 STYLES = {
     "constant": (BLUE, "o", "Constant"),
@@ -83,18 +80,10 @@ def _draw_grades(axes: Axes, budget: Budget) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-MARKER = "budget.json"
-
-
-def write_budget(budget: Budget, directory: Path) -> list[Path]:
-    """Write `budget.json` and the figure, and return the files; raises OutputError as `write_folder`."""
-    return write_study(directory, MARKER, budget, budget_summary(budget), {"budget": draw})
-
-
-def budget_summary(budget: Budget) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; a limit above the tested sizes is None."""
-    document = {
-        "scenario": budget.scenario.model_dump(mode="json"),
+def budget_numbers(budget: Budget) -> dict[str, Any]:
+    """Return the numbers; a limit above the tested sizes is infinite."""
+    return {
+        "scenario": budget.scenario,
         "growth": budget.growth,
         "repeat": budget.repeat,
         "rms_m": budget.rms_m,
@@ -110,22 +99,8 @@ def budget_summary(budget: Budget) -> dict[str, Any]:
             }
             for limit in budget.limits
         ],
-        "grades": [asdict(grade) for grade in budget.grades],
+        "grades": budget.grades,
     }
-    return without_nan(document)
-
-
-KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
-
-
-def print_budget(budget: Budget) -> None:
-    """Print the limits, and the DEM error and source of each GPS/IMU grade."""
-    out = console()
-    out.print(limits_table(budget))
-    if not budget.grades:
-        return
-    out.print(grades_table(budget))
-    say(*(f"{grade.name}: {grade.source}" for grade in budget.grades))
 
 
 def limits_table(budget: Budget) -> Table:
@@ -141,22 +116,34 @@ def limits_table(budget: Budget) -> Table:
     return table_of(title, ["error", *KINDS.values()], texts, left=["error"])
 
 
-def grades_table(budget: Budget) -> Table:
-    """Return the DEM error with grades of GPS/IMU, one row per grade."""
-    rows = (
-        [g.name, number(g.rms_m, ".3f", " m"), number(g.growth, "+.0%"), number(g.coverage, ".1%")]
-        for g in budget.grades
-    )
-    title = "All errors of a grade of GPS/IMU together"
-    return table_of(title, ["grade", "RMS", "growth", "coverage of lit cells"], rows, left=["grade"])
-
-
 def _limit_text(limit: Limit) -> str:
     unit = limit.error.unit
     return f"{limit.size:.3g} {unit}" if math.isfinite(limit.size) else f"> {limit.error.largest:g} {unit}"
 
 
-def views(result: Budget) -> list[Table | Figure]:
-    """Return what a notebook shows: the limits, the grades, and the curves."""
-    grades = [grades_table(result)] if result.grades else []
-    return [limits_table(result), *grades, draw(result)]
+KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
+GRADES = Columns[GradeResult](
+    [
+        Column(key="name", heading="grade"),
+        Column(key="rms_m", heading="RMS", form=".3f", unit=" m"),
+        Column(key="growth", heading="growth", form="+.0%"),
+        Column(key="coverage", heading="coverage of lit cells", form=".1%"),
+    ]
+)
+
+
+def tables(budget: Budget) -> list[Table]:
+    """Return the limits, and the DEM error with each grade of GPS/IMU."""
+    title = "All errors of a grade of GPS/IMU together"
+    return [limits_table(budget), *([GRADES.table(title, budget.grades)] if budget.grades else [])]
+
+
+DOCUMENT = StudyDocument[Budget](
+    marker="budget.json",
+    suffix="_budget",
+    numbers=budget_numbers,
+    tables=tables,
+    lines=lambda budget: [f"{grade.name}: {grade.source}" for grade in budget.grades],
+    figures=lambda _: {"budget": draw},
+    notebook=["budget"],
+)

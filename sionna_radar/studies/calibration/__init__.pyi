@@ -1,3 +1,3 @@
-from .document import write_calibration as write_calibration
+from .document import DOCUMENT as DOCUMENT
 from .study import Calibration as Calibration
 from .study import calibrate as calibrate

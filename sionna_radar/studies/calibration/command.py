@@ -71,11 +71,10 @@ def calibrate_command(
     """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
     from sionna_radar.foundation.input_file import regular_file
     from sionna_radar.report.files.contents import Report
-    from sionna_radar.studies.calibration.document import MARKER, print_calibration, write_calibration
+    from sionna_radar.studies.calibration.document import DOCUMENT
     from sionna_radar.studies.calibration.study import DRIFTS, PRIORS, parse_deviations, parse_errors
     from sionna_radar.studies.calibration.study import calibrate as run_calibration
 
-    page = Report.PAGE if report else Report.NONE
     names = parse_errors(estimate or [])
     priors = parse_deviations("--prior", prior or [], PRIORS)
     between = parse_deviations("--drift", drift or [], DRIFTS)
@@ -91,12 +90,9 @@ def calibrate_command(
             reference_sigma_m=reference_sigma,
             overrides=session.overrides,
         ),
-        suffix="_calibration",
-        marker=MARKER,
-        write=lambda result, folder: write_calibration(result, folder, report=page),
-        show=print_calibration,
+        DOCUMENT,
+        report=Report.PAGE if report else Report.NONE,
         exit_code=_tell_refusal,
-        products=[page.name],
     )
 
 

@@ -1,10 +1,6 @@
 """A calibration: estimates as JSON, CSV and TOML, maps before and after, figures and page."""
 
-import json
-import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +9,6 @@ import tomli_w
 from jaxtyping import Float
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
@@ -24,48 +19,27 @@ from sionna_radar.report.drawing import (
     ORANGE,
     ReportFigure,
     height_limits,
-    save_figures,
     show_raster,
 )
-from sionna_radar.report.files.contents import Report, strict_json, write_page, write_text
-from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.page.markup import TableCell, document
+from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
-from sionna_radar.report.terminal import console, print_whole
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.report.terminal import NONE
 from sionna_radar.studies.calibration.estimation import TOLD
 from sionna_radar.studies.calibration.study import Calibrated, Calibration, Manoeuvre
 
-MARKER = "calibration.json"
-HEAD = ("Error", "Unit", "Known before to", "Estimate", "Standard deviation", "Told")
 # Residuals are shown up to so many of their median standard deviations, and means over squares of this many cells.
 SHOWN, SQUARES = 4.0, 60
 
 
-def write_calibration(result: Calibration, directory: Path, *, report: Report = Report.PAGE) -> list[Path]:
-    """Write the numbers, the tables to paste, the maps, the figures and the page, all or nothing; return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-
-    """
-    return write_folder(directory, MARKER, partial(_write_all, result, report))
-
-
-def _write_all(result: Calibration, report: Report, directory: Path) -> None:
-    write_text(directory / MARKER, strict_json(calibration_document(result)))
-    write_text(directory / "errors.csv", _csv(result))
-    write_text(directory / "calibration.toml", calibration_toml(result))
-    for number, recording in enumerate(result.recordings, start=1):
+def write_maps(result: Calibration, directory: Path) -> None:
+    """Write the DEM of each recording before and after."""
+    for count, recording in enumerate(result.recordings, start=1):
         for name, dem in zip(("before", "after"), recording.dem, strict=True):
-            dem.to_geotiff(directory / f"dem_{name}_{number}.tif")
-    save_figures(result, {"residuals": draw_residuals, "dem": draw_maps}, directory / "figures")
-    if report is Report.PAGE:
-        write_page(directory / "report.html", lambda: calibration_page(result))
+            dem.to_geotiff(directory / f"dem_{name}_{count}.tif")
 
 
-def calibration_document(result: Calibration) -> dict[str, Any]:
+def calibration_numbers(result: Calibration) -> dict[str, Any]:
     """Return the numbers of a calibration, in the units of `UNKNOWNS`."""
     solution = result.solution
     units = _units(solution.names)
@@ -75,22 +49,11 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "reference_sigma_m": result.reference_sigma_m,
         "reference_displaced": result.displaced,
         "told_below": TOLD,
-        "errors": [
-            {
-                "name": name,
-                "unit": UNKNOWNS[name].unit,
-                "prior": float(solution.knowledge.prior[k] / units[k]),
-                "sigma_before_estimation": float(solution.before.sigma[k] / units[k]),
-                "told": bool(solution.told[k]),
-                "estimate": float(solution.value[k] / units[k]) if solution.told[k] else None,
-                "sigma": float(solution.sigma[k] / units[k]),
-            }
-            for k, name in enumerate(solution.names)
-        ],
-        "covariance": (solution.covariance / np.outer(units, units)).tolist(),
-        "correlation": solution.knowledge.correlation.tolist(),
+        "errors": _errors(result),
+        "covariance": solution.covariance / np.outer(units, units),
+        "correlation": solution.knowledge.correlation,
         "trade_offs": _trade_offs(result),
-        "doppler": list(result.doppler),
+        "doppler": result.doppler,
         "drift": _drift(result),
         "manoeuvres": [_told_by(manoeuvre) for manoeuvre in result.manoeuvres],
         "variance_factor": solution.scatter,
@@ -99,9 +62,26 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "misfit": solution.misfit,
         "model_holds": solution.model_holds,
         "residuals": [_residuals(recording) for recording in result.recordings],
-        "warnings": list(result.warnings),
+        "warnings": result.warnings,
         "versions": versions(),
     }
+
+
+def _errors(result: Calibration) -> list[dict[str, Any]]:
+    """Return prior, estimate and standard deviation of each error; see `ERRORS_OF_INSTRUMENT`."""
+    solution = result.solution
+    return [
+        {
+            "name": name,
+            "unit": UNKNOWNS[name].unit,
+            "prior": solution.knowledge.prior[k] / unit,
+            "sigma_before_estimation": solution.before.sigma[k] / unit,
+            "told": bool(solution.told[k]),
+            "estimate": solution.value[k] / unit if solution.told[k] else None,
+            "sigma": solution.sigma[k] / unit,
+        }
+        for k, (name, unit) in enumerate(zip(solution.names, _units(solution.names), strict=True))
+    ]
 
 
 def _units(names: tuple[str, ...]) -> Float[np.ndarray, " error"]:
@@ -120,8 +100,8 @@ def _drift(result: Calibration) -> list[dict[str, Any]]:
             "name": name,
             "unit": UNKNOWNS[name].unit,
             "sigma_between_lines": between / UNKNOWNS[name].si,
-            "lines": (solution.apart[:, k] / UNKNOWNS[name].si).tolist(),
-            "sigma_of_lines": (solution.apart_sigma[:, k] / UNKNOWNS[name].si).tolist(),
+            "lines": solution.apart[:, k] / UNKNOWNS[name].si,
+            "sigma_of_lines": solution.apart_sigma[:, k] / UNKNOWNS[name].si,
         }
         for k, (name, between) in enumerate(solution.drift.between.items())
     ]
@@ -131,7 +111,7 @@ def _told_by(manoeuvre: Manoeuvre) -> dict[str, Any]:
     knowledge = manoeuvre.knowledge
     sigma = knowledge.sigma / _units(knowledge.names)
     told = dict(zip(knowledge.names, map(bool, knowledge.told), strict=True))
-    return {"name": manoeuvre.name, "sigma": dict(zip(knowledge.names, map(float, sigma), strict=True)), "told": told}
+    return {"name": manoeuvre.name, "sigma": dict(zip(knowledge.names, sigma, strict=True)), "told": told}
 
 
 def _residuals(recording: Calibrated) -> dict[str, Any]:
@@ -139,25 +119,34 @@ def _residuals(recording: Calibrated) -> dict[str, Any]:
     return {
         "recording": recording.source.name,
         "echoes": int(np.isfinite(recording.after_m).sum()),
-        "mean_before_m": float(np.nanmean(recording.before_m)),
-        "mean_after_m": float(np.nanmean(recording.after_m)),
-        "rms_before_m": float(np.sqrt(np.nanmean(recording.before_m**2))),
-        "rms_after_m": float(np.sqrt(np.nanmean(recording.after_m**2))),
-        "dem_error_before": None if error is None else asdict(error[0]),
-        "dem_error_after": None if error is None else asdict(error[1]),
+        "mean_before_m": np.nanmean(recording.before_m),
+        "mean_after_m": np.nanmean(recording.after_m),
+        "rms_before_m": np.sqrt(np.nanmean(recording.before_m**2)),
+        "rms_after_m": np.sqrt(np.nanmean(recording.after_m**2)),
+        "dem_error_before": None if error is None else error[0],
+        "dem_error_after": None if error is None else error[1],
     }
 
 
-def _csv(result: Calibration) -> str:
-    rows = ["name,unit,prior,told,estimate,sigma"]
-    for row in calibration_document(result)["errors"]:
-        estimate = "" if row["estimate"] is None else f"{row['estimate']:.9g}"
-        rows.append(
-            f"{row['name']},{row['unit']},{row['prior']:.9g},{str(row['told']).lower()},{estimate},{row['sigma']:.9g}"
-        )
-    return "\n".join(rows) + "\n"
+def _sigma_digits(row: Mapping[str, Any]) -> int:
+    """Return the decimals that two digits of the standard deviation need."""
+    return int(np.clip(1 - np.floor(np.log10(row["sigma"])), 0, 6)) if row["sigma"] > 0 else 3
 
 
+def _estimate(row: Mapping[str, Any]) -> str:
+    return NONE if row["estimate"] is None else f"{row['estimate']:+.{_sigma_digits(row)}f}"
+
+
+ERRORS_OF_INSTRUMENT = Columns[Mapping[str, Any]](
+    [
+        Column(key="name", heading="error"),
+        Column(key="unit", heading="unit"),
+        Column(key="prior", heading="prior sigma", form=".3g"),
+        Column(key="estimate", heading="estimate", text=_estimate),
+        Column(key="sigma", heading="standard deviation", text=lambda row: f"{row['sigma']:.{_sigma_digits(row)}f}"),
+        Column(key="told", heading="observable"),
+    ]
+)
 KEYS = {
     "roll": ("mounting_deg", 0, 1.0),
     "pitch": ("mounting_deg", 1, 1.0),
@@ -187,33 +176,32 @@ SIMULATED = {
 
 
 def calibration_toml(result: Calibration) -> str:
-    """Return the told errors as tables: of `process --set-file`, and commented out those of a simulated flight."""
+    """Return observable errors as tables: of `process --set-file`, and commented out those of a simulated flight."""
     table: dict[str, Any] = {}
     # The ground's own backscatter has no key.
     for name, (value, sigma) in (each for each in result.errors.items() if each[0] in KEYS):
         key, place, factor = KEYS[name]
-        stated = _to_a_share(value * factor, sigma * factor)
+        stated = _rounded(value * factor, sigma * factor)
         if place is None:
             table[key] = stated
         else:
             table.setdefault(key, [0.0, 0.0, 0.0])[place] = stated
-    told = tomli_w.dumps({"processing": {"calibration": table}})
+    estimated = tomli_w.dumps({"processing": {"calibration": table}})
     simulated = {SIMULATED[key]: value for key, value in table.items() if key in SIMULATED}
     flown = tomli_w.dumps({"platform": {"navigation": simulated}})
     held = [name for name, is_told in zip(result.solution.names, result.solution.told, strict=True) if not is_told]
     lines = ["# Errors of the instrument, believed minus true: `sionna-radar process RECORDING --set-file` this file."]
-    lines += [f"# Not told by this flight, and left at zero: {', '.join(held)}."] if held else []
-    lines += [told.rstrip(), "", "# A simulated flight with these errors has:"]
+    lines += [f"# Not observable from this flight, and left at zero: {', '.join(held)}."] if held else []
+    lines += [estimated.rstrip(), "", "# A simulated flight with these errors has:"]
     lines += [f"# {line}" if line else "#" for line in flown.rstrip().splitlines()]
     return "\n".join(lines) + "\n"
 
 
-def _to_a_share(value: float, sigma: float) -> float:
+def _rounded(value: float, sigma: float) -> float:
     """Return a value rounded to a thousandth of its standard deviation, or finer."""
     return round(value, max(0, 3 - int(np.floor(np.log10(sigma))))) if sigma > 0 else value
 
 
-# ---------------------------------------------------------------------------------------------------------- figures
 def draw_residuals(result: Calibration) -> Figure:
     """Draw the residuals of all echoes on a map and as a histogram, before and after."""
     place, before, after, limit = _gathered(result)
@@ -275,41 +263,19 @@ def draw_maps(result: Calibration) -> Figure:
     return figure
 
 
-# ------------------------------------------------------------------------------------------------------------- text
-def print_calibration(result: Calibration) -> None:
-    """Print what the flight tells, the estimates, and what manoeuvres would add."""
-    recorded = ", ".join(r.source.name for r in result.recordings)
-    table = Table(title=f"{recorded} over {_ground(result)}", title_justify="left")
-    for name in HEAD:
-        table.add_column(name.lower(), justify="left" if name in ("Error", "Unit", "Told") else "right")
-    for row in calibration_document(result)["errors"]:
-        table.add_row(row["name"], row["unit"], *_texts(row).values())
-    print_whole(table)
-    out = console()
-    for text in [*_statements(result), _meaning(result)]:
-        out.print(text, soft_wrap=True)
-    for recording in result.recordings:
-        if recording.error is not None:
-            before, after = (error.rms_m for error in recording.error)
-            text = f"{recording.source.name}: RMS error of the DEM {before:.3f} m before, {after:.3f} m after"
-            out.print(text, soft_wrap=True)
-    for warning in result.warnings:
-        out.print(f"warning: {warning}", soft_wrap=True)
+def sentences(result: Calibration) -> list[str]:
+    """Return what is observable and what is not, errors of the DEM, and the warnings."""
+    rms = [
+        f"{recording.source.name}: RMS error of the DEM {recording.error[0].rms_m:.3f} m before, "
+        f"{recording.error[1].rms_m:.3f} m after"
+        for recording in result.recordings
+        if recording.error is not None
+    ]
+    return [*_statements(result), _meaning(result), *rms, *(f"warning: {warning}" for warning in result.warnings)]
 
 
 def _ground(result: Calibration) -> str:
     return "unknown ground" if result.reference is None else result.reference.name
-
-
-def _texts(row: Mapping[str, Any]) -> dict[str, str]:
-    sigma = row["sigma"]
-    digits = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if sigma > 0 else 3
-    return {
-        "prior": f"{row['prior']:.3g}",
-        "estimate": "-" if row["estimate"] is None else f"{row['estimate']:+.{digits}f}",
-        "sigma": f"{sigma:.{digits}f}",
-        "told": "yes" if row["told"] else "no",
-    }
 
 
 def trade_off_words(result: Calibration) -> list[str]:
@@ -318,9 +284,9 @@ def trade_off_words(result: Calibration) -> list[str]:
     for direction in _trade_offs(result):
         parts = [f"{name} of {value:+.3g} {UNKNOWNS[name].unit}" for name, value in direction.items()]
         if len(parts) == 1:
-            words.append(f"not told: a {parts[0]} changes the echoes too little")
+            words.append(f"not observable: the data are too insensitive to a {parts[0]}")
         else:
-            words.append(f"not told apart: a {' with a '.join(parts)} changes the echoes too little")
+            words.append(f"not separable: the data are too insensitive to a {' with a '.join(parts)}")
     return words
 
 
@@ -328,8 +294,8 @@ def _statements(result: Calibration) -> list[str]:
     drifts = []
     for row in _drift(result):
         lines = zip(row["lines"], row["sigma_of_lines"], strict=True)
-        apart = ", ".join(f"{value:+.2g} ± {sigma:.2g}" for value, sigma in lines)
-        drifts.append(f"{row['name']} of each line apart from that of the flight: {apart} {row['unit']}")
+        offsets = ", ".join(f"{value:+.2g} ± {sigma:.2g}" for value, sigma in lines)
+        drifts.append(f"{row['name']} of each line relative to that of the flight: {offsets} {row['unit']}")
     return [*result.doppler, *drifts, *trade_off_words(result), *_manoeuvre_words(result)]
 
 
@@ -348,16 +314,16 @@ def _manoeuvre_words(result: Calibration) -> list[str]:
         told = dict(zip(manoeuvre.knowledge.names, manoeuvre.knowledge.told, strict=True))
         gained = [name for name in held if told[name]]
         if gained:
-            words.append(f"{manoeuvre.name} would tell {', '.join(gained)}")
-    return words or [f"no single further line would tell {', '.join(held)}"]
+            words.append(f"flying {manoeuvre.name} would make {', '.join(gained)} observable")
+    return words or [f"no single further line would make {', '.join(held)} observable"]
 
 
 def _meaning(result: Calibration) -> str:
     return (
-        f"An error, believed minus true, is told if its standard deviation falls below {TOLD:.2f} of the one before. "
-        "One that is not stays at zero, and its uncertainty is in the standard deviations of the others. Variances are "
-        f"{result.solution.scatter:.2f} times those of the Fisher information, as the scores of stretches of the "
-        "flight scatter."
+        "An error (believed minus true) counts as observable when its posterior sigma is less than "
+        f"{TOLD:.2f} of its prior sigma. One that is not stays at zero, and its uncertainty is in the standard "
+        f"deviations of the others. Variances are {result.solution.scatter:.2f} times those of the Fisher information, "
+        "scaled by the empirical scatter of the score."
     )
 
 
@@ -366,7 +332,7 @@ def calibration_page(result: Calibration) -> str:
 
     Raises OutputError if plotly is not installed.
     """
-    content = calibration_document(result)
+    content = DOCUMENT.content(result)
     place, before, after, limit = _gathered(result)
     numbers = {
         "correlation": {"name": list(result.solution.names), "value": content["correlation"]},
@@ -375,9 +341,8 @@ def calibration_page(result: Calibration) -> str:
     }
     names = result.solution.names
     told = [name for name, is_told in zip(names, result.solution.told, strict=True) if is_told]
-    command = ["sionna-radar", "calibrate", *(r.source.name for r in result.recordings)]
+    command = ["calibrate", *(r.source.name for r in result.recordings)]
     command += [] if result.reference is None else ["--reference", result.reference.name]
-    changes = [word for key, value in result.overrides.items() for word in ("--set", f"{key}={json.dumps(value)}")]
     return document(
         "calibration.html",
         Pack().text(numbers),
@@ -386,7 +351,7 @@ def calibration_page(result: Calibration) -> str:
         title=f"Calibration of {', '.join(r.source.name for r in result.recordings)}",
         warnings=result.warnings,
         tiles=[
-            (f"{len(told)} of {len(names)}", "errors told", "by this flight"),
+            (f"{len(told)} of {len(names)}", "errors observable", "from this flight"),
             (f"{sum(r['echoes'] for r in content['residuals']):,}", "echoes", f"over {_ground(result)}"),
             *(
                 (f"{r.error[1].rms_m:.3f} m", "RMS of the DEM after", f"{r.error[0].rms_m:.3f} m before")
@@ -394,18 +359,8 @@ def calibration_page(result: Calibration) -> str:
                 if r.error is not None
             ),
         ],
-        head=list(HEAD),
-        rows=[
-            [
-                row["name"],
-                row["unit"],
-                *(
-                    text if key == "told" else TableCell(text, f"errors.{k}.{key}", row[key])
-                    for key, text in _texts(row).items()
-                ),
-            ]
-            for k, row in enumerate(content["errors"])
-        ],
+        head=ERRORS_OF_INSTRUMENT.heads,
+        rows=ERRORS_OF_INSTRUMENT.cells(content["errors"], "errors."),
         statements=[*_statements(result), _left_out(before, after, limit)],
         manoeuvre_head=["One more line", *(f"{name} ({UNKNOWNS[name].unit})" for name in names)],
         manoeuvre_rows=[
@@ -421,16 +376,16 @@ def calibration_page(result: Calibration) -> str:
             for k, manoeuvre in enumerate(content["manoeuvres"])
         ],
         meaning=_meaning(result),
-        command=shlex.join([*command, *changes]),
+        command=command_line(command, result.overrides),
         toml=calibration_toml(result),
     )
 
 
-def _histogram(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], limit: float) -> dict[str, list[float]]:
+def _histogram(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], limit: float) -> dict[str, np.ndarray]:
     edges = np.linspace(-limit, limit, 81)
     return {
-        "residual_m": ((edges[1:] + edges[:-1]) / 2).tolist(),
-        **{name: np.histogram(values, edges)[0].tolist() for name, values in (("before", before), ("after", after))},
+        "residual_m": (edges[1:] + edges[:-1]) / 2,
+        **{name: np.histogram(values, edges)[0] for name, values in (("before", before), ("after", after))},
     }
 
 
@@ -443,6 +398,28 @@ def _squares(place: Float[np.ndarray, "n 2"], after: Float[np.ndarray, " n"], li
     np.add.at(total, (row, column), after)
     with np.errstate(invalid="ignore"):
         mean = total / np.where(count > 0, count, np.nan)
-    cells = [[None if not np.isfinite(value) else float(value) for value in row] for row in mean]
-    middles = [(corner + (np.arange(SQUARES) + 0.5) * extent / SQUARES).tolist() for corner in low]
-    return {"east_m": middles[0], "north_m": middles[1], "mean_m": cells, "limit_m": limit / 2}
+    east_m, north_m = (corner + (np.arange(SQUARES) + 0.5) * extent / SQUARES for corner in low)
+    return {"east_m": east_m, "north_m": north_m, "mean_m": mean, "limit_m": limit / 2}
+
+
+DOCUMENT = StudyDocument[Calibration](
+    marker="calibration.json",
+    suffix="_calibration",
+    numbers=calibration_numbers,
+    tables=lambda result: [
+        ERRORS_OF_INSTRUMENT.table(
+            f"{', '.join(r.source.name for r in result.recordings)} over {_ground(result)}", _errors(result)
+        )
+    ],
+    lines=sentences,
+    figures=lambda _: {"residuals": draw_residuals, "dem": draw_maps},
+    notebook=["residuals"],
+    texts={
+        "errors.csv": lambda result: ERRORS_OF_INSTRUMENT.csv(
+            _errors(result), ["name", "unit", "prior", "told", "estimate", "sigma"], ".9g"
+        ),
+        "calibration.toml": calibration_toml,
+    },
+    files=[write_maps],
+    page=calibration_page,
+)

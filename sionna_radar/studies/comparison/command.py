@@ -34,13 +34,11 @@ def compare(
     """Compare several results: errors, differing settings, and maps side by side, or with measured heights."""
     from sionna_radar.report.files.folder import check_output
     from sionna_radar.studies.comparison.document import (
-        MARKER,
+        DOCUMENT,
         compare_folder,
         is_study,
-        print_comparison,
         print_references,
         print_studies,
-        write_comparison,
     )
     from sionna_radar.studies.comparison.results import compare as compare_folders
 
@@ -51,7 +49,7 @@ def compare(
             raise ScenarioError.of(option, "is for folders of `run`; leave it out for studies", "command line")
         print_studies(folders)
         return
-    directory = check_output(output, MARKER) if output else None
+    directory = check_output(output, DOCUMENT.marker) if output else None
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
     if heights.path is not None:
         checks = [compare_folder(folder, heights.path, reference_sigma, apply_shift) for folder in folders]
@@ -60,9 +58,9 @@ def compare(
         if len(folders) == 1 and directory is None:
             return
     result = compare_folders(folders)
-    written = write_comparison(result, directory) if directory else []
+    written = DOCUMENT.write(result, directory) if directory else []
     if not quiet:
-        print_comparison(result)
+        DOCUMENT.show(result)
         if directory:
             typer.echo(f"{len(written)} files in {shown(directory)}")
 

@@ -7,45 +7,51 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.drawing import LOCAL_FRAME, Frame
-from sionna_radar.report.files.contents import write_text
-from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.page.markup import TableCell, document
+from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE, console, print_whole, reference_rows, table_of
 from sionna_radar.studies.comparison.results import FLOWN, PROCESSED, folder_names, read_document, read_raster
 from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison
-from sionna_radar.studies.design.document import MARKER as DESIGN_MARKER
+from sionna_radar.studies.design.document import DOCUMENT as DESIGN
 from sionna_radar.studies.design.document import OF_LIT_CELLS
-from sionna_radar.studies.sweep.document import MARKER as SWEEP_MARKER
+from sionna_radar.studies.sweep.document import DOCUMENT as SWEEP
 from sionna_radar.studies.sweep.document import read_sweep
 from sionna_radar.studies.sweep.study import label
 from sionna_radar.survey.result import cover_masks
 
 MAX_KEYS = 200
-ERRORS = {
-    "RMS": ("rms_m", ".3f"),
-    "mean": ("mean_m", "+.3f"),
-    "std": ("std_m", ".3f"),
-    "NMAD": ("nmad_m", ".3f"),
-    "LE90": ("le90_m", ".3f"),
-    "cells": ("count", ",.0f"),
-    "coverage of lit cells": ("coverage", ".1%"),
-}
 
 
-def error_rows(result: ResultsComparison) -> dict[str, list[str]]:
-    """Return the errors of lit cells by name of the folder."""
-    return {
-        flown.name: [figure(flown.summary["lit_error"][key], form) for key, form in ERRORS.values()]
-        for flown in result.results
-    }
+def _error(key: str) -> Callable[[FlownResult], float | int | None]:
+    return lambda flown: flown.summary["lit_error"][key]
+
+
+ERRORS = Columns[FlownResult](
+    [
+        Column(key="name", heading="folder"),
+        *(
+            Column(key=f"lit_error.{key}", heading=heading, form=form, value=_error(key))
+            for key, heading, form in (
+                ("rms_m", "RMS", ".3f"),
+                ("mean_m", "mean", "+.3f"),
+                ("std_m", "std", ".3f"),
+                ("nmad_m", "NMAD", ".3f"),
+                ("le90_m", "LE90", ".3f"),
+                ("count", "cells", ",.0f"),
+                ("coverage", "coverage of lit cells", ".1%"),
+            )
+        ),
+    ]
+)
 
 
 def setting_rows(result: ResultsComparison) -> dict[str, list[str]]:
@@ -57,25 +63,18 @@ def setting_rows(result: ResultsComparison) -> dict[str, list[str]]:
     return {**rows, **({f"and {hidden:,} more": [""] * len(result.results)} if hidden else {})}
 
 
-def figure(value: float | int | None, form: str) -> str:
-    """Return a formatted number; a dash for None."""
-    return "-" if value is None else f"{value:{form}}"
-
-
 def _value(value: Any) -> str:
     return value if isinstance(value, str) and len(value) < 60 else shown(value)
 
 
-def print_comparison(result: ResultsComparison) -> None:
-    """Print the errors of lit cells, and the differing settings."""
-    errors = ([name, *row] for name, row in error_rows(result).items())
-    console().print(table_of("DEM minus truth of lit cells, m", ["folder", *ERRORS], errors, left=["folder"]))
+def comparison_tables(result: ResultsComparison) -> list[Table]:
+    """Return the errors of lit cells, and the differing settings."""
+    errors = ERRORS.table("DEM minus truth of lit cells, m", result.results)
     if not result.differing:
-        console().print("no setting differs")
-        return
+        return [errors]
     columns = ["key", *(flown.name for flown in result.results)]
     settings = ([key, *row] for key, row in setting_rows(result).items())
-    console().print(table_of("Settings that differ", columns, settings, left=columns))
+    return [errors, table_of("Settings that differ", columns, settings, left=columns)]
 
 
 def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: bool) -> ReferenceCheck:
@@ -105,15 +104,9 @@ def print_references(folders: Sequence[Path], checks: Sequence[ReferenceCheck]) 
             console().print(table_of(f"RMSE (m) by class: {title}", ["", *columns[1:]], rows))
 
 
-MARKER = "compare.html"
 # Largest number of cells of all maps of a page.
 MAX_CELLS = 1_600_000
 LINES, LINE_POINTS = 41, 400
-
-
-def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
-    """Write `compare.html` into a directory, and return the files; raises OutputError as `write_folder`."""
-    return write_folder(directory, MARKER, lambda folder: write_text(folder / MARKER, comparison_page(result)))
 
 
 def comparison_page(result: ResultsComparison) -> str:
@@ -142,8 +135,8 @@ def comparison_page(result: ResultsComparison) -> str:
         package=__package__,
         title=f"{len(result.results)} results side by side",
         names=[flown.name for flown in result.results],
-        errors=list(ERRORS),
-        rows=_error_cells(result),
+        head=ERRORS.heads,
+        rows=ERRORS.cells(result.results, ""),
         settings=[[key, *values] for key, values in setting_rows(result).items()],
         common=result.common,
         notes=notes,
@@ -199,23 +192,18 @@ def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
     }
 
 
-def _error_cells(result: ResultsComparison) -> list[list[TableCell | str]]:
-    keys = [key for key, _ in ERRORS.values()]
-    return [
-        [
-            flown.name,
-            *(
-                TableCell(text, f"{number}.lit_error.{key}", flown.summary["lit_error"][key])
-                for key, text in zip(keys, texts, strict=True)
-            ),
-        ]
-        for number, (flown, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
-    ]
+DOCUMENT = StudyDocument[ResultsComparison](
+    marker="compare.html",
+    suffix="_compared",
+    tables=comparison_tables,
+    lines=lambda result: [] if result.differing else ["no setting differs"],
+    texts={"compare.html": comparison_page},
+)
 
 
 def is_study(folder: Path) -> bool:
     """Return True if a folder holds the results of a sweep or a design."""
-    return any((folder / marker).is_file() for marker in (SWEEP_MARKER, DESIGN_MARKER))
+    return any((folder / marker).is_file() for marker in (SWEEP.marker, DESIGN.marker))
 
 
 def print_studies(folders: Sequence[Path]) -> None:
@@ -234,20 +222,20 @@ def print_studies(folders: Sequence[Path]) -> None:
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
     """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
-    if (folder / SWEEP_MARKER).is_file():
+    if (folder / SWEEP.marker).is_file():
         found = [
             (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)
             for case in read_sweep(folder).cases
             if case.trials
         ]
         return [_study_row(name, *one) for one in found]
-    document = read_document(folder / DESIGN_MARKER)
+    document = read_document(folder / DESIGN.marker)
     try:
         designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
         return [_study_row(name, *one) for one in designs]
     except (KeyError, TypeError) as error:
         message = (
-            f"{shown(folder / DESIGN_MARKER)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
+            f"{shown(folder / DESIGN.marker)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
         )
         raise InputFileError(message) from error
 

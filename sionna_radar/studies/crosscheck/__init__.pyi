@@ -1,4 +1,4 @@
-from .document import write_crosscheck as write_crosscheck
+from .document import DOCUMENT as DOCUMENT
 from .study import CrossCheck as CrossCheck
 from .study import Tolerances as Tolerances
 from .study import crosscheck as crosscheck

@@ -18,7 +18,7 @@ def crosscheck(
     """Simulate the same pulses with both engines and test whether they agree; exit code 1 if not."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.scenario.loading import identity
-    from sionna_radar.studies.crosscheck.document import MARKER, print_crosscheck, write_crosscheck
+    from sionna_radar.studies.crosscheck.document import DOCUMENT
     from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 
     checked = session.load_and_precompile()
@@ -28,14 +28,7 @@ def crosscheck(
             checkpoints = keep(identity(checked, BLOCK_SIZE))
             return run_crosscheck(checked, execution=Execution(workers=team, checkpoints=checkpoints))
 
-    session.produce(
-        fly,
-        suffix="_crosscheck",
-        marker=MARKER,
-        write=write_crosscheck,
-        show=print_crosscheck,
-        exit_code=lambda result: 0 if result.agrees else 1,
-    )
+    session.produce(fly, DOCUMENT, exit_code=lambda result: 0 if result.agrees else 1)
 
 
 @command("scenario", "set_", "set_file")

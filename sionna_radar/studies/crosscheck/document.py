@@ -1,8 +1,6 @@
 """A cross-check of two engines as files, table and figures."""
 
 import math
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +15,8 @@ from rich.table import Table
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, show_raster
-from sionna_radar.report.files.contents import without_nan
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import number, say, table_of
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.report.terminal import number
 from sionna_radar.studies.crosscheck.study import INCIDENCE_STEP_DEG, CrossCheck
 
 GREY = "0.45"
@@ -112,9 +109,9 @@ def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]]
     edges = np.linspace(-reach, reach, 61)
     for values, colour, name in shown:
         finite = values[np.isfinite(values)]
-        share = 100 * np.histogram(finite, bins=edges)[0] / max(len(finite), 1)
+        percentage = 100 * np.histogram(finite, bins=edges)[0] / max(len(finite), 1)
         spread = f"{name}\nmean {finite.mean():+.3f} {unit}, std {finite.std():.3f} {unit}" if len(finite) else name
-        axes.stairs(share, edges, fill=True, color=colour, alpha=0.5, label=spread)
+        axes.stairs(percentage, edges, fill=True, color=colour, alpha=0.5, label=spread)
     axes.axvline(0.0, color="black", lw=0.8)
     axes.set(xlabel=f"{label} ({unit})", ylabel="Share of pulses (%)", xlim=(-reach, reach))
     axes.xaxis.set_major_locator(MaxNLocator(nbins=5))
@@ -129,7 +126,6 @@ def _limit(values: Float[np.ndarray, " n"]) -> float:
     return max(float(np.percentile(magnitude, 99)), 1e-3) if len(magnitude) else 1.0
 
 
-MARKER = "crosscheck.json"
 SPECKLE = (
     "Powers are sums of |gain|^2 over a pulse's paths, free of speckle. The DEMs are not: two seeds of one "
     "engine already differ. dem_rms_difference_m is over all four pairs of a Sionna and a gamma run; "
@@ -142,16 +138,10 @@ SHARED = (
 )
 
 
-def write_crosscheck(check: CrossCheck, directory: Path) -> list[Path]:
-    """Write `crosscheck.json` and the figures, and return the files; raises OutputError as `write_folder`."""
-    figures = {"power": power, "ranges": ranges, "dems": dems}
-    return write_study(directory, MARKER, check, crosscheck_summary(check), figures)
-
-
-def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
-    """Return the numbers of the comparison in strict JSON form; undefined ones are None."""
+def crosscheck_numbers(check: CrossCheck) -> dict[str, Any]:
+    """Return the numbers of the comparison."""
     repeat_m = check.sionna_again.echo_range_m
-    document = {
+    return {
         "agrees": check.agrees,
         "mean_power_difference_db": check.mean_power_difference_db,
         "p95_abs_power_difference_db": check.p95_abs_power_difference_db,
@@ -159,7 +149,7 @@ def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
         "p95_power_scatter_db": check.p95_power_scatter_db,
         "power_difference_db": _spread(check.power_difference_db),
         "power_trend_db_per_10deg": check.power_trend_db_per_10deg(),
-        "power_by_incidence": [asdict(entry) for entry in check.by_incidence()],
+        "power_by_incidence": check.by_incidence(),
         "range_difference_m": _spread(check.gamma.range_m - check.sionna.range_m),
         "echo_range_difference_m": _spread(check.gamma.echo_range_m - check.sionna.echo_range_m),
         "echo_range_difference_of_seeds_m": _spread(repeat_m - check.sionna.echo_range_m),
@@ -173,13 +163,12 @@ def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
         "dem_cells": int(check.common().sum()),
         "pulses": len(check.sionna.power),
         "seeds": [check.sionna.seed, check.sionna_again.seed],
-        "tolerances": asdict(check.tolerances),
+        "tolerances": check.tolerances,
         "verdict": check.verdict(),
         "speckle": SPECKLE,
         "shared": SHARED,
-        "scenario": check.scenario.model_dump(mode="json"),
+        "scenario": check.scenario,
     }
-    return without_nan(document)
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
@@ -195,33 +184,33 @@ def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
     }
 
 
-# Numbers of a verdict, and their forms.
-VALUES = {"value": "+.4f", "tolerance": ".4f"}
+VERDICT = Columns[dict[str, Any]](
+    [
+        Column(key="name", heading="difference"),
+        Column(key="value", heading="value", form="+.4f"),
+        Column(key="tolerance", heading="within", form=".4f"),
+        Column(key="agrees", heading="", value=lambda row: "agrees" if row["agrees"] else "DIFFERS"),
+        Column(
+            key="probability",
+            heading="by speckle alone",
+            text=lambda row: f"p = {row['probability']:.4f}" if "probability" in row else "",
+        ),
+    ]
+)
 
 
-def crosscheck_table(check: CrossCheck) -> Table:
+def verdict_table(check: CrossCheck) -> Table:
     """Return each difference with its tolerance and verdict."""
-    rows = (
-        [name, *(number(entry[key], form) for key, form in VALUES.items()), "agrees" if entry["agrees"] else "DIFFERS"]
-        for name, entry in check.verdict().items()
-    )
-    title = f"The engines {'agree' if check.agrees else 'DIFFER'}"
-    return table_of(title, ["difference", "value", "within", ""], rows, left=["difference", ""])
+    rows = ({"name": name, **entry} for name, entry in check.verdict().items())
+    return VERDICT.table(f"The engines {'agree' if check.agrees else 'DIFFER'}", rows)
 
 
-def print_crosscheck(check: CrossCheck) -> None:
-    """Print each difference with its tolerance, and the verdict."""
-    for name, entry in check.verdict().items():
-        word = "agrees" if entry["agrees"] else "DIFFERS"
-        value, within = (number(entry[key], form) for key, form in VALUES.items())
-        chance = f"   (by speckle alone: {entry['probability']:.4f})" if "probability" in entry else ""
-        say(f"{name:32}{value:>10}   within {within}   {word}{chance}")
-    say(
-        f"the engines {'agree' if check.agrees else 'DIFFER'}",
-        "shared by both, so not checked: ray casting, antenna, backscatter models, targets, mirrors",
-    )
-
-
-def views(result: CrossCheck) -> list[Table | Figure]:
-    """Return what a notebook shows: the table, and both DEMs."""
-    return [crosscheck_table(result), dems(result)]
+DOCUMENT = StudyDocument[CrossCheck](
+    marker="crosscheck.json",
+    suffix="_crosscheck",
+    numbers=crosscheck_numbers,
+    tables=lambda check: [verdict_table(check)],
+    lines=lambda _: ["shared by both, so not checked: ray casting, antenna, backscatter models, targets, mirrors"],
+    figures=lambda _: {"power": power, "ranges": ranges, "dems": dems},
+    notebook=["dems"],
+)

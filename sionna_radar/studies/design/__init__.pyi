@@ -1,7 +1,6 @@
+from .document import DOCUMENT as DOCUMENT
 from .document import draw_front as draw_front
 from .document import draw_slices as draw_slices
-from .document import print_design as print_design
-from .document import write_design as write_design
 from .plan import DesignPlan as DesignPlan
 from .plan import RadarDesign as RadarDesign
 from .plan import plan_design as plan_design

@@ -65,7 +65,7 @@ def design(
     pulses_per_s, samples_per_s, data_rate_mbps, transmit_power_w.
     """
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.studies.design.document import MARKER, print_design, write_design
+    from sionna_radar.studies.design.document import DOCUMENT
     from sionna_radar.studies.design.plan import plan_design
     from sionna_radar.studies.design.study import run_design
     from sionna_radar.studies.sweep.quantities import Area, read_costs
@@ -90,14 +90,7 @@ def design(
             )
             return run_design(plan, execution=Execution(workers=team, checkpoints=keep(plan.identity())))
 
-    session.produce(
-        fly,
-        suffix="_design",
-        marker=MARKER,
-        write=write_design,
-        show=print_design,
-        exit_code=lambda result: 0 if result.holds else 1,
-    )
+    session.produce(fly, DOCUMENT, exit_code=lambda result: 0 if result.holds else 1)
 
 
 COMMANDS = (Listed("Study", "design", design),)

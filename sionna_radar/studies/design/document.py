@@ -4,13 +4,13 @@ from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import asdict
 from numbers import Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from rich.table import Table
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.report.drawing import (
@@ -29,10 +29,10 @@ from sionna_radar.report.drawing import (
     readable,
     show_raster,
 )
-from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
-from sionna_radar.report.terminal import NONE, number, print_whole, say, table_of
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.report.terminal import NONE, number, table_of
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.design.plan import (
@@ -44,13 +44,13 @@ from sionna_radar.studies.design.plan import (
     RadarDesign,
     Relaxation,
     Slice,
+    Standing,
 )
 from sionna_radar.studies.design.surrogate import SHARES
 from sionna_radar.studies.sweep.document import MAPPED_MEANING, table_text
 from sionna_radar.studies.sweep.quantities import QUANTITIES
 from sionna_radar.studies.sweep.study import AREAS_ALIKE, label, short, unequal_areas
 
-MARKER = "design.json"
 # Largest width and height of a map, inches.
 MAP_IN = (3.6, 3.6)
 # Designs listed in a terminal and on the page.
@@ -174,30 +174,20 @@ def _with_spread(one: Checked, name: str) -> str:
     return number(value, form) + (f" ± {number(spread, form)}" if np.isfinite(spread) else "")
 
 
-def print_design(design: RadarDesign) -> None:
-    """Print the answer, the designs that were checked, and how they stand."""
-    say(sentence(design))
+def sentences(design: RadarDesign) -> list[str]:
+    """Return how the requirements of the optimum stand, and the notes on it."""
+    standing = [
+        f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
+        f"{number(standing.of_one_survey, '.2f')} for one survey"
+        for standing in design.best.standing
+    ]
+    return [*standing, *statements(design)]
+
+
+def designs_table(design: RadarDesign) -> Table:
+    """Return the designs that were checked, or those along the Pareto front."""
     title = f"Along the Pareto front of {len(design.front)} designs" if design.front else TITLE
-    print_whole(table_of(f"{title} (mean ± standard deviation of a seed)", *design_rows(design)))
-    for standing in design.best.standing:
-        say(
-            f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
-            f"{number(standing.of_one_survey, '.2f')} for one survey"
-        )
-    say(*statements(design))
-
-
-def write_design(design: RadarDesign, directory: Path) -> list[Path]:
-    """Write the numbers, the optimum as tables to paste, all surveys, figures and a page, and return the files.
-
-    Raises OutputError as `write_folder`.
-    """
-    texts = {
-        "design.toml": setting_toml(design.best.setting),
-        "scenario.toml": to_toml(design.best.scenario, defaults=False),
-        "surveys.csv": table_text(survey_rows(design)),
-    }
-    return write_study(directory, MARKER, design, design_summary(design), figures_of(design), texts, design_page)
+    return table_of(f"{title} (mean ± standard deviation of a seed)", *design_rows(design))
 
 
 def setting_toml(setting: Mapping[str, Any]) -> str:
@@ -222,8 +212,8 @@ def _or_empty(value: float) -> Any:
     return value if np.isfinite(value) else ""
 
 
-def design_summary(design: RadarDesign) -> dict[str, Any]:
-    """Return the design as one JSON document, strict except for NaN."""
+def design_numbers(design: RadarDesign) -> dict[str, Any]:
+    """Return the numbers."""
     plan = design.plan
     costs = {part: {name: cost.text for name, cost in c.items()} for part, c in plan.costs.components.items()}
     return {
@@ -231,26 +221,26 @@ def design_summary(design: RadarDesign) -> dict[str, Any]:
         "source": plan.source,
         "free": [
             *({name: value for name, value in asdict(span).items() if name != "option"} for span in plan.space.spans),
-            *map(asdict, plan.space.listed),
+            *plan.space.listed,
         ],
         "objectives": [objective.text for objective in plan.objectives],
         "requirements": [requirement.text for requirement in plan.requirements],
-        "worlds": [{"source": source, "overrides": dict(overrides)} for source, overrides in plan.worlds],
+        "worlds": [{"source": source, "overrides": overrides} for source, overrides in plan.worlds],
         "costs": costs,
-        "area": None if plan.area is None else asdict(plan.area),
+        "area": plan.area,
         "confidence": plan.confidence,
         "surveys": design.surveys,
         "holds": design.holds,
         "best": _document(design.best),
         "statements": statements(design),
-        "relaxations": [asdict(relaxation) for relaxation in design.relaxations],
+        "relaxations": design.relaxations,
         "tolerance": {cut.key: cut.tolerance for cut in design.slices},
         "sensitivity": design.sensitivity,
         "noise": design.noise,
         "checked": [_document(checked) for checked in design.checked],
         "front": [_document(checked) for checked in design.front],
-        "observations": [asdict(observation) for observation in design.observations],
-        "scenario": design.best.scenario.model_dump(mode="json"),
+        "observations": design.observations,
+        "scenario": design.best.scenario,
         "meaning": {name: f"{quantity.unit}: {quantity.formula}" for name, quantity in QUANTITIES.items()}
         | MAPPED_MEANING,
         "versions": versions(),
@@ -266,7 +256,7 @@ def _document(checked: Checked) -> dict[str, Any]:
         "probability": checked.probability,
         "values": checked.values,
         "spread": checked.spread,
-        "standing": [asdict(standing) for standing in checked.standing],
+        "standing": checked.standing,
     }
 
 
@@ -396,16 +386,8 @@ def design_page(design: RadarDesign) -> str:
         tiles=_tiles(design),
         statements=statements(design),
         asked=[*(o.text for o in design.plan.objectives), *(r.text for r in design.plan.requirements)],
-        standing=[
-            [
-                s.requirement,
-                f"{s.margin:.3g}",
-                f"{s.spread:.2g}",
-                f"{s.probability:.2f}",
-                number(s.of_one_survey, ".2f"),
-            ]
-            for s in best.standing
-        ],
+        standing_head=STANDING.heads,
+        standing=STANDING.cells(best.standing, "best.standing."),
         head=head,
         rows=rows,
         images={name: _image(draw(design)) for name, draw in figures_of(design).items()},
@@ -441,3 +423,30 @@ def _costs_of(design: RadarDesign) -> list[list[str]]:
 def _image(figure: Figure) -> str:
     assert isinstance(figure, ReportFigure)
     return "data:image/png;base64," + b64encode(figure._repr_png_()).decode("ascii")
+
+
+STANDING = Columns[Standing](
+    [
+        Column(key="requirement", heading="requirement"),
+        Column(key="margin", heading="margin", form=".3g"),
+        Column(key="spread", heading="from seed to seed", form=".2g"),
+        Column(key="probability", heading="probability, mean over seeds", form=".2f"),
+        Column(key="of_one_survey", heading="probability, one survey", form=".2f"),
+    ]
+)
+DOCUMENT = StudyDocument[RadarDesign](
+    marker="design.json",
+    suffix="_design",
+    numbers=design_numbers,
+    opening=lambda design: [sentence(design)],
+    tables=lambda design: [designs_table(design)],
+    lines=sentences,
+    figures=figures_of,
+    notebook=["slices"],
+    texts={
+        "design.toml": lambda design: setting_toml(design.best.setting),
+        "scenario.toml": lambda design: to_toml(design.best.scenario, defaults=False),
+        "surveys.csv": lambda design: table_text(survey_rows(design)),
+    },
+    page=design_page,
+)

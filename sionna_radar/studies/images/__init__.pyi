@@ -2,7 +2,7 @@ from .aperture import Aperture as Aperture
 from .aperture import PixelGrid as PixelGrid
 from .aperture import ground_pixels as ground_pixels
 from .aperture import whole_beam as whole_beam
-from .document import write_imagery as write_imagery
+from .document import DOCUMENT as DOCUMENT
 from .sar import BackProjection as BackProjection
 from .sar import SarImage as SarImage
 from .strip import SideLooking as SideLooking

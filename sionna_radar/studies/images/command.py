@@ -26,7 +26,7 @@ def image(
     In place of the scenario a recording may be given, as for `process`: its pulses are imaged along their measured
     poses.
     """
-    from sionna_radar.studies.images.document import MARKER, print_image, write_imagery
+    from sionna_radar.studies.images.document import DOCUMENT
     from sionna_radar.studies.images.study import Imagery, image_recording
     from sionna_radar.studies.images.study import image as run_images
     from sionna_radar.survey.recordings.described import is_recording
@@ -38,13 +38,7 @@ def image(
             raise ScenarioError.of("--ground-height", "is of a recording; a scenario has its terrain", "command line")
         return run_images(session.load())
 
-    session.produce(
-        lambda _: imaged(),
-        suffix="_image",
-        marker=MARKER,
-        write=write_imagery,
-        show=print_image,
-    )
+    session.produce(lambda _: imaged(), DOCUMENT)
 
 
 COMMANDS = (Listed("Simulate", "image", image),)

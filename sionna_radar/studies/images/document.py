@@ -5,6 +5,7 @@ among them); it has no complex numbers, so an amplitude is stored as its real an
 conventions, variables have the attributes `coordinates` and, if georeferenced, `grid_mapping`.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,9 @@ from rich.table import Table
 from scipy.io import netcdf_file
 
 from sionna_radar.execution.workers import versions
-from sionna_radar.report.drawing import ReportFigure, save_figures
-from sionna_radar.report.files.contents import strict_json, write_text
-from sionna_radar.report.files.folder import write_folder
-from sionna_radar.report.terminal import console, say, table_of
+from sionna_radar.report.drawing import ReportFigure
+from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.terminal import table_of
 from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.studies.images.aperture import PixelGrid
 from sionna_radar.studies.images.sar import SarImage
@@ -128,42 +128,31 @@ def _length(metres: float) -> str:
     return f"{metres:.2g} m" if metres >= 0.995 else f"{100 * metres:.2g} cm"
 
 
-MARKER = "image.json"
 # CF name of the variable with the CRS.
 GRID_MAPPING = "crs"
 
 
-def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
-    """Write `image.json`, the images as netCDF and the figures into a directory, all or nothing; return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written; see `write_folder`.
-    """
-    return write_folder(directory, MARKER, lambda folder: _fill(imagery, folder))
-
-
-def _fill(imagery: Imagery, directory: Path) -> None:
-    write_text(directory / MARKER, strict_json(image_summary(imagery)))
-    if isinstance(imagery.scenario, Scenario):
-        write_text(directory / "scenario.toml", to_toml(imagery.scenario))
+def write_images(imagery: Imagery, directory: Path) -> None:
+    """Write the images as netCDF."""
     write_slar(directory / "slar.nc", imagery)
     if imagery.focused is not None:
         write_sar(directory / "sar.nc", imagery, imagery.focused)
-    figures = {"slar": slant_range} | ({} if imagery.focused is None else {"sar": focused})
-    save_figures(imagery, figures, directory / "figures")
 
 
-def image_summary(imagery: Imagery) -> dict[str, Any]:
-    """Return the imaged strip and the image resolutions, in strict JSON form.
+def scenario_toml(imagery: Imagery) -> str | None:
+    """Return the scenario; None for that of a recording."""
+    return to_toml(imagery.scenario) if isinstance(imagery.scenario, Scenario) else None
+
+
+def image_numbers(imagery: Imagery) -> dict[str, Any]:
+    """Return the imaged strip and the image resolutions.
 
     Half-power widths in metres: `theory` in the middle of the beam, and for every point target at its position next to
     `measured`, which is None if the target is not isolated, not steady or not bright enough.
     """
     strip, focused = imagery.strip, imagery.focused
     document: dict[str, Any] = {
-        "scenario": imagery.scenario.model_dump(mode="json"),
+        "scenario": imagery.scenario,
         "recording": imagery.recording.name if imagery.recording else None,
         "seed": imagery.scenario.seed if isinstance(imagery.scenario, Scenario) else None,
         "pulses": imagery.pulses,
@@ -177,7 +166,7 @@ def image_summary(imagery: Imagery) -> dict[str, Any]:
         },
         "slar": {
             "stretches": len(imagery.slant.along_m),
-            "stretch_m": float(np.diff(imagery.slant.along_m[:2])[0]),
+            "stretch_m": np.diff(imagery.slant.along_m[:2])[0],
             "theory": {"along_m": imagery.slar.along_m, "slant_range_m": imagery.slar.across_m},
         },
         "sar": None,
@@ -188,9 +177,9 @@ def image_summary(imagery: Imagery) -> dict[str, Any]:
         document["sar"] = {
             "rows": focused.grid.shape[0],
             "columns": focused.grid.shape[1],
-            "pixel_along_m": float(np.diff(focused.grid.along_m[:2])[0]),
-            "pixel_ground_range_m": float(np.diff(focused.grid.across_m[:2])[0]),
-            "aperture_deg": float(np.rad2deg(focused.aperture.width_rad)),
+            "pixel_along_m": np.diff(focused.grid.along_m[:2])[0],
+            "pixel_ground_range_m": np.diff(focused.grid.across_m[:2])[0],
+            "aperture_deg": np.rad2deg(focused.aperture.width_rad),
             "window": focused.window_name,
             "theory": {"along_m": imagery.sar.along_m, "ground_range_m": imagery.sar.across_m},
         }
@@ -304,13 +293,13 @@ def _variable(
     variable.units, variable.long_name = units, meaning
 
 
-def print_image(imagery: Imagery) -> None:
-    """Print the resolution of the images: theoretical in the middle of the beam, measured at point targets."""
-    console().print(image_table(imagery))
-    if imagery.focused is None and imagery.recording is not None:
-        say("no focused image because the recording holds powers, or scatterers that change from pulse to pulse")
-    elif imagery.focused is None:
-        say("no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'")
+def sentences(imagery: Imagery) -> list[str]:
+    """Return why there is no focused image; nothing if there is one."""
+    if imagery.focused is not None:
+        return []
+    if imagery.recording is not None:
+        return ["no focused image because the recording holds powers, or scatterers that change from pulse to pulse"]
+    return ["no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'"]
 
 
 def image_table(imagery: Imagery) -> Table:
@@ -335,6 +324,19 @@ def _compared(response: Response) -> tuple[str, str]:
     return f"{along:.2f} of theory", f"{across:.2f} of theory"
 
 
-def views(result: Imagery) -> list[Table | Figure]:
-    """Return what a notebook shows: the table, and the slant-range image."""
-    return [image_table(result), slant_range(result)]
+def figures_of(imagery: Imagery) -> dict[str, Callable[[Imagery], Figure]]:
+    """Return the drawings by name."""
+    return {"slar": slant_range} | ({} if imagery.focused is None else {"sar": focused})
+
+
+DOCUMENT = StudyDocument[Imagery](
+    marker="image.json",
+    suffix="_image",
+    numbers=image_numbers,
+    tables=lambda imagery: [image_table(imagery)],
+    lines=sentences,
+    figures=figures_of,
+    notebook=["slar"],
+    texts={"scenario.toml": scenario_toml},
+    files=[write_images],
+)

@@ -20,7 +20,7 @@ def link(
     pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
 ) -> None:
     """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
-    from sionna_radar.studies.link.document import MARKER, print_link, write_link
+    from sionna_radar.studies.link.document import DOCUMENT
     from sionna_radar.studies.link.study import INCIDENCES_DEG, RAINS_MM_PER_H
     from sionna_radar.studies.link.study import link_budget as run_link_budget
 
@@ -28,10 +28,7 @@ def link(
     checked = session.load()
     session.produce(
         lambda _: run_link_budget(checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses),
-        suffix="_link",
-        marker=MARKER,
-        write=write_link,
-        show=print_link,
+        DOCUMENT,
         exit_code=lambda result: 0 if result.agrees else 1,
     )
 

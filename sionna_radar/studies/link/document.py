@@ -1,6 +1,6 @@
 """A link budget as files, table and figures."""
 
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,9 @@ from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels, to_db
 from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
-from sionna_radar.report.files.contents import csv_text, without_nan
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number, say, table_of
+from sionna_radar.report.files.contents import csv_text
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.report.terminal import number
 from sionna_radar.studies.link.spectra import ROUNDING
 from sionna_radar.studies.link.study import SURE, TOLERANCE_DB, Link, LinkBudget, Simulated
 
@@ -108,7 +108,6 @@ def _draw(upper: Axes, lower: Axes, link: Link, colour: str, line: str) -> None:
         )
 
 
-MARKER = "link.json"
 MEANING = (
     "ground_snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db "
     "over what is in the air there. detection_probability is that of detecting the ground in this cell alone in one "
@@ -121,15 +120,9 @@ MEANING = (
 )
 
 
-def write_link(budget: LinkBudget, directory: Path) -> list[Path]:
-    """Write `link.json`, `link.csv` and the figures, and return the files; raises OutputError as `write_folder`."""
-    figures, texts = {"link": draw_link, "floors": draw_floors}, {"link.csv": link_csv(budget)}
-    return write_study(directory, MARKER, budget, link_summary(budget), figures, texts)
-
-
-def link_summary(budget: LinkBudget) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; undefined ones are None."""
-    document = {
+def link_numbers(budget: LinkBudget) -> dict[str, Any]:
+    """Return the numbers."""
+    return {
         "agrees": budget.agrees,
         "largest_difference_db": budget.largest_difference_db,
         "tolerance_db": TOLERANCE_DB,
@@ -140,9 +133,8 @@ def link_summary(budget: LinkBudget) -> dict[str, Any]:
         "floors": _floors(budget),
         "meaning": MEANING,
         "links": [_link(link) for link in budget.links],
-        "scenario": budget.scenario.model_dump(mode="json"),
+        "scenario": budget.scenario,
     }
-    return without_nan(document)
 
 
 def link_csv(budget: LinkBudget) -> str:
@@ -164,8 +156,8 @@ def _floors(budget: LinkBudget) -> dict[str, Any]:
         "ground_m": floors.echo_m,
         "unit": "dBW" if budget.physical else "dB over the transmitted power",
         "highest": [{"floor": name, "from_m": start, "to_m": end} for name, start, end in floors.rulers()],
-        "range_m": floors.range_m.tolist(),
-        "power_db": {name: _finite(decibels(power)) for name, power in spectra.items()},
+        "range_m": floors.range_m,
+        "power_db": {name: decibels(power) for name, power in spectra.items()},
     }
 
 
@@ -177,11 +169,8 @@ def _link(link: Link) -> dict[str, Any]:
         "cell_reach_m": link.cell_reach_m,
         "survey_reach_m": link.survey_reach_m,
         "reaches_the_end": link.reaches_the_end,
-        "range_m": link.range_m.tolist(),
-        **{
-            name: _finite(np.array([entry.numbers()[name] for entry in link.ground]))
-            for name in link.ground[0].numbers()
-        },
+        "range_m": link.range_m,
+        **{name: [entry.numbers()[name] for entry in link.ground] for name in link.ground[0].numbers()},
         "simulated": [_simulated(entry) for entry in link.simulated],
     }
 
@@ -200,10 +189,6 @@ def _simulated(simulated: Simulated) -> dict[str, Any]:
     }
 
 
-def _finite(values: Float[np.ndarray, " n"]) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
 # Largest number of printed floors; the file has all.
 MAX_RULERS = 6
 
@@ -211,70 +196,80 @@ LEGEND = (
     "cell: the strongest range cell tested alone, in closed form; survey: the survey's detector, simulated,",
     "which behind rain looks for the end of the rain's echo",
     f"reach: farthest range up to which Pd is at least {SURE:g}; Pd: probability of detecting the ground in a pulse;",
-    "S/C: signal to clutter; Pfa rain: the cell passes by rain alone; diff: simulated over closed form",
+    "S/C: signal to clutter; Pfa rain: false alarm from rain alone; diff: simulated over closed form",
 )
 
 
-def print_link(budget: LinkBudget) -> None:
-    """Print a row per simulated range, a legend of the columns, and the agreement of closed form and simulation."""
-    console().print(link_table(budget))
-    say(*LEGEND)
+def sentences(budget: LinkBudget) -> list[str]:
+    """Return a legend of the columns, the agreement of closed form and simulation, floors, and what is missing."""
+    found = list(LEGEND)
     if any(link.reaches_the_end for link in budget.links):
-        say("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp")
+        found.append("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp")
     if np.isnan(budget.largest_difference_db):
-        verdict = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
+        found.append("closed form and simulation were not compared: too few pulses, or echoes too far under the noise")
     else:
         word, largest = "agree" if budget.agrees else "DIFFER", number(budget.largest_difference_db, ".2f", " dB")
-        verdict = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
-    say(verdict, f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
-    for name, start, end in budget.floors.rulers()[:MAX_RULERS]:
-        say(f"highest floor from {start:.1f} to {end:.1f} m: {name}")
+        found.append(f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)")
+    found.append(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
+    rulers = budget.floors.rulers()
+    found += [f"highest floor from {start:.1f} to {end:.1f} m: {name}" for name, start, end in rulers[:MAX_RULERS]]
     sound = budget.largest_difference_db <= TOLERANCE_DB  # also false without any comparison
-    if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):
+    if not sound and any(name == ROUNDING for name, _, _ in rulers):
         coarse = "rounding is no noise where echoes and noise are smaller than a step of the converter"
-        say(f"{coarse}: raise radar.receiver.converter.gain_db, or bits")
+        found.append(f"{coarse}: raise radar.receiver.converter.gain_db, or bits")
     reasons = dict.fromkeys(simulated.reason for link in budget.links for simulated in link.simulated)
-    say(*(f"not simulated: {reason}" for reason in reasons if reason))
+    return [*found, *(f"not simulated: {reason}" for reason in reasons if reason)]
 
 
 def link_table(budget: LinkBudget) -> Table:
     """Return the closed form and the simulation of the ground at the simulated ranges."""
-    columns = (
-        "inc.\n\ndeg",
-        "rain\n\nmm/h",
-        "reach\ncell\nm",
-        "reach\nsurvey\nm",
-        "range\n\nm",
-        "SNR\n\ndB",
-        "S/C\n\ndB",
-        "Pd\ncell",
-        "Pd\nsurvey",
-        "Pfa\nrain",
-        "diff\n\ndB",
-    )
-    rows = []
-    for link in budget.links:
-        reaches = (_reach(link, link.cell_reach_m), _reach(link, link.survey_reach_m))
-        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *reaches
-        for place, simulated in enumerate(link.simulated):
-            numbers = simulated.ground.numbers()
-            alarms = numbers["false_alarm_probability"] if simulated.ground.clutter > 0 else float("nan")
-            rows.append(
-                [
-                    *(case if place == 0 else [""] * len(case)),
-                    f"{simulated.range_m:.1f}",
-                    number(numbers["ground_snr_db"], ".1f"),
-                    number(numbers["signal_to_clutter_db"], ".1f"),
-                    number(numbers["detection_probability"], ".3f"),
-                    number(simulated.survey_detection, ".2f"),
-                    number(alarms, ".3f"),
-                    number(simulated.difference_db, "+.2f"),
-                ]
-            )
-    table = table_of("Echo of the ground in one pulse", ["material", *columns], rows, left=["material"])
+    rows = [(link, simulated) for link in budget.links for simulated in link.simulated]
+    table = SIMULATED.table("Echo of the ground in one pulse", rows)
     table.pad_edge, table.padding = False, (0, 0)  # 80 columns
     return table
 
 
+def _once(text: Callable[[Link], str]) -> Callable[[tuple[Link, Simulated]], str]:
+    """Return the text of a link in the first of its rows, nothing in the others."""
+    return lambda row: text(row[0]) if row[1] is row[0].simulated[0] else ""
+
+
 def _reach(link: Link, reach_m: float) -> str:
     return number(reach_m, ".0f") + ("+" if reach_m == link.range_m[-1] else "")
+
+
+def _of_ground(key: str) -> Callable[[tuple[Link, Simulated]], float]:
+    return lambda row: row[1].ground.numbers()[key]
+
+
+def _false_alarm(row: tuple[Link, Simulated]) -> float:
+    ground = row[1].ground
+    return ground.numbers()["false_alarm_probability"] if ground.clutter > 0 else float("nan")
+
+
+SIMULATED = Columns[tuple[Link, Simulated]](
+    [
+        Column(heading="material", value=_once(lambda link: link.material)),
+        Column(heading="inci-\ndence\ndeg", text=_once(lambda link: f"{link.incidence_deg:g}")),
+        Column(heading="rain\n\nmm/h", text=_once(lambda link: f"{link.rain_mm_per_h:g}")),
+        Column(heading="reach\ncell\nm", text=_once(lambda link: _reach(link, link.cell_reach_m))),
+        Column(heading="reach\nsurvey\nm", text=_once(lambda link: _reach(link, link.survey_reach_m))),
+        Column(heading="range\n\nm", form=".1f", value=lambda row: row[1].range_m),
+        Column(heading="SNR\n\ndB", form=".1f", value=_of_ground("ground_snr_db")),
+        Column(heading="S/C\n\ndB", form=".1f", value=_of_ground("signal_to_clutter_db")),
+        Column(heading="Pd\ncell", form=".3f", value=_of_ground("detection_probability")),
+        Column(heading="Pd\nsurvey", form=".2f", value=lambda row: row[1].survey_detection),
+        Column(heading="Pfa\nrain", form=".3f", value=_false_alarm),
+        Column(heading="diff\n\ndB", form="+.2f", value=lambda row: row[1].difference_db),
+    ]
+)
+DOCUMENT = StudyDocument[LinkBudget](
+    marker="link.json",
+    suffix="_link",
+    numbers=link_numbers,
+    tables=lambda budget: [link_table(budget)],
+    lines=sentences,
+    figures=lambda _: {"link": draw_link, "floors": draw_floors},
+    notebook=["link"],
+    texts={"link.csv": link_csv},
+)

@@ -1,3 +1,3 @@
-from .document import write_log as write_log
+from .document import DOCUMENT as DOCUMENT
 from .study import LogInspection as LogInspection
 from .study import inspect_log as inspect_log

@@ -32,16 +32,13 @@ def log_command(
     ] = None,
 ) -> None:
     """Summarise a flight log, and draw it on a map."""
-    from sionna_radar.studies.log.document import MARKER, print_log, write_log
+    from sionna_radar.studies.log.document import DOCUMENT
     from sionna_radar.studies.log.study import inspect_log
 
     ground = _ground(over, terrain)
     session.produce(
         lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
-        suffix="_log",
-        marker=MARKER,
-        write=write_log,
-        show=print_log,
+        DOCUMENT,
     )
 
 

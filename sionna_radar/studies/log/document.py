@@ -1,6 +1,6 @@
 """Flight logs as a table, a figure and a file."""
 
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,15 +26,15 @@ from sionna_radar.report.drawing import (
     map_size,
     shaded,
 )
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, say, table_of_values
+from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.terminal import table_of_values
 from sionna_radar.studies.log.study import LogInspection
 
 MAX_SHOWN = 5
 
 
-def log_summary(inspection: LogInspection) -> dict[str, Any]:
-    """Return the contents of a flight log, in plain tables."""
+def log_numbers(inspection: LogInspection) -> dict[str, Any]:
+    """Return the contents of a flight log."""
     positions, log = inspection.clean.positions, inspection.log
     place = positions.place
     height = place[:, 2] + (inspection.georeference.origin_m[2] if inspection.georeference else 0.0)
@@ -42,55 +42,53 @@ def log_summary(inspection: LogInspection) -> dict[str, Any]:
     above = None if inspection.ground_under_m is None else place[:, 2] - inspection.ground_under_m
     clearance = None
     if above is not None and inspection.moved_m is None and np.isfinite(above).any():
-        clearance = [float(f(above)) for f in (np.nanmin, np.nanmedian, np.nanmax)]
+        clearance = [f(above) for f in (np.nanmin, np.nanmedian, np.nanmax)]
     return {
         "path": str(inspection.path),
         "format": log.kind,
-        "duration_s": float(positions.time_s[-1] - positions.time_s[0]),
+        "duration_s": positions.time_s[-1] - positions.time_s[0],
         "positions": positions.source,
         "velocities": log.positions.velocity_mps is not None,
         "attitudes": log.attitudes.source if log.attitudes else None,
         "errors": log.spreads.source if log.spreads else None,
         "sources": [{"name": s.name, "rows": s.rows, "rate_hz": s.rate_hz} for s in log.sources],
-        "lon_deg": None if degrees is None else [float(degrees[:, 0].min()), float(degrees[:, 0].max())],
-        "lat_deg": None if degrees is None else [float(degrees[:, 1].min()), float(degrees[:, 1].max())],
-        "extent_m": [float(reach) for reach in np.ptp(place[:, :2], axis=0)],
+        "lon_deg": None if degrees is None else [degrees[:, 0].min(), degrees[:, 0].max()],
+        "lat_deg": None if degrees is None else [degrees[:, 1].min(), degrees[:, 1].max()],
+        "extent_m": np.ptp(place[:, :2], axis=0),
         "heights_count_from": log.datum,
-        "height_m": [float(height.min()), float(np.median(height)), float(height.max())],
+        "height_m": [height.min(), np.median(height), height.max()],
         "height_above_ground_m": clearance,
-        "speed_mps": [float(f(inspection.speed_mps)) for f in (np.min, np.mean, np.max)],
-        "longest_step_s": float(np.diff(positions.time_s).max()),
+        "speed_mps": [f(inspection.speed_mps) for f in (np.min, np.mean, np.max)],
+        "longest_step_s": np.diff(positions.time_s).max(),
         "moved_to_terrain_m": inspection.moved_m,
         "notes": [*log.notes, *inspection.clean.notes],
-        "refused": list(inspection.refusals),
-        "stretches_s": [list(ends) for ends in inspection.stretches],
-        "moving_s": [list(ends) for ends in inspection.moving],
+        "refused": inspection.refusals,
+        "stretches_s": inspection.stretches,
+        "moving_s": inspection.moving,
     }
 
 
-def print_log(inspection: LogInspection) -> None:
-    """Print the contents of a log, and the findings against flying it."""
-    numbers = log_summary(inspection)
-    console().print(table_of_values(f"{inspection.path.name}: {numbers['format']}", _rows(numbers)))
-    say(*(f"note: {note}" for note in numbers["notes"][:MAX_SHOWN]))
+def sentences(numbers: Mapping[str, Any]) -> list[str]:
+    """Return the notes of a log, what hinders flying it, and which stretches can be flown."""
     refused = numbers["refused"]
-    say(*(f"cannot be flown: {refusal}" for refusal in refused[:MAX_SHOWN]))
+    found = [f"note: {note}" for note in numbers["notes"][:MAX_SHOWN]]
+    found += [f"cannot be flown: {refusal}" for refusal in refused[:MAX_SHOWN]]
     if len(refused) > MAX_SHOWN:
-        say(f"... and {len(refused) - MAX_SHOWN:,} more")
+        found.append(f"... and {len(refused) - MAX_SHOWN:,} more")
     moving, flyable = numbers["moving_s"], numbers["stretches_s"]
     rest_s = sum(stop - start for start, stop in flyable) - sum(stop - start for start, stop in moving)
-    if not refused and moving != flyable:
-        say(f"the whole log can be flown; the vehicle is stationary for {rest_s:.1f} s of it, and moves in")
-    elif not refused:
-        say("the whole log can be flown")
-        return
-    for start_s, stop_s in moving:
-        say(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
-    if not moving:
-        say("no stretch of it can be flown")
+    if not refused and moving == flyable:
+        return [*found, "the whole log can be flown"]
+    if not refused:
+        found.append(f"the whole log can be flown; the vehicle is stationary for {rest_s:.1f} s of it, and moves in")
+    found += [
+        f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)"
+        for start_s, stop_s in moving
+    ]
+    return found if moving else [*found, "no stretch of it can be flown"]
 
 
-def _rows(numbers: dict[str, Any]) -> dict[str, str]:
+def _rows(numbers: Mapping[str, Any]) -> dict[str, str]:
     low, middle, high = numbers["height_m"]
     slow, mean, fast = numbers["speed_mps"]
     east, north = numbers["extent_m"]
@@ -202,9 +200,14 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
     return low - pad, high + pad
 
 
-MARKER = "log.json"
-
-
-def write_log(found: LogInspection, directory: Path) -> list[Path]:
-    """Write `log.json` and the figure into a directory, and return the files; raises OutputError as `write_folder`."""
-    return write_study(directory, MARKER, found, log_summary(found), {"flight": draw_log})
+DOCUMENT = StudyDocument[LogInspection](
+    marker="log.json",
+    suffix="_log",
+    numbers=log_numbers,
+    tables=lambda log: [
+        table_of_values(f"{log.path.name}: {log.log.kind}", _rows(log_numbers(log))),
+    ],
+    lines=lambda log: sentences(log_numbers(log)),
+    figures=lambda _: {"flight": draw_log},
+    notebook=["flight"],
+)

@@ -57,7 +57,7 @@ def fit_materials_command(
 ) -> None:
     """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
     from sionna_radar.studies.calibration.study import parse_deviations
-    from sionna_radar.studies.material_fit.document import MARKER, print_materials, write_materials
+    from sionna_radar.studies.material_fit.document import DOCUMENT
     from sionna_radar.studies.material_fit.study import fit_materials, measure_levels
     from sionna_radar.surfaces.backscatter import Levels
     from sionna_radar.survey.preparation import prepare
@@ -76,10 +76,7 @@ def fit_materials_command(
             calibration_sigma_db=calibration_sigma_db,
             level_sigma_db=level_sigma_db,
         ),
-        suffix="_materials",
-        marker=MARKER,
-        write=write_materials,
-        show=print_materials,
+        DOCUMENT,
     )
 
 

@@ -1,6 +1,6 @@
 from .cfar import ClutterMap as ClutterMap
 from .cfar import RingCfar as RingCfar
-from .document import write_frames as write_frames
+from .document import DOCUMENT as DOCUMENT
 from .frames import RangeDoppler as RangeDoppler
 from .frames import RangeDopplerMap as RangeDopplerMap
 from .movers import Movers as Movers

@@ -14,16 +14,13 @@ def range_doppler(
     frames: Annotated[int, typer.Option(min=1, max=10_000, help="Number of consecutive frames.")] = 8,
 ) -> None:
     """Write range-Doppler maps of frames of chirps from the middle of the flight, with their detections."""
-    from sionna_radar.studies.range_doppler.document import MARKER, print_frames, write_frames
+    from sionna_radar.studies.range_doppler.document import DOCUMENT
     from sionna_radar.studies.range_doppler.study import range_doppler as run_frames
 
     checked = session.load()
     session.produce(
         lambda _: run_frames(checked, chirps=chirps, frames=frames),
-        suffix="_range_doppler",
-        marker=MARKER,
-        write=write_frames,
-        show=print_frames,
+        DOCUMENT,
     )
 
 

@@ -1,19 +1,15 @@
 """Range-Doppler maps as files, table and figures."""
 
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.report.drawing import ORANGE, RED, ReportFigure
-from sionna_radar.report.files.contents import csv_text, without_nan
-from sionna_radar.report.files.folder import write_study
-from sionna_radar.report.terminal import console, number, say, table_of
-from sionna_radar.studies.range_doppler.study import Frames
+from sionna_radar.report.files.contents import csv_text
+from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.studies.range_doppler.study import Frames, SeenTarget
 
 # Shown dynamic range below the strongest cell, dB.
 SHOWN_DB = 60.0
@@ -47,7 +43,6 @@ def range_doppler(frames: Frames) -> Figure:
     return figure
 
 
-MARKER = "range_doppler.json"
 COLUMNS = ("range_m", "range_rate_mps", "power")
 MEANING = (
     "Ranges are free of the shift that motion gives a sweep; range rates are positive when receding and wrap "
@@ -56,16 +51,10 @@ MEANING = (
 )
 
 
-def write_frames(frames: Frames, directory: Path) -> list[Path]:
-    """Write `range_doppler.json`, `peaks.csv` and the figure, and return the files; OutputError as `write_folder`."""
-    figures, texts = {"range_doppler": range_doppler}, {"peaks.csv": peaks_csv(frames)}
-    return write_study(directory, MARKER, frames, frames_summary(frames), figures, texts)
-
-
-def frames_summary(frames: Frames) -> dict[str, Any]:
-    """Return the numbers in strict JSON form; undefined ones are None."""
+def frames_numbers(frames: Frames) -> dict[str, Any]:
+    """Return the numbers."""
     analyser = frames.analyser
-    document = {
+    return {
         "chirps": analyser.chirps,
         "frames": frames.frames,
         "range_cell_m": analyser.chirp.range_resolution_m,
@@ -74,13 +63,12 @@ def frames_summary(frames: Frames) -> dict[str, Any]:
         "noise_loss_db": analyser.noise_loss_db,
         "straddling_loss_db": analyser.straddling_loss_db,
         "smear_cells": frames.smear_cells,
-        "detected_share": float(frames.detected.mean()),
-        "changed_share": float(frames.changed.mean()),
+        "detected_share": frames.detected.mean(),
+        "changed_share": frames.changed.mean(),
         "meaning": MEANING,
-        "targets": [asdict(target) for target in frames.targets],
-        "scenario": frames.scenario.model_dump(mode="json"),
+        "targets": frames.targets,
+        "scenario": frames.scenario,
     }
-    return without_nan(document)
 
 
 def peaks_csv(frames: Frames) -> str:
@@ -89,33 +77,36 @@ def peaks_csv(frames: Frames) -> str:
     return csv_text(COLUMNS, ([f"{value:.6g}" for value in row] for row in rows))
 
 
-def print_frames(frames: Frames) -> None:
-    """Print cell sizes, window losses and detected shares, and the table of targets."""
+def sentences(frames: Frames) -> list[str]:
+    """Return cell sizes, window losses and detected fractions."""
     analyser = frames.analyser
-    say(
+    return [
         f"{frames.frames} frames of {analyser.chirps} chirps: cells of {frames.last.chirp.range_resolution_m:.3g} m "
         f"and {analyser.rate_cell_mps:.3g} m/s, range rates up to {analyser.highest_rate_mps:.3g} m/s",
-        f"windows: {analyser.noise_loss_db:.2f} dB against noise, at worst {analyser.straddling_loss_db:.2f} dB "
-        "between cells",
-        f"still ground in the beam changes by {frames.smear_cells:.2g} cells of range rate during a frame",
-        f"detected: {frames.detected.mean():.3%} of the cells against their CFAR ring, {frames.changed.mean():.3%} "
-        f"against earlier frames; {len(frames.movers)} peaks",
-    )
-    if frames.targets:
-        console().print(targets_table(frames))
+        f"window: {analyser.noise_loss_db:.1f} dB processing loss, "
+        f"{analyser.straddling_loss_db:.1f} dB scalloping loss",
+        f"stationary clutter migrates {frames.smear_cells:.2g} Doppler cells per frame",
+        f"detected: {frames.detected.mean():.3%} of the cells by cell-averaging CFAR, {frames.changed.mean():.3%} "
+        f"by clutter map; {len(frames.movers)} peaks",
+    ]
 
 
-def targets_table(frames: Frames) -> Table:
-    """Return the table of targets and the peak nearest to each, if any: range, m, and range rate, m/s."""
-    rows = (
-        [
-            str(target.number),
-            f"{target.range_m:.3f}",
-            number(target.found_range_m, ".3f"),
-            f"{target.range_rate_mps:.4f}",
-            number(target.found_rate_mps, ".4f"),
-        ]
-        for target in frames.targets
-    )
-    columns = "target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"
-    return table_of("Targets in the last frame", columns, rows)
+TARGETS = Columns[SeenTarget](
+    [
+        Column(key="number", heading="target", form="d"),
+        Column(key="range_m", heading="range\nm", form=".3f"),
+        Column(key="found_range_m", heading="found\nm", form=".3f"),
+        Column(key="range_rate_mps", heading="range rate\nm/s", form=".4f"),
+        Column(key="found_rate_mps", heading="found\nm/s", form=".4f"),
+    ]
+)
+DOCUMENT = StudyDocument[Frames](
+    marker="range_doppler.json",
+    suffix="_range_doppler",
+    numbers=frames_numbers,
+    opening=sentences,
+    tables=lambda frames: [TARGETS.table("Targets in the last frame", frames.targets)] if frames.targets else [],
+    figures=lambda _: {"range_doppler": range_doppler},
+    notebook=["range_doppler"],
+    texts={"peaks.csv": peaks_csv},
+)

@@ -1,4 +1,5 @@
-from .document import write_sweep as write_sweep
+from .document import DOCUMENT as DOCUMENT
+from .document import sweep_document as sweep_document
 from .quantities import Area as Area
 from .quantities import Costs as Costs
 from .quantities import quantities_of as quantities_of

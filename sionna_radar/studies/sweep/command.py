@@ -1,6 +1,6 @@
 """Command line of sweeps, and shards of them."""
 
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,7 +65,7 @@ def sweep(
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
     from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
-    from sionna_radar.studies.sweep.document import MARKER, print_sweep, write_sweep
+    from sionna_radar.studies.sweep.document import sweep_document
     from sionna_radar.studies.sweep.ranking import Ranking
     from sionna_radar.studies.sweep.settings import parse_design
     from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
@@ -81,12 +81,12 @@ def sweep(
             execution = Execution(workers=team, checkpoints=checkpoints({**plan.identity(), "shard": str(part or "")}))
             return run_sweep(plan, shard=part, keep_maps=keep is not Keep.NONE, execution=execution)
 
+    document = sweep_document(files, ranking, keep)
+    if part is not None:
+        document = replace(document, suffix=f"_sweep_{part.number}_of_{part.count}")
     session.produce(
         fly,
-        suffix=f"_sweep_{part.number}_of_{part.count}" if part else "_sweep",
-        marker=MARKER,
-        write=partial(write_sweep, runs=files, ranking=ranking, keep=keep),
-        show=partial(print_sweep, ranking=ranking),
+        document,
         exit_code=_tell_failures,
         products=[*files, *([sort] if sort else []), *(require or []), *(pareto or []), f"maps: {keep}"],
     )
@@ -98,16 +98,13 @@ def merge(
     quiet: QuietOption = False,
 ) -> None:
     """Merge the shards of a sweep into the files of an undivided one."""
-    from sionna_radar.studies.sweep.document import MARKER, print_sweep, read_sweep, write_sweep
+    from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
     from sionna_radar.studies.sweep.study import merge_shards
 
     log_to_stderr(quiet)
     Session(scenario="merge", output=output, quiet=quiet).produce(
         lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
-        suffix="",
-        marker=MARKER,
-        write=write_sweep,
-        show=print_sweep,
+        DOCUMENT,
         exit_code=_tell_failures,
     )
 

@@ -10,7 +10,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import partial
 from numbers import Real
@@ -31,12 +31,12 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable, save_figures
-from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text, strict_json, write_text
-from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable
+from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text
 from sionna_radar.report.files.points_table import check_parquet
+from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.survey.summary import better_map
-from sionna_radar.report.terminal import NONE, console, number, print_whole, say, table_of
+from sionna_radar.report.terminal import NONE, number, table_of
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.sweep.ranking import COLUMNS, Ranking, ranked
 from sionna_radar.studies.sweep.settings import Axis
@@ -82,12 +82,12 @@ MAX_IN_HALF = 50
 MAX_LETTERS = 45
 
 
-def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
-    """Draw one figure per varied key into a directory as PNG, and return the files."""
+def figures_of(sweep: Sweep) -> dict[str, Callable[[Sweep], Figure]]:
+    """Return one drawing per varied key, by name."""
     main = abscissa(sweep.axes)
     others = [axis for axis in sweep.axes if axis != main and len(axis.values) > 1]
     against = {f"sweep_{re.sub('[^A-Za-z0-9]+', '_', axis.key)}": partial(errors, across=axis) for axis in others}
-    return save_figures(sweep, {"sweep": errors, **against}, directory)
+    return {"sweep": errors, **against}
 
 
 def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
@@ -345,12 +345,12 @@ def table_text(rows: Sequence[Row]) -> str:
     return csv_text(list(rows[0]) if rows else [], (row.values() for row in rows))
 
 
-def write_runs_parquet(path: Path, sweep: Sweep) -> None:
+def write_runs_parquet(sweep: Sweep, folder: Path) -> None:
     """Write the table as Parquet; a varied key is numeric if all its values are, otherwise text.
 
     Raises OutputError without pyarrow.
     """
-    check_parquet(path.name)
+    check_parquet(RUNS_PARQUET)
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
@@ -361,7 +361,8 @@ def write_runs_parquet(path: Path, sweep: Sweep) -> None:
     meaning = {name: {"description": RUNS_MEANING[name]} if name in RUNS_MEANING else None for name in columns}
     arrays = {name: pa.array(values) for name, values in columns.items()}
     schema = pa.schema([pa.field(name, array.type, metadata=meaning[name]) for name, array in arrays.items()])
-    write_table(pa.table(list(arrays.values()), schema=schema), path, compression="zstd")
+    table = pa.table(list(arrays.values()), schema=schema)
+    write_table(table, folder / RUNS_PARQUET, compression="zstd")
 
 
 def _of_one_type(values: Sequence[Any]) -> list[Any]:
@@ -373,7 +374,6 @@ def _of_one_type(values: Sequence[Any]) -> list[Any]:
     return [value if isinstance(value, str) else json.dumps(value) for value in values]
 
 
-MARKER = "sweep.json"
 METHOD = "dem.method"
 UNRANKED = Ranking()
 MEANING = {
@@ -385,55 +385,17 @@ MEANING = {
 }
 
 
-def write_sweep(
-    sweep: Sweep,
-    directory: Path,
-    runs: Sequence[RunsFile] = RUNS_FILES,
-    ranking: Ranking = UNRANKED,
-    keep: Keep = Keep.NONE,
-) -> list[Path]:
-    """Write `sweep.json`, `table.csv`, a table of all surveys and the figures, all or nothing, and return the files.
-
-    Parameters
-    ----------
-    sweep:
-        The study.
-    directory:
-        Output folder; only the files of an earlier result in it are replaced.
-    runs:
-        Formats of the table with one row per survey.
-    ranking:
-        Order and judgement of the settings in `table.csv`.
-    keep:
-        Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
-        (without one, of the least RMS error over common cells), or all. Of a shard the errors of all, which `merge`
-        compares.
-
-    Raises
-    ------
-    OutputError
-        The directory holds other files, or cannot be written (see `write_folder`), or Parquet without pyarrow.
-    """
-
-    def fill(folder: Path) -> None:
-        write_text(folder / MARKER, strict_json(summary(sweep)))
-        write_text(folder / "table.csv", table_csv(sweep, ranking))
-        if RunsFile.CSV in runs:
-            write_text(folder / RUNS_CSV, table_text(rows_of(sweep)))
-        if RunsFile.PARQUET in runs:
-            write_runs_parquet(folder / RUNS_PARQUET, sweep)
-        draw_all(sweep, folder / "figures")
-        kept = _kept(sweep, ranking, keep)
-        for case_number, case in enumerate(sweep.cases, 1):
-            names = MAPS if case in kept else ("error",) if sweep.shard else ()
-            for trial in case.trials:
-                for name in names:
-                    if name in trial.maps:
-                        path = _map_file(folder, case_number, trial.seed, name)
-                        path.parent.mkdir(exist_ok=True)
-                        trial.maps[name].to_geotiff(path)
-
-    return write_folder(directory, MARKER, fill)
+def write_maps(sweep: Sweep, folder: Path, ranking: Ranking, keep: Keep) -> None:
+    """Write the kept maps of a sweep that holds them into `maps/`; see `sweep_document`."""
+    kept = _kept(sweep, ranking, keep)
+    for case_number, case in enumerate(sweep.cases, 1):
+        names = MAPS if case in kept else ("error",) if sweep.shard else ()
+        for trial in case.trials:
+            for name in names:
+                if name in trial.maps:
+                    path = _map_file(folder, case_number, trial.seed, name)
+                    path.parent.mkdir(exist_ok=True)
+                    trial.maps[name].to_geotiff(path)
 
 
 def _map_file(folder: Path, case_number: int, seed: int, name: str) -> Path:
@@ -451,11 +413,11 @@ def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
     return flown[:1] if ranking.sort else sorted(flown, key=lambda case: case.mean(least))[:1]
 
 
-def summary(sweep: Sweep) -> dict[str, Any]:
-    """Return the study as one JSON document, strict except for NaN."""
+def sweep_numbers(sweep: Sweep) -> dict[str, Any]:
+    """Return the numbers."""
     return {
         "source": sweep.source,
-        "axes": [asdict(axis) for axis in sweep.axes],
+        "axes": sweep.axes,
         "repeat": sweep.repeat,
         "interrupted": sweep.interrupted,
         "shard": sweep.shard or None,
@@ -467,7 +429,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
                 "reason": case.reason or None,
                 "statistics": {s: {"mean": case.mean(s), "spread": case.spread(s)} for s in STATISTICS},
                 "runs": [_document(trial) for trial in case.trials],
-                "scenario": case.scenario.model_dump(mode="json") if case.scenario else None,
+                "scenario": case.scenario,
             }
             for case in sweep.cases
         ],
@@ -520,21 +482,19 @@ OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
-def print_sweep(result: Sweep, ranking: Ranking = UNRANKED) -> None:
-    """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
-    out = console()
-    print_whole(sweep_table(result, "+-" if out.options.ascii_only else "±", ranking))
+def sentences(result: Sweep) -> list[str]:
+    """Return what the table leaves out, what compares its settings, and the warnings of each."""
     hidden = len(result.cases) - MAX_ROWS
-    if hidden > 0:
-        out.print(f"and {hidden:,} more settings in table.csv")
-    if unequal := _unequal(result):
-        say(unequal)
+    found = [f"and {hidden:,} more settings in table.csv"] if hidden > 0 else []
+    found += [unequal] if (unequal := _unequal(result)) else []
     better = [better_map(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
     if any(better) and METHOD not in [axis.key for axis in result.axes]:
-        say(f"a better map: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
-    for case in result.cases[:MAX_ROWS]:
-        for note in ([case.reason] if case.reason else []) + _warnings(case):
-            say(f"{label(case.setting)}: {note}")
+        found.append(f"hint: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
+    return found + [
+        f"{label(case.setting)}: {note}"
+        for case in result.cases[:MAX_ROWS]
+        for note in ([case.reason] if case.reason else []) + _warnings(case)
+    ]
 
 
 def _unequal(sweep: Sweep) -> str:
@@ -545,12 +505,12 @@ def _unequal(sweep: Sweep) -> str:
     return f"{unequal}: {remedy}" if unequal else ""
 
 
-def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) -> Table:
-    """Return one row per case, ranked: mean and spread of each statistic with a sign between them, and judgements.
+def sweep_table(result: Sweep, ranking: Ranking = UNRANKED) -> Table:
+    """Return one row per case, ranked: mean and spread of each statistic, and judgements.
 
     Of the quantities in closed form those are shown that differ between cases.
     """
-    trials = f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else SINGLE
+    trials = f"mean of {result.repeat} trials ± their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     columns = [s for s in HEADINGS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
     cases, varied = ranked(result, ranking), [axis.key for axis in result.axes]
@@ -561,7 +521,7 @@ def sweep_table(result: Sweep, sign: str = "±", ranking: Ranking = UNRANKED) ->
     rows = []
     for case, judged in cases[:MAX_ROWS]:
         setting = (short(setting_text(case.setting, key)) for key in varied)
-        statistics = (_with_spread(case, s, sign) for s in columns)
+        statistics = (_with_spread(case, s) for s in columns)
         rows.append([*setting, *statistics, *(_judgement(judged[name]) for name in names)])
     return table_of(title, [*varied, *heads], rows)
 
@@ -577,22 +537,57 @@ def _warnings(case: Case) -> list[str]:
     return list(next((t.warnings for t in case.trials if t.warnings), ()))
 
 
-def _with_spread(case: Case, statistic: str, sign: str) -> str:
+def _with_spread(case: Case, statistic: str) -> str:
     mean, spread = case.mean(statistic), case.spread(statistic)
     form = ".1%" if statistic in SHARES else "+.3f" if statistic in SIGNED else ".3f"
     form = ",.0f" if statistic == "mapped_m2" else form
     if mean != mean:
         return NONE
-    return number(mean, form) + ("" if spread != spread else f" {sign}{number(spread, form.strip('+'))}")
+    return number(mean, form) + ("" if spread != spread else f" ±{number(spread, form.strip('+'))}")
 
 
+def sweep_document(
+    runs: Collection[RunsFile] = RUNS_FILES, ranking: Ranking = UNRANKED, keep: Keep = Keep.NONE
+) -> StudyDocument[Sweep]:
+    """Return the document of a sweep: `sweep.json`, `table.csv`, a table of all surveys, figures and maps.
+
+    Parameters
+    ----------
+    runs:
+        Formats of the table with one row per survey; Parquet needs pyarrow.
+    ranking:
+        Order and judgement of the settings in the tables.
+    keep:
+        Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
+        (without one, of the least RMS error over common cells), or all. Of a shard the errors of all, which `merge`
+        compares.
+
+    """
+    csv = {RUNS_CSV: lambda sweep: table_text(rows_of(sweep))} if RunsFile.CSV in runs else {}
+    return StudyDocument(
+        marker="sweep.json",
+        suffix="_sweep",
+        numbers=sweep_numbers,
+        tables=lambda sweep: [sweep_table(sweep, ranking)],
+        lines=sentences,
+        figures=figures_of,
+        notebook=["sweep"],
+        texts={"table.csv": partial(table_csv, ranking=ranking), **csv},
+        files=[
+            *([write_runs_parquet] if RunsFile.PARQUET in runs else []),
+            partial(write_maps, ranking=ranking, keep=keep),
+        ],
+    )
+
+
+DOCUMENT = sweep_document()
 REMEDY = "give a folder that `sionna-radar sweep --shard` wrote"
 UNKNOWN = dict.fromkeys(COSTS, float("nan"))
 
 
 def read_sweep(folder: Path) -> Sweep:
     """Return the sweep in a folder; raises InputFileError for a missing or damaged one."""
-    text = read_text(folder / MARKER, "sweep =", REMEDY)
+    text = read_text(folder / DOCUMENT.marker, "sweep =", REMEDY)
     try:
         document = json.loads(text)
         costs = iter(_costs(folder))
@@ -605,7 +600,7 @@ def read_sweep(folder: Path) -> Sweep:
             shard=document["shard"] or "",
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputFileError(f"{shown(folder / MARKER)} is damaged ({error}); {REMEDY}") from error
+        raise InputFileError(f"{shown(folder / DOCUMENT.marker)} is damaged ({error}); {REMEDY}") from error
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:
@@ -637,9 +632,3 @@ def _trial(document: dict[str, Any]) -> Trial:
         for kind in ("dem_error", "lit_error", "off_wall_error")
     }
     return Trial.of_document({**document, **errors})
-
-
-def views(result: Sweep) -> list[Table | Figure]:
-    """Return what a notebook shows: the table, and the errors of a sweep that was flown."""
-    flown = any(case.trials for case in result.cases)
-    return [sweep_table(result), *([errors(result)] if flown else [])]

@@ -1,3 +1,3 @@
-from .document import write_twin as write_twin
+from .document import DOCUMENT as DOCUMENT
 from .study import Twin as Twin
 from .study import twin as twin

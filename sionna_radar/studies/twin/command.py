@@ -26,17 +26,13 @@ def twin_command(
 ) -> None:
     """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
     from sionna_radar.report.files.contents import Report
-    from sionna_radar.studies.twin.document import MARKER, print_twin, write_twin
+    from sionna_radar.studies.twin.document import DOCUMENT
     from sionna_radar.studies.twin.study import twin as run_twin
 
-    page = Report.PAGE if report else Report.NONE
     session.produce(
         lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
-        suffix="_twin",
-        marker=MARKER,
-        write=lambda twin, folder: write_twin(twin, folder, report=page),
-        show=print_twin,
-        products=[page.name],
+        DOCUMENT,
+        report=Report.PAGE if report else Report.NONE,
     )
 
 
