@@ -19,7 +19,7 @@ from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.receiver import Receiver, Reception
 from sionna_radar.studies.calibration.estimation import Solution, solve, solve_over_unknown_ground
-from sionna_radar.studies.calibration.instrument_echoes import Together, WholeEchoes
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import Prepared, prepare
 
@@ -98,7 +98,7 @@ def straight(position_m: np.ndarray, speed_mps: float, axes: np.ndarray, time_s:
     )
 
 
-def every_echo_of(prepared: Prepared) -> WholeEchoes:
+def every_echo_of(prepared: Prepared) -> RangeProfiles:
     """Observe a survey, and return its whole echoes."""
     _, observed = observe(prepared, Execution())
     profiles = observed.profiles
@@ -106,10 +106,10 @@ def every_echo_of(prepared: Prepared) -> WholeEchoes:
     motion = motion.rows(profiles.pulse)
     sightings = prepared.mapper.sightings(profiles, motion.pose)
     reach = sightings.repeated(mean_ranges(sightings).range_m)
-    return WholeEchoes(sightings=sightings, motion=motion, reach=reach)
+    return RangeProfiles(sightings=sightings, motion=motion, reach=reach)
 
 
-def echoes_of(prepared: Prepared, lines: int = 3) -> WholeEchoes:
+def echoes_of(prepared: Prepared, lines: int = 3) -> RangeProfiles:
     """Observe a survey, and return the whole echoes of its first lines."""
     echoes = every_echo_of(prepared)
     motion = echoes.motion
@@ -130,7 +130,7 @@ def drawn(seed: int, names: tuple[str, ...]) -> dict[str, float]:
     return {name: values[name] for name in names}
 
 
-def line_of(echoes: WholeEchoes, number: int) -> WholeEchoes:
+def line_of(echoes: RangeProfiles, number: int) -> RangeProfiles:
     """The echoes of one of the lines."""
     return echoes.rows(echoes.motion.line == np.unique(echoes.motion.line)[number])
 
@@ -150,14 +150,14 @@ def solved(
     prepared = prepared_with(errors, overrides)
     prior = {name: SPREAD[name] * UNKNOWNS[name].si for name in names}
     if between is None:
-        return solve(Together(parts=(echoes_of(prepared, lines),)), ground_of(prepared), names, prior)
+        return solve(CombinedEchoes(parts=(echoes_of(prepared, lines),)), ground_of(prepared), names, prior)
     rng = np.random.default_rng([41, overrides["seed"]])
     parts = []
     for number in range(lines):
         own = {name: errors.get(name, 0.0) + sigma * rng.standard_normal() for name, sigma in between.items()}
         parts.append(line_of(echoes_of(prepared_with(errors | own, overrides), lines), number))
     stated = {name: sigma * UNKNOWNS[name].si for name, sigma in between.items()}
-    return solve(Together(parts=tuple(parts)), ground_of(prepared), names, prior, stated)
+    return solve(CombinedEchoes(parts=tuple(parts)), ground_of(prepared), names, prior, stated)
 
 
 def solved_over_unknown_ground(errors: dict[str, float], overrides: dict[str, Any], names: tuple[str, ...]) -> Solution:
@@ -193,7 +193,7 @@ def trial(
     found = how(truth, overrides, names, **options)
     units = np.array([UNKNOWNS[name].si for name in names])
     error = found.value / units - np.array([truth[name] for name in names])
-    result = np.column_stack([error, found.sigma / units, found.told])
+    result = np.column_stack([error, found.sigma / units, found.observable])
     if path is not None:
         np.save(path, result)
     return result

@@ -35,8 +35,8 @@ from sionna_radar.studies.calibration.document import (
     calibration_page,
     calibration_toml,
 )
-from sionna_radar.studies.calibration.estimation import Knowledge, solve
-from sionna_radar.studies.calibration.instrument_echoes import Readings, Together
+from sionna_radar.studies.calibration.estimation import Posterior, solve
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
 from sionna_radar.studies.calibration.study import (
     DOPPLER_ERRORS,
     PRIORS,
@@ -199,7 +199,7 @@ def test_under_trees_no_estimate_is_stated(tmp_path):
     bare = run(load_scenario("hills", flight(20.0, 3, 4) | {"dem.method": "linear"}))
     bare.truth.to_geotiff(tmp_path / "bare.tif")
     result = run_calibration([recording], tmp_path / "bare.tif")
-    assert result.solution.misfit > 1.2
+    assert result.solution.reduced_chi2 > 1.2
     assert result.errors == {}
     assert "No estimate is stated" in result.warnings[-1]
     first, second = result.recordings[0].dem
@@ -287,7 +287,7 @@ def altimeter(file: Path, rows: slice | np.ndarray) -> tuple[Readings, Heightfie
 
 def bias_of(file: Path, rows: slice | np.ndarray):
     readings, ground = altimeter(file, rows)
-    return solve(Together(parts=(readings,)), ground, ["range_bias"], {"range_bias": 5.0})
+    return solve(CombinedEchoes(parts=(readings,)), ground, ["range_bias"], {"range_bias": 5.0})
 
 
 @pytest.mark.skipif(not BARE.is_file(), reason="the recording may not be committed")
@@ -302,7 +302,7 @@ def test_the_bias_of_a_flown_altimeter_over_open_country_holds_on_the_other_half
     # A constant is no model of what wanders, and it is said; it is still one of most of the bias.
     whole = bias_of(BARE, slice(None))
     assert not whole.model_holds
-    assert not whole.of_other_ground
+    assert not whole.rejected_by_chi2
 
 
 @pytest.mark.skipif(not BARE.is_file(), reason="the recording may not be committed")
@@ -323,7 +323,7 @@ def test_what_one_part_of_the_flown_line_says_of_the_next_holds():
 
 def test_over_woods_the_residuals_say_that_the_model_does_not_hold():
     found = bias_of(TREES, slice(None))
-    assert found.of_other_ground
+    assert found.rejected_by_chi2
     assert found.excess > 20
     # The interval is as much wider than that of readings which scatter by 0.5 m.
     assert found.sigma[0] > 4 * 0.5 / np.sqrt(2001)
@@ -393,8 +393,8 @@ def test_pitch_and_heading_by_doppler_alone_are_inside_what_is_stated(tmp_path):
             errors = InstrumentErrors.of(dict(zip(names, map(float, value), strict=True)))
             change, excess = rates.linearised(errors, names)
             weighted = change / rates.sigma_mps[:, None] ** 2
-            known = Knowledge(names=names, prior=prior, information=change.T @ weighted)
-            told = known.told
+            known = Posterior(names=names, prior=prior, information=change.T @ weighted)
+            told = known.observable
             right = (excess @ weighted + known.information @ value)[told]
             value[told] = np.linalg.solve(known.information[np.ix_(told, told)] + np.diag(prior[told] ** -2.0), right)
         assert told.tolist() == [name in ("pitch", "heading") for name in names]
@@ -422,7 +422,7 @@ def test_lines_that_overlap_may_stand_in_several_recordings(tmp_path):
     for name, (value, sigma) in result.errors.items():
         assert abs(value - ERRORS.get(name, 0.0)) < 4 * sigma, name
     assert result.errors["roll"][1] > 0.05 / np.sqrt(3)
-    assert (np.abs(result.solution.apart) < 4 * result.solution.apart_sigma).all()
+    assert (np.abs(result.solution.line_offsets) < 4 * result.solution.line_offsets_sigma).all()
     assert len(result.recordings) == 3
     assert result.manoeuvres == ()
 
@@ -449,9 +449,9 @@ def test_in_still_air_these_lines_tell_no_time_but_a_rolling_one_does():
     names = ("roll", "pitch", "heading", "range_bias", "time_offset")
     changes = {"terrain.size_m": [600.0, 600.0], "platform.wind": None}
     prepared = prepared_with({}, flight(200.0, 5, 22, **changes))
-    echoes, ground = Together(parts=(echoes_of(prepared),)), ground_of(prepared)
+    echoes, ground = CombinedEchoes(parts=(echoes_of(prepared),)), ground_of(prepared)
     found = solve(echoes, ground, names, {"time_offset": 5e-3})
-    assert not found.told[4]
+    assert not found.observable[4]
     assert found.sigma[2] > np.deg2rad(0.02)
     pose = echoes.parts[0].motion.pose
     hit = ground.first_hit(pose.position_m, pose.boresight, 200.0)
@@ -460,10 +460,10 @@ def test_in_still_air_these_lines_tell_no_time_but_a_rolling_one_does():
     along = np.sum(slope * pose.velocity_mps[:, :2], axis=1) / steep
     alone = 1 / np.sqrt(np.nansum((along / found.step.sigma_m) ** 2))
     # By axes of beams alone; the information of the whole beams, which sees more slopes, is as large.
-    assert alone == pytest.approx(1 / np.sqrt(found.knowledge.information[4, 4] * found.scatter), rel=0.15)
+    assert alone == pytest.approx(1 / np.sqrt(found.posterior.information[4, 4] * found.scatter), rel=0.15)
     assert alone > 3e-3
     (rolling,) = [each for name, each in _manoeuvres(echoes, ground, found).items() if "rolling" in name]
-    sigma = found.knowledge.with_more(rolling).sigma
+    sigma = found.posterior.with_more(rolling).sigma
     print(f"alone {1e3 * alone:.2f} ms; with a rolling line {1e3 * sigma[4]:.2f} ms, {np.rad2deg(sigma[2]):.4f} deg")
     assert sigma[4] < 1e-3
     assert sigma[2] < np.deg2rad(0.02)

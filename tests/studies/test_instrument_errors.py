@@ -12,14 +12,14 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.calibration.estimation import (
-    TOLD,
-    Knowledge,
+    MAX_POSTERIOR_RATIO,
     MeasuredPlaces,
+    Posterior,
     continued,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import Nearness, Readings, Together, WholeEchoes
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
 from sionna_radar.studies.calibration.range_rates import RangeRates
 from sionna_radar.survey.preparation import prepare
 
@@ -44,7 +44,7 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
             "acceleration_mps2": np.tile([1.0, 2.0, -1.0], (len(echoes), 1)),
         }
     )
-    echoes = WholeEchoes(sightings=echoes.sightings, motion=motion, reach=echoes.reach)
+    echoes = RangeProfiles(sightings=echoes.sightings, motion=motion, reach=echoes.reach)
     at = InstrumentErrors.of({"pitch": 0.003, "time_offset": 0.002, "range_scale": 1e-4})
     sightings, moved = echoes.without(at)
     slope = echoes._change(sightings, moved, surface, [name])[:, 0]
@@ -63,11 +63,11 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
 
 def test_the_score_of_whole_echoes_is_zero_on_the_average_at_the_truth(over_hills):
     echoes, surface = over_hills
-    step = echoes.step(InstrumentErrors(), surface, ["range_bias"], Nearness.SETTLED)
+    step = echoes.step(InstrumentErrors(), surface, ["range_bias"], Stage.FINE)
     total = float(step.summed()[0][0, 0])
     # A survey of 1000 pulses: the mean residual within four of its standard deviations.
     assert abs(step.score.sum() / total) < 4 / np.sqrt(total)
-    shifted = echoes.step(InstrumentErrors(range_bias_m=-0.1), surface, ["range_bias"], Nearness.SETTLED)
+    shifted = echoes.step(InstrumentErrors(range_bias_m=-0.1), surface, ["range_bias"], Stage.FINE)
     assert shifted.score.sum() / total == pytest.approx(0.1, abs=0.04)
 
 
@@ -92,8 +92,8 @@ def test_ground_that_is_surveyed_at_many_places_tells_nearly_what_the_whole_grou
     sigma_m = np.full(len(place_m), 0.01)
     places = MeasuredPlaces(place_m=place_m, height_m=surface.at(*place_m.T), sigma_m=sigma_m)
     surveyed, _ = solve_over_unknown_ground(echoes, own, names, places=places)
-    over = solve(Together(parts=(echoes,)), surface, names)
-    assert surveyed.told.all()
+    over = solve(CombinedEchoes(parts=(echoes,)), surface, names)
+    assert surveyed.observable.all()
     assert (np.abs(surveyed.value) < 4 * surveyed.sigma).all()
     # An error of this one line that is not of the flight: the longest known part of the bias is lost.
     drifting, _ = solve_over_unknown_ground(echoes, own, names, places=places, between={"range_bias": 0.1})
@@ -109,25 +109,25 @@ def test_echoes_of_several_recordings_say_what_they_say_in_one(over_hills):
     echoes, surface = over_hills
     first = np.arange(len(echoes)) < len(echoes) // 2
     parts = [echoes.rows(first), echoes.rows(~first)]
-    both = WholeEchoes.joined(parts)
+    both = RangeProfiles.joined(parts)
     np.testing.assert_array_equal(np.unique(both.motion.line), [0, 1])
     assert (np.diff(both.sightings.profiles.pulse) > 0).all()
     names = ["roll", "range_bias"]
-    one, other = (each.step(InstrumentErrors(), surface, names, Nearness.SETTLED) for each in (echoes, both))
+    one, other = (each.step(InstrumentErrors(), surface, names, Stage.FINE) for each in (echoes, both))
     np.testing.assert_allclose(other.score, one.score, rtol=1e-9, atol=1e-9)
 
 
-def knowledge(information, prior=(1.0, 1.0)) -> Knowledge:
-    return Knowledge(names=("time_offset", "lever_nose"), prior=np.array(prior), information=np.array(information))
+def posterior(information, prior=(1.0, 1.0)) -> Posterior:
+    return Posterior(names=("time_offset", "lever_nose"), prior=np.array(prior), information=np.array(information))
 
 
 def test_two_errors_that_do_the_same_are_not_told_apart():
-    known = knowledge([[1e6, 1e6], [1e6, 1e6]])
-    assert not known.told.any()
+    known = posterior([[1e6, 1e6], [1e6, 1e6]])
+    assert not known.observable.any()
     # Half of the prior's variance each is left.
     np.testing.assert_allclose(known.sigma, np.sqrt(0.5), rtol=1e-5)
     assert known.correlation[0, 1] == pytest.approx(-1, abs=1e-5)
-    (direction,) = known.unseen
+    (direction,) = known.null_space
     assert direction["time_offset"] == pytest.approx(-direction["lever_nose"])
 
 
@@ -135,10 +135,10 @@ def test_an_error_that_is_held_adds_its_own_uncertainty():
     """y = t + 0.2 l with noise s; t is told, l is held: var t = s^2 / (1 + s^2) + (0.2 / (1 + s^2))^2 to the prior."""
     s = 0.01
     information = np.array([[1.0, 0.2], [0.2, 0.04]]) / s**2
-    known = knowledge(information)
-    np.testing.assert_array_equal(known.told, [True, False])
+    known = posterior(information)
+    np.testing.assert_array_equal(known.observable, [True, False])
     expected = s**2 / (1 + s**2) + (0.2 / (1 + s**2)) ** 2
-    assert known.considered(known.told)[0, 0] == pytest.approx(expected, rel=1e-9)
+    assert known.considered(known.observable)[0, 0] == pytest.approx(expected, rel=1e-9)
     # Drawn: what is estimated with the other left at zero.
     rng = np.random.default_rng(1)
     t, held = rng.standard_normal((2, 100_000))
@@ -147,11 +147,11 @@ def test_an_error_that_is_held_adds_its_own_uncertainty():
 
 
 def test_more_information_tells_what_was_not():
-    known = knowledge([[100.0, 0.0], [0.0, 1.0]])
-    np.testing.assert_array_equal(known.told, [True, False])
+    known = posterior([[100.0, 0.0], [0.0, 1.0]])
+    np.testing.assert_array_equal(known.observable, [True, False])
     assert known.sigma[1] == pytest.approx(np.sqrt(0.5))
-    assert known.with_more(np.diag([0.0, 10.0])).told.all()
-    assert 1 / np.sqrt(1 + 8.0) == pytest.approx(TOLD)
+    assert known.with_more(np.diag([0.0, 10.0])).observable.all()
+    assert 1 / np.sqrt(1 + 8.0) == pytest.approx(MAX_POSTERIOR_RATIO)
 
 
 def plane(slope: float = 0.0) -> Heightfield:
@@ -172,11 +172,11 @@ def altimeter(count: int, seed: int, tilt_deg: float = 0.0, sigma_m: float = 0.5
 
 
 def test_readings_over_a_plane_tell_their_bias_as_a_mean_does():
-    found = solve(Together(parts=(altimeter(400, 1),)), plane(), ["range_bias"], {"range_bias": 10.0})
+    found = solve(CombinedEchoes(parts=(altimeter(400, 1),)), plane(), ["range_bias"], {"range_bias": 10.0})
     # The factor on the variance is known to a share of sqrt(2 / 15 stretches).
     assert found.sigma[0] == pytest.approx(0.5 / 20, rel=0.6)
     assert found.value[0] == pytest.approx(1.8, abs=4 * 0.5 / 20)
-    assert found.told.all()
+    assert found.observable.all()
 
 
 def test_a_bias_that_drifts_from_line_to_line_is_known_as_a_mean_of_lines_is():
@@ -185,7 +185,7 @@ def test_a_bias_that_drifts_from_line_to_line_is_known_as_a_mean_of_lines_is():
     lines = [altimeter(n, k + 1) for k, n in enumerate(count)]
     lines = [replace(line, range_m=line.range_m + d) for line, d in zip(lines, apart_m, strict=True)]
     found = solve(
-        Together(parts=tuple(lines)), plane(), ["range_bias"], {"range_bias": 10.0}, {"range_bias": between_m}
+        CombinedEchoes(parts=tuple(lines)), plane(), ["range_bias"], {"range_bias": 10.0}, {"range_bias": between_m}
     )
     # Readings count by how well they fit.
     weight = np.split(found.step.weight, np.cumsum(count)[:-1])
@@ -195,22 +195,22 @@ def test_a_bias_that_drifts_from_line_to_line_is_known_as_a_mean_of_lines_is():
     mean_of_lines = drawn @ mean / (drawn.sum() + between_m**2 / 10.0**2)
     assert found.value[0] == pytest.approx(mean_of_lines, abs=0.02 * found.sigma[0])
     # What a line has apart: its mean, drawn toward that of all.
-    np.testing.assert_allclose(found.apart[:, 0], drawn * (mean - found.value[0]), atol=0.02 * found.sigma[0])
+    np.testing.assert_allclose(found.line_offsets[:, 0], drawn * (mean - found.value[0]), atol=0.02 * found.sigma[0])
     own *= found.scatter
     drawn = between_m**2 / (between_m**2 + own)
     variance = 1 / (drawn.sum() / between_m**2 + 1 / 10.0**2)
     assert found.sigma[0] == pytest.approx(np.sqrt(variance), rel=1e-6)
     assert found.sigma[0] > between_m / np.sqrt(3)
-    np.testing.assert_allclose(found.apart_sigma[:, 0], np.sqrt(drawn * own + drawn**2 * variance), rtol=1e-6)
+    np.testing.assert_allclose(found.line_offsets_sigma[:, 0], np.sqrt(drawn * own + drawn**2 * variance), rtol=1e-6)
 
 
 def test_over_level_ground_the_heading_is_not_told_and_bias_and_pitch_are_one():
-    one = Together(parts=(altimeter(400, 1, tilt_deg=30.0),))
+    one = CombinedEchoes(parts=(altimeter(400, 1, tilt_deg=30.0),))
     found = solve(one, plane(), ["pitch", "heading", "range_bias"])
-    assert not found.told.any() or not found.told[1]
-    assert not found.told[1]
-    assert not (found.told[0] and found.told[2])
-    assert {"pitch", "range_bias"} in [set(direction) for direction in found.before.unseen]
+    assert not found.observable.any() or not found.observable[1]
+    assert not found.observable[1]
+    assert not (found.observable[0] and found.observable[2])
+    assert {"pitch", "range_bias"} in [set(direction) for direction in found.before.null_space]
     assert found.value[1] == 0.0
 
 
@@ -247,17 +247,17 @@ def test_range_rates_stand_beside_the_ranges_of_their_lines(over_hills):
     still = RangeRates(rate_mps=0 * ones, sigma_mps=1e-4 * ones, spread=np.outer(ones, [0.01, 0.01]), motion=motion)
     rates = replace(still, rate_mps=-still.linearised(InstrumentErrors.of(truth), ())[1])
     both = replace(echoes, rates=rates)
-    alone, found = (solve(Together(parts=(each,)), surface, names) for each in (echoes, both))
+    alone, found = (solve(CombinedEchoes(parts=(each,)), surface, names) for each in (echoes, both))
     np.testing.assert_allclose(found.value[:2], [*truth.values()], atol=1e-5)
     change = rates.linearised(found.errors, names[:2])[0] / 1e-4
     covariance = np.linalg.inv(change.T @ change)
     np.testing.assert_allclose(found.covariance[:2, :2], covariance, rtol=0.05, atol=0.05 * covariance.min())
     # What the ranges say of pitch they now say of the range's bias.
     assert found.sigma[2] < alone.sigma[2]
-    drifting = solve(Together(parts=(both,)), surface, names, between={"pitch": 1e-3})
+    drifting = solve(CombinedEchoes(parts=(both,)), surface, names, between={"pitch": 1e-3})
     assert drifting.sigma[0] == pytest.approx(1e-3, rel=0.05)
 
-    twice = WholeEchoes.joined([both, echoes, both])
+    twice = RangeProfiles.joined([both, echoes, both])
     assert np.unique(twice.rates.motion.line).tolist() == [0, 2]
     assert len(twice.rows(twice.motion.line == 1).rates) == 0
     information, score = twice.doppler_information(InstrumentErrors(), names)

@@ -22,7 +22,7 @@ from sionna_radar.scenario.materials import (
     SmallPerturbation,
 )
 from sionna_radar.studies.material_fit.document import measure_words, trade_off_words
-from sionna_radar.studies.material_fit.study import SURPRISE, fit_materials, measure_levels
+from sionna_radar.studies.material_fit.study import MIN_P_VALUE, fit_materials, measure_levels
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter, Levels
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.radar_material import RadarMaterial
@@ -97,7 +97,7 @@ def test_all_parameters_of_a_rough_surface_return_from_levels_without_noise(name
     start = tuple(np.array(truth) * [1.4, 0.75, 1.4, 0.6])
     fit = fit_materials(rough_levels(model, truth), {"soil": table_of(kind, start)}, CARRIER_HZ, level_sigma_db=1e-4)
     np.testing.assert_allclose([fit.estimates[f"soil.{key}"] for key in ROUGH], truth, rtol=1e-3)
-    assert fit.knowledge.told.all()
+    assert fit.posterior.observable.all()
     assert fit.tables["soil"].permittivity == pytest.approx(truth[2:], rel=1e-3)
 
 
@@ -119,9 +119,9 @@ def test_a_very_rough_surface_tells_its_slope_but_neither_height_nor_length():
     fit = fit_materials(rough_levels(model, truth), {"soil": table_of(kind, start)}, CARRIER_HZ, level_sigma_db=1e-3)
     height, length = (fit.estimates[f"soil.{key}"] for key in ROUGH[:2])
     assert height / length == pytest.approx(truth[0] / truth[1], rel=1e-3)
-    assert not fit.knowledge.told[:2].any()
+    assert not fit.posterior.observable[:2].any()
     # Of two logarithms with a standard deviation of 1, half the sum is left with 1 / sqrt 2.
-    np.testing.assert_allclose(fit.knowledge.sigma[:2], math.sqrt(0.5), rtol=1e-3)
+    np.testing.assert_allclose(fit.posterior.sigma[:2], math.sqrt(0.5), rtol=1e-3)
     assert any("rms_height_m times 2.72 with soil.correlation_length_m times 2.72" in w for w in trade_off_words(fit))
 
 
@@ -137,7 +137,7 @@ def test_single_looks_are_averaged_without_bias_and_with_their_known_scatter():
     levels = speckled(law_levels(ConstantGammaBackscatter(0.01), 20_000, 1.0), np.random.default_rng(1))
     fit = fit_materials(levels, {"soil": ConstantGamma(gamma_db=-15.0)}, CARRIER_HZ, prior={"soil.gamma_db": math.inf})
     sigma_db = 10 / math.log(10) * math.sqrt(math.pi**2 / 6 / 20_000)
-    assert fit.knowledge.sigma[0] == pytest.approx(sigma_db, rel=1e-6)
+    assert fit.posterior.sigma[0] == pytest.approx(sigma_db, rel=1e-6)
     assert abs(fit.estimates["soil.gamma_db"] + 20.0) < 4 * sigma_db
 
 
@@ -147,11 +147,11 @@ def test_an_uncalibrated_radar_knows_gamma_as_well_as_its_own_level():
     table = {"soil": ConstantGamma(gamma_db=-15.0)}
     fit = fit_materials(levels, table, CARRIER_HZ, prior=prior, calibration_sigma_db=2.0)
     own_db = 10 / math.log(10) * math.sqrt(float(polygamma(1, 50.0)) / 16)
-    assert fit.knowledge.sigma[0] == pytest.approx(math.hypot(own_db, 2.0), rel=1e-3)
+    assert fit.posterior.sigma[0] == pytest.approx(math.hypot(own_db, 2.0), rel=1e-3)
     assert any("correlation -1.00" in words or "correlation -0.99" in words for words in trade_off_words(fit))
     calibrated = next(m for m in fit.measures if "calibrated" in m.name)
     both_db = 1 / math.sqrt(1 / 0.5**2 + 1 / 2.0**2)
-    assert calibrated.knowledge.sigma[0] == pytest.approx(math.hypot(own_db, both_db), rel=1e-3)
+    assert calibrated.posterior.sigma[0] == pytest.approx(math.hypot(own_db, both_db), rel=1e-3)
     assert any(words.startswith("a radar calibrated") for words in measure_words(fit))
 
 
@@ -168,11 +168,11 @@ def test_what_the_other_polarization_would_tell_is_what_it_tells():
     )
     table = {"soil": table_of(kind, truth)}
     alone, together = (fit_materials(levels, table, CARRIER_HZ) for levels in (one, both))
-    promised = next(m for m in alone.measures if "other linear" in m.name).knowledge
-    np.testing.assert_allclose(promised.sigma, together.knowledge.sigma, rtol=0.02)
+    promised = next(m for m in alone.measures if "other linear" in m.name).posterior
+    np.testing.assert_allclose(promised.sigma, together.posterior.sigma, rtol=0.02)
     # The level of Bragg's resonance is the height times a number of the permittivity, which V against H tells.
-    assert not alone.knowledge.told[2]
-    assert together.knowledge.told[2]
+    assert not alone.posterior.observable[2]
+    assert together.posterior.observable[2]
     assert any("soil.permittivity" in words for words in measure_words(alone))
 
 
@@ -230,7 +230,7 @@ def test_intervals_of_each_parameter_hold_the_truth_as_often_as_they_say(name, s
 def test_levels_that_no_parameter_describes_are_noticed():
     levels = law_levels(LambertianBackscatter(0.1), 15, 1000.0)
     fit = fit_materials(levels, {"soil": ConstantGamma(gamma_db=-10.0)}, CARRIER_HZ)
-    assert fit.surprise < SURPRISE
+    assert fit.p_value < MIN_P_VALUE
     assert not fit.model_holds
 
 
@@ -334,7 +334,7 @@ def test_intervals_of_gamma_from_echoes_hold_it_as_often_as_they_say(recorded, s
             run(scenario, recordings={"signals": signals})
         levels = measure_levels(prepare(scenario), 4000 if recorded else 200, signals)
         fit = fit_materials(levels, scenario.all_materials, CARRIER_HZ)
-        sigma = dict(zip(fit.knowledge.names, fit.knowledge.sigma, strict=True))
+        sigma = dict(zip(fit.posterior.names, fit.posterior.sigma, strict=True))
         truths = {"weak.gamma_db": -28.0, "strong.gamma_db": -25.0}
         inside += [(fit.estimates[name] - truth) / sigma[name] for name, truth in truths.items()]
     deviation = np.array(inside)

@@ -25,7 +25,7 @@ from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE
-from sionna_radar.studies.calibration.estimation import TOLD
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
 from sionna_radar.studies.calibration.study import Calibrated, Calibration, Manoeuvre
 
 # Residuals are shown up to so many of their median standard deviations, and means over squares of this many cells.
@@ -48,18 +48,18 @@ def calibration_numbers(result: Calibration) -> dict[str, Any]:
         "reference": None if result.reference is None else result.reference.name,
         "reference_sigma_m": result.reference_sigma_m,
         "reference_displaced": result.displaced,
-        "told_below": TOLD,
+        "told_below": MAX_POSTERIOR_RATIO,
         "errors": _errors(result),
         "covariance": solution.covariance / np.outer(units, units),
-        "correlation": solution.knowledge.correlation,
+        "correlation": solution.posterior.correlation,
         "trade_offs": _trade_offs(result),
         "doppler": result.doppler,
         "drift": _drift(result),
-        "manoeuvres": [_told_by(manoeuvre) for manoeuvre in result.manoeuvres],
+        "manoeuvres": [_with_line(manoeuvre) for manoeuvre in result.manoeuvres],
         "variance_factor": solution.scatter,
         "excess_of_stretches": solution.excess,
-        "probability_of_excess": solution.surprise,
-        "misfit": solution.misfit,
+        "probability_of_excess": solution.p_value,
+        "misfit": solution.reduced_chi2,
         "model_holds": solution.model_holds,
         "residuals": [_residuals(recording) for recording in result.recordings],
         "warnings": result.warnings,
@@ -74,10 +74,10 @@ def _errors(result: Calibration) -> list[dict[str, Any]]:
         {
             "name": name,
             "unit": UNKNOWNS[name].unit,
-            "prior": solution.knowledge.prior[k] / unit,
+            "prior": solution.posterior.prior[k] / unit,
             "sigma_before_estimation": solution.before.sigma[k] / unit,
-            "told": bool(solution.told[k]),
-            "estimate": solution.value[k] / unit if solution.told[k] else None,
+            "told": bool(solution.observable[k]),
+            "estimate": solution.value[k] / unit if solution.observable[k] else None,
             "sigma": solution.sigma[k] / unit,
         }
         for k, (name, unit) in enumerate(zip(solution.names, _units(solution.names), strict=True))
@@ -89,8 +89,8 @@ def _units(names: tuple[str, ...]) -> Float[np.ndarray, " error"]:
 
 
 def _trade_offs(result: Calibration) -> list[dict[str, float]]:
-    unseen = result.solution.before.unseen
-    return [{name: value / UNKNOWNS[name].si for name, value in direction.items()} for direction in unseen]
+    null_space = result.solution.before.null_space
+    return [{name: value / UNKNOWNS[name].si for name, value in direction.items()} for direction in null_space]
 
 
 def _drift(result: Calibration) -> list[dict[str, Any]]:
@@ -100,18 +100,18 @@ def _drift(result: Calibration) -> list[dict[str, Any]]:
             "name": name,
             "unit": UNKNOWNS[name].unit,
             "sigma_between_lines": between / UNKNOWNS[name].si,
-            "lines": solution.apart[:, k] / UNKNOWNS[name].si,
-            "sigma_of_lines": solution.apart_sigma[:, k] / UNKNOWNS[name].si,
+            "lines": solution.line_offsets[:, k] / UNKNOWNS[name].si,
+            "sigma_of_lines": solution.line_offsets_sigma[:, k] / UNKNOWNS[name].si,
         }
         for k, (name, between) in enumerate(solution.drift.between.items())
     ]
 
 
-def _told_by(manoeuvre: Manoeuvre) -> dict[str, Any]:
-    knowledge = manoeuvre.knowledge
-    sigma = knowledge.sigma / _units(knowledge.names)
-    told = dict(zip(knowledge.names, map(bool, knowledge.told), strict=True))
-    return {"name": manoeuvre.name, "sigma": dict(zip(knowledge.names, sigma, strict=True)), "told": told}
+def _with_line(manoeuvre: Manoeuvre) -> dict[str, Any]:
+    posterior = manoeuvre.posterior
+    sigma = posterior.sigma / _units(posterior.names)
+    observable = dict(zip(posterior.names, map(bool, posterior.observable), strict=True))
+    return {"name": manoeuvre.name, "sigma": dict(zip(posterior.names, sigma, strict=True)), "told": observable}
 
 
 def _residuals(recording: Calibrated) -> dict[str, Any]:
@@ -189,7 +189,11 @@ def calibration_toml(result: Calibration) -> str:
     estimated = tomli_w.dumps({"processing": {"calibration": table}})
     simulated = {SIMULATED[key]: value for key, value in table.items() if key in SIMULATED}
     flown = tomli_w.dumps({"platform": {"navigation": simulated}})
-    held = [name for name, is_told in zip(result.solution.names, result.solution.told, strict=True) if not is_told]
+    held = [
+        name
+        for name, is_observable in zip(result.solution.names, result.solution.observable, strict=True)
+        if not is_observable
+    ]
     lines = ["# Errors of the instrument, believed minus true: `sionna-radar process RECORDING --set-file` this file."]
     lines += [f"# Not observable from this flight, and left at zero: {', '.join(held)}."] if held else []
     lines += [estimated.rstrip(), "", "# A simulated flight with these errors has:"]
@@ -306,13 +310,13 @@ def _left_out(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], l
 
 def _manoeuvre_words(result: Calibration) -> list[str]:
     solution = result.solution
-    if solution.told.all() or not result.manoeuvres:
+    if solution.observable.all() or not result.manoeuvres:
         return []
-    held = [name for name, told in zip(solution.names, solution.told, strict=True) if not told]
+    held = [name for name, is_free in zip(solution.names, solution.observable, strict=True) if not is_free]
     words = []
     for manoeuvre in result.manoeuvres:
-        told = dict(zip(manoeuvre.knowledge.names, manoeuvre.knowledge.told, strict=True))
-        gained = [name for name in held if told[name]]
+        observable = dict(zip(manoeuvre.posterior.names, manoeuvre.posterior.observable, strict=True))
+        gained = [name for name in held if observable[name]]
         if gained:
             words.append(f"flying {manoeuvre.name} would make {', '.join(gained)} observable")
     return words or [f"no single further line would make {', '.join(held)} observable"]
@@ -321,9 +325,9 @@ def _manoeuvre_words(result: Calibration) -> list[str]:
 def _meaning(result: Calibration) -> str:
     return (
         "An error (believed minus true) counts as observable when its posterior sigma is less than "
-        f"{TOLD:.2f} of its prior sigma. One that is not stays at zero, and its uncertainty is in the standard "
-        f"deviations of the others. Variances are {result.solution.scatter:.2f} times those of the Fisher information, "
-        "scaled by the empirical scatter of the score."
+        f"{MAX_POSTERIOR_RATIO:.2f} of its prior sigma. One that is not stays at zero, and its uncertainty is in the "
+        f"standard deviations of the others. Variances are {result.solution.scatter:.2f} times those of the Fisher "
+        "information, scaled by the empirical scatter of the score."
     )
 
 
@@ -340,7 +344,7 @@ def calibration_page(result: Calibration) -> str:
         "map": _squares(place, after, limit),
     }
     names = result.solution.names
-    told = [name for name, is_told in zip(names, result.solution.told, strict=True) if is_told]
+    observable = [name for name, is_observable in zip(names, result.solution.observable, strict=True) if is_observable]
     command = ["calibrate", *(r.source.name for r in result.recordings)]
     command += [] if result.reference is None else ["--reference", result.reference.name]
     return document(
@@ -351,7 +355,7 @@ def calibration_page(result: Calibration) -> str:
         title=f"Calibration of {', '.join(r.source.name for r in result.recordings)}",
         warnings=result.warnings,
         tiles=[
-            (f"{len(told)} of {len(names)}", "errors observable", "from this flight"),
+            (f"{len(observable)} of {len(names)}", "errors observable", "from this flight"),
             (f"{sum(r['echoes'] for r in content['residuals']):,}", "echoes", f"over {_ground(result)}"),
             *(
                 (f"{r.error[1].rms_m:.3f} m", "RMS of the DEM after", f"{r.error[0].rms_m:.3f} m before")

@@ -1,9 +1,9 @@
-"""Estimates of errors of an instrument: what a flight tells of them, and how well.
+"""Estimates of errors of an instrument: which of them a flight makes observable, and how well.
 
 With the prior of an instrument as it was mounted, the posterior's covariance is the inverse of the information of its
-echoes (`instrument_echoes`) and the prior's. An error is told by a flight if its standard deviation falls to less than
-`TOLD` of the one beforehand. One that is not stays at zero, and its uncertainty goes into that of the others
-("consider" parameters: Schmidt 1966, "Application of state-space methods to navigation problems").
+echoes (`instrument_echoes`) and the prior's. An error is observable if its posterior sigma is less than
+`MAX_POSTERIOR_RATIO` of its prior sigma. One that is not stays at zero, and its uncertainty goes into that of the
+others ("consider" parameters: Schmidt 1966, "Application of state-space methods to navigation problems").
 
 The score's real covariance decides about that of the estimate (Huber 1967, "The behavior of maximum likelihood
 estimates under nonstandard conditions"). Weak cells count less than the information assumes, and where the model errs,
@@ -27,7 +27,7 @@ the heights that stand for an error, a step of scoring solves
     [ J'G         J'J + P^-1 ] [dtheta] = [ s_theta - P^-1 theta ]
 
 with s the scores. The ground is eliminated: what is left for theta is its information less what the ground could
-explain as well (Schur complement), so that the standard deviations hold what the terrain does not tell. Heights of
+explain as well (Schur complement). Heights of
 single places, measured otherwise, are further rows of G.
 
 The information is divided by the scatter of the scores of speckle beforehand, so that echoes and terrain have the
@@ -52,24 +52,24 @@ from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.terrain.echo_heights import echo_surface, reaching
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
 from sionna_radar.studies.calibration.instrument_echoes import (
+    CombinedEchoes,
     Drift,
     ErrorsLinearised,
-    Nearness,
+    RangeProfiles,
+    Stage,
     Step,
-    Together,
-    WholeEchoes,
 )
 
-# Share of its standard deviation beforehand to which that of an error must fall to be told: the echoes then hold eight
-# times the information of the prior.
-TOLD = 1 / 3
+# Largest ratio of posterior to prior sigma of an observable error: the echoes then hold eight times the information of
+# the prior.
+MAX_POSTERIOR_RATIO = 1 / 3
 # Steps of scoring at most.
 MAX_STEPS = 12
-# Probability of scores that scatter so, below which the model of the echoes is said to miss something.
-SURPRISE = 1e-3
+# p-value of the scatter of the scores below which the model of the echoes is rejected.
+MIN_P_VALUE = 1e-3
 # Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
 # standard deviation over a survey is below 0.01.
-MAX_MISFIT = 1.2
+MAX_REDUCED_CHI2 = 1.2
 # Scatter of stretches over that of speckle above which errors of the model decide, not the instrument's. By choice:
 # over woods of 8 m it was 79, of a flown altimeter 70, and of one over open country whose bias wanders 6.
 MAX_EXCESS = 10.0
@@ -78,10 +78,10 @@ NAMED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knowledge:
-    """What a flight tells of errors whose standard deviations are known beforehand.
+class Posterior:
+    """Posterior of errors with a Gaussian prior, given the Fisher information of a flight.
 
-    names: of the errors; prior: their standard deviations beforehand; information: of the echoes. All SI.
+    names: of the errors; prior: their prior sigmas; information: of the echoes. All SI.
     """
 
     names: tuple[str, ...]
@@ -106,23 +106,23 @@ class Knowledge:
         return self.covariance / np.outer(self.sigma, self.sigma)
 
     @cached_property
-    def told(self) -> Bool[np.ndarray, " error"]:
-        """Which errors the flight tells: what is left once the others, the least known first, are held.
+    def observable(self) -> Bool[np.ndarray, " error"]:
+        """Which errors are observable: what is left once the others, the least known first, are held at zero.
 
-        One that is held keeps its uncertainty beforehand, and adds to that of the others.
+        One that is held keeps its prior sigma, which adds to that of the others.
         """
-        told = np.ones(len(self.names), dtype=bool)
-        while told.any():
-            sigma = np.sqrt(np.diag(self.considered(told)))
-            share = np.where(told, sigma / self.prior, 0.0)
-            if share.max() <= TOLD:
+        observable = np.ones(len(self.names), dtype=bool)
+        while observable.any():
+            sigma = np.sqrt(np.diag(self.considered(observable)))
+            share = np.where(observable, sigma / self.prior, 0.0)
+            if share.max() <= MAX_POSTERIOR_RATIO:
                 break
-            told[int(np.argmax(share))] = False
-        return told
+            observable[int(np.argmax(share))] = False
+        return observable
 
     def considered(self, free: Bool[np.ndarray, " error"]) -> Float[np.ndarray, "error error"]:
         """Return the covariance if some errors are estimated, and the others are held at zero."""
-        known = Knowledge(
+        known = Posterior(
             names=tuple(n for n, is_free in zip(self.names, free, strict=True) if is_free),
             prior=self.prior[free],
             information=self.information[np.ix_(free, free)],
@@ -136,15 +136,15 @@ class Knowledge:
         return result
 
     @property
-    def unseen(self) -> list[dict[str, float]]:
-        """Directions in which errors trade off, as how much of each (SI) leaves the echoes as they are.
+    def null_space(self) -> list[dict[str, float]]:
+        """Null space of the information: how much of each error (SI) leaves the echoes nearly as they are.
 
-        Those along which the standard deviation stays above `TOLD` of the one beforehand, worst first; of each the
-        parts that are more than `NAMED` of the greatest, in units of the prior.
+        Directions along which the ratio of posterior to prior sigma stays above `MAX_POSTERIOR_RATIO`, worst first; of
+        each the parts that are more than `NAMED` of the greatest, in units of the prior.
         """
         value, vector = np.linalg.eigh(self.prior[:, None] * self.information * self.prior)
         found = []
-        for k in np.flatnonzero(1 / (1 + np.maximum(value, 0.0)) > TOLD**2):
+        for k in np.flatnonzero(1 / (1 + np.maximum(value, 0.0)) > MAX_POSTERIOR_RATIO**2):
             part = vector[:, k] / np.abs(vector[:, k]).max()
             part *= np.sign(part[int(np.argmax(np.abs(part)))])
             found.append(
@@ -152,8 +152,8 @@ class Knowledge:
             )
         return found
 
-    def with_more(self, information: Float[np.ndarray, "error error"]) -> "Knowledge":
-        """Return the knowledge with the echoes of another flight added."""
+    def with_more(self, information: Float[np.ndarray, "error error"]) -> "Posterior":
+        """Return the posterior with the information of another flight added."""
         return replace(self, information=self.information + information)
 
 
@@ -161,61 +161,61 @@ class Knowledge:
 class Solution:
     """Estimated errors.
 
-    before: what the flight tells by the poses as they were believed, before anything is estimated.
-    knowledge: what it tells at the estimate, with the information divided by `scatter`.
-    told: which errors are estimated; the others are held at zero.
+    before: the posterior at the reported poses, before anything is estimated.
+    posterior: at the estimate, with the information divided by `scatter`.
+    observable: which errors are estimated; the others are held at zero.
     value, covariance: of all of them, SI.
-    scatter: factor on the variances; excess: it over that of speckle; surprise: the probability of such an excess.
-    misfit: squared residuals of the echoes over those of speckle.
+    scatter: factor on the variances; excess: it over that of speckle; p_value: the probability of such an excess.
+    reduced_chi2: squared residuals of the echoes over those of speckle.
     step: what each pulse says at the estimate.
-    drift: what differs between lines; apart, apart_sigma: by how much on each, and the standard deviations.
+    drift: what differs between lines; line_offsets, line_offsets_sigma: by how much on each, and sigmas.
     """
 
-    before: Knowledge
-    knowledge: Knowledge
-    told: Bool[np.ndarray, " error"]
+    before: Posterior
+    posterior: Posterior
+    observable: Bool[np.ndarray, " error"]
     value: Float[np.ndarray, " error"]
     covariance: Float[np.ndarray, "error error"]
     scatter: float
     excess: float
-    surprise: float
-    misfit: float
+    p_value: float
+    reduced_chi2: float
     step: Step
     drift: Drift
-    apart: Float[np.ndarray, "line drift"]
-    apart_sigma: Float[np.ndarray, "line drift"]
+    line_offsets: Float[np.ndarray, "line drift"]
+    line_offsets_sigma: Float[np.ndarray, "line drift"]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the errors."""
-        return self.knowledge.names
+        return self.posterior.names
 
     @property
     def model_holds(self) -> bool:
         """Whether the echoes are no farther from the model than speckle and chance explain."""
-        return self.surprise >= SURPRISE and self.misfit <= MAX_MISFIT
+        return self.p_value >= MIN_P_VALUE and self.reduced_chi2 <= MAX_REDUCED_CHI2
 
     @property
-    def of_other_ground(self) -> bool:
-        """Whether the echoes are so far from the model that an estimate from them would be none."""
-        return self.misfit > MAX_MISFIT or (self.surprise < SURPRISE and self.excess > MAX_EXCESS)
+    def rejected_by_chi2(self) -> bool:
+        """Whether the echoes are too far from the model for an estimate."""
+        return self.reduced_chi2 > MAX_REDUCED_CHI2 or (self.p_value < MIN_P_VALUE and self.excess > MAX_EXCESS)
 
-    def held(self) -> "Solution":
-        """Return no estimate: all errors are as uncertain as beforehand."""
+    def prior_only(self) -> "Solution":
+        """Return the prior without an estimate: all errors are as uncertain as before."""
         return replace(
             self,
-            told=np.zeros_like(self.told),
+            observable=np.zeros_like(self.observable),
             value=np.zeros_like(self.value),
-            covariance=np.diag(self.knowledge.prior**2),
+            covariance=np.diag(self.posterior.prior**2),
         )
 
     def next_range_bias(self, line: Int[np.ndarray, " pulse"]) -> tuple[float, float] | None:
-        """Return the range bias of another flight as long, and its standard deviation, SI; None if none is told.
+        """Return the range bias of another flight as long, and its sigma, SI; None if it is not observable.
 
         line: number of the flight line of each pulse. The bias wanders with the residuals; see `continued`.
         """
         step, name = self.step, "range_bias"
-        if name not in self.names or not self.told[self.names.index(name)]:
+        if name not in self.names or not self.observable[self.names.index(name)]:
             return None
         weight = np.nan_to_num(step.weight / step.sigma_m**2)
         number = stretches(line)
@@ -229,7 +229,7 @@ class Solution:
     @property
     def errors(self) -> InstrumentErrors:
         """The estimate."""
-        return InstrumentErrors.of(dict(zip(self.knowledge.names, map(float, self.value), strict=True)))
+        return InstrumentErrors.of(dict(zip(self.posterior.names, map(float, self.value), strict=True)))
 
     @property
     def sigma(self) -> Float[np.ndarray, " error"]:
@@ -238,7 +238,7 @@ class Solution:
 
 
 def solve(
-    echoes: Together,
+    echoes: CombinedEchoes,
     surface: Heightfield,
     names: Sequence[str],
     prior: Mapping[str, float] | None = None,
@@ -261,76 +261,78 @@ def solve(
 
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
-    value, before, step, told = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
+    value, before, step, observable = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
     drift = Drift(names=tuple(names), between=between or {})
     lines = echoes.lines if between else (echoes,)
     bounds = np.cumsum([0, *map(len, lines)])
-    apart = np.zeros((len(lines), len(drift.own)))
-    for near in Nearness:
+    line_offsets = np.zeros((len(lines), len(drift.own)))
+    for stage in Stage:
         for _ in range(MAX_STEPS):
-            at = [drift.errors(value, own) for own in apart]
-            steps = [line.step(e, surface, drift.every, near) for line, e in zip(lines, at, strict=True)]
+            at = [drift.errors(value, own) for own in line_offsets]
+            steps = [line.step(e, surface, drift.all_names, stage) for line, e in zip(lines, at, strict=True)]
             step = Step.joined(steps)
             said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
-            rates = [line.doppler_information(e, drift.every) for line, e in zip(lines, at, strict=True)]
+            rates = [line.doppler_information(e, drift.all_names) for line, e in zip(lines, at, strict=True)]
             # Range rates have the weight of their variance: that of echoes is greater than the information says.
             # Where no echo meets the surface it is unknown, and they have none.
             heard = bool(np.isfinite(step.spread).any())
             usual = float(np.nanmean(step.spread)) * echoes.repeated if heard else 0.0
             each = [
                 drift.eliminated(i + usual * more, s + usual * of, d)
-                for (i, s), (more, of), d in zip(said, rates, apart, strict=True)
+                for (i, s), (more, of), d in zip(said, rates, line_offsets, strict=True)
             ]
             information = np.sum([line.information for line in each], axis=0)
-            known = Knowledge(names=tuple(names), prior=sigma0, information=information)
-            before, told = before or known, known.told
-            moved = _next(known, told, np.sum([line.score for line in each], axis=0), value) - value
+            known = Posterior(names=tuple(names), prior=sigma0, information=information)
+            before, observable = before or known, known.observable
+            moved = _next(known, observable, np.sum([line.score for line in each], axis=0), value) - value
             value = value + moved
             change = np.array([line.moved - line.gain @ moved for line in each])
-            apart = apart + change
-            farthest = np.abs(moved / np.sqrt(np.diag(known.considered(told)))).max(initial=0.0)
+            line_offsets = line_offsets + change
+            farthest = np.abs(moved / np.sqrt(np.diag(known.considered(observable)))).max(initial=0.0)
             for line, own in zip(each, change, strict=True):
                 farthest = np.abs(own / np.sqrt(np.diag(line.covariance))).max(initial=farthest)
-            if farthest < near.value:
+            if farthest < stage.value:
                 break
     assert before is not None
     assert step is not None
-    freedom = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
-    scatter, expected, surprise = _scatter(step, echoes, told, freedom)
-    both = zip(said, rates, apart, strict=True)
+    dof = float(sum(len(drift.own) - np.trace(line.covariance / drift.sigma**2) for line in each))
+    scatter, expected, p_value = _scatter(step, echoes, observable, dof)
+    both = zip(said, rates, line_offsets, strict=True)
     each = [drift.eliminated(line[0] / scatter + more, line[1], d) for line, (more, _), d in both]
     known = replace(known, information=np.sum([line.information for line in each], axis=0))
-    covariance = known.considered(told)
+    covariance = known.considered(observable)
     return Solution(
         before=before,
-        knowledge=known,
-        told=told,
+        posterior=known,
+        observable=observable,
         value=value,
         covariance=covariance,
         scatter=scatter,
         excess=scatter / expected,
-        surprise=surprise,
-        misfit=float(np.nanmean(step.misfit)) if echoes.whole else 1.0,
+        p_value=p_value,
+        reduced_chi2=float(np.nanmean(step.reduced_chi2)) if echoes.whole else 1.0,
         step=step,
         drift=drift,
-        apart=apart,
-        apart_sigma=np.array([np.sqrt(np.diag(e.covariance + e.gain @ covariance @ e.gain.T)) for e in each]),
+        line_offsets=line_offsets,
+        line_offsets_sigma=np.array([np.sqrt(np.diag(e.covariance + e.gain @ covariance @ e.gain.T)) for e in each]),
     )
 
 
 def _next(
-    known: Knowledge,
-    told: Bool[np.ndarray, " error"],
+    known: Posterior,
+    observable: Bool[np.ndarray, " error"],
     score: Float[np.ndarray, " error"],
     value: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " error"]:
-    """Return the estimate after a step of scoring, those that are not told being zero."""
+    """Return the estimate after a step of scoring, those that are not observable being zero."""
     following = np.zeros(len(value))
-    if told.any():
-        own = np.ix_(told, told)
-        right = score[told] + known.information[told] @ value
-        scaled = known.prior[told][:, None] * known.information[own] * known.prior[told] + np.eye(int(told.sum()))
-        following[told] = known.prior[told] * np.linalg.solve(scaled, known.prior[told] * right)
+    if observable.any():
+        own = np.ix_(observable, observable)
+        right = score[observable] + known.information[observable] @ value
+        scaled = known.prior[observable][:, None] * known.information[own] * known.prior[observable] + np.eye(
+            int(observable.sum())
+        )
+        following[observable] = known.prior[observable] * np.linalg.solve(scaled, known.prior[observable] * right)
     return following
 
 
@@ -372,36 +374,36 @@ def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
 
 
 def _scatter(
-    step: Step, echoes: Together, told: Bool[np.ndarray, " error"], drifting: float
+    step: Step, echoes: CombinedEchoes, observable: Bool[np.ndarray, " error"], drifting: float
 ) -> tuple[float, float, float]:
     """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess.
 
     drifting: degrees of freedom of the errors that drift.
     """
-    number, count = stretches(echoes.line), int(told.sum())
+    number, count = stretches(echoes.line), int(observable.sum())
     score, information = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
-    own = np.flatnonzero(told)
+    own = np.flatnonzero(observable)
     np.add.at(score, number, step.weight[:, None] * step.score[:, own])
     np.add.at(information, number, step.weight[:, None, None] * step.information[:, own][:, :, own])
-    total, freedom = 0.0, -count - drifting
+    total, dof = 0.0, -count - drifting
     for s, i in zip(score, information, strict=True):
         value, vector = np.linalg.eigh(i)
         kept = value > 1e-9 * max(value.max(initial=0.0), 1e-300)
         total += float(np.sum((vector[:, kept].T @ s) ** 2 / value[kept]))
-        freedom += int(kept.sum())
-    if freedom <= 0:
+        dof += int(kept.sum())
+    if dof <= 0:
         return 1.0, 1.0, 1.0
     usual = float(np.nanmean(step.spread)) * echoes.repeated
-    return total / freedom, usual, float(chi2.sf(total / usual, freedom))
+    return total / dof, usual, float(chi2.sf(total / usual, dof))
 
 
 STEPS = 6
-# Steps end below this share of the standard deviations.
-SETTLED = 0.05
-# Standard deviations of the plane beforehand, which the echoes tell far better: height, m, and slopes.
+# Steps end when all are below this fraction of the standard deviations.
+CONVERGED_SIGMAS = 0.05
+# Prior sigmas of the plane, which the echoes determine far better: height, m, and slopes.
 PLANE = (100.0, 1.0, 1.0)
-# Waves that are left out: the smallest of all, that together hold this share of the variance; and at most so many are
-# kept, that the system fits the memory.
+# Truncate the spectrum: drop the smallest waves whose summed variance is below LEFT_OUT of the total; keep at most
+# MOST_WAVES, so that the system fits the memory.
 LEFT_OUT, MOST_WAVES = 1e-5, 2500
 FITTED_M = 1e-2
 
@@ -416,7 +418,7 @@ class MeasuredPlaces:
 
 
 def solve_over_unknown_ground(
-    echoes: WholeEchoes,
+    echoes: RangeProfiles,
     grid: Grid,
     names: Sequence[str],
     prior: Mapping[str, float] | None = None,
@@ -451,43 +453,45 @@ def solve_over_unknown_ground(
     first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
     places_m = terrain.grid.centres_m
     ground = _coefficients(waves, first.at(*places_m.T))
-    rough = echoes.step(InstrumentErrors(), first, (), Nearness.SETTLED)
-    less = float(np.nanmean(rough.spread)) * echoes.repeated
+    rough = echoes.step(InstrumentErrors(), first, (), Stage.FINE)
+    speckle_scatter = float(np.nanmean(rough.spread)) * echoes.repeated
     drift = Drift(names=tuple(names), between=between or {})
     lines = [echoes.rows(echoes.motion.line == k) for k in np.unique(line)] if between else [echoes]
-    apart = np.zeros((len(lines), len(drift.own)))
+    line_offsets = np.zeros((len(lines), len(drift.own)))
     for free in (np.ones(len(names), dtype=bool), None):
         for _ in range(STEPS):
             surface = _surface(terrain.grid, waves, ground)
-            at = zip(lines, apart, strict=True)
-            linear = [each.linearise(drift.errors(value, own), surface, drift.every, less) for each, own in at]
+            at = zip(lines, line_offsets, strict=True)
+            linear = [
+                each.linearise(drift.errors(value, own), surface, drift.all_names, speckle_scatter) for each, own in at
+            ]
             known, moved, change, own_sigma = _step(
-                linear, surface, waves, ground, drift, apart, sigma0, value, places, free
+                linear, surface, waves, ground, drift, line_offsets, sigma0, value, places, free
             )
-            before, told = before or known, known.told
+            before, observable = before or known, known.observable
             value, ground = value + moved, ground + change[: len(ground)]
-            apart = apart + change[len(ground) :].reshape(apart.shape)
-            if np.abs(moved / known.sigma).max(initial=0.0) < SETTLED:
+            line_offsets = line_offsets + change[len(ground) :].reshape(line_offsets.shape)
+            if np.abs(moved / known.sigma).max(initial=0.0) < CONVERGED_SIGMAS:
                 break
     surface = _surface(terrain.grid, waves, ground)
-    at = zip(lines, apart, strict=True)
-    steps = [each.step(drift.errors(value, own), surface, drift.every, Nearness.SETTLED) for each, own in at]
+    at = zip(lines, line_offsets, strict=True)
+    steps = [each.step(drift.errors(value, own), surface, drift.all_names, Stage.FINE) for each, own in at]
     step = Step.joined(steps)
     assert before is not None
     solution = Solution(
         before=before,
-        knowledge=known,
-        told=told,
+        posterior=known,
+        observable=observable,
         value=value,
-        covariance=known.considered(told),
-        scatter=less,
+        covariance=known.considered(observable),
+        scatter=speckle_scatter,
         excess=1.0,
-        surprise=1.0,
-        misfit=float(np.nanmean(step.misfit)),
+        p_value=1.0,
+        reduced_chi2=float(np.nanmean(step.reduced_chi2)),
         step=step,
         drift=drift,
-        apart=apart,
-        apart_sigma=own_sigma,
+        line_offsets=line_offsets,
+        line_offsets_sigma=own_sigma,
     )
     return solution, surface
 
@@ -539,24 +543,24 @@ def _step(
     waves: Float[np.ndarray, "cell wave"],
     ground: Float[np.ndarray, " wave"],
     drift: Drift,
-    apart: Float[np.ndarray, "line drift"],
+    line_offsets: Float[np.ndarray, "line drift"],
     sigma0: Float[np.ndarray, " error"],
     value: Float[np.ndarray, " error"],
     places: MeasuredPlaces | None = None,
     free: Bool[np.ndarray, " error"] | None = None,
-) -> tuple[Knowledge, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
-    """Return the knowledge of the errors, their step, that of ground and drifts, and how well drifts are known.
+) -> tuple[Posterior, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
+    """Return the posterior of the errors, their step, that of ground and drifts, and sigmas of the drifts.
 
-    free: errors that are estimated; None for those that are told.
+    free: errors that are estimated; None for those that are observable.
     """
     count, own, root, first = len(drift.names), drift.own, drift.sigma, len(ground)
-    told, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
+    height_information, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
     if places is not None:
         at = surface.weights(*places.place_m.T)
         precision = csr_matrix((1 / places.sigma_m**2, (np.arange(len(places.sigma_m)),) * 2))
-        told = told + at.T @ precision @ at
+        height_information = height_information + at.T @ precision @ at
         height_score += at.T @ (precision @ (places.height_m - at @ surface.height_m.ravel()))
-    size = first + apart.size
+    size = first + line_offsets.size
     normal, coupled, right = np.zeros((size, size)), np.zeros((size, count)), np.zeros(size)
     information, score = np.zeros((count, count)), np.zeros(count)
     for k, line in enumerate(lines):
@@ -565,7 +569,7 @@ def _step(
         onto = factor @ cells
         by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
         said, of_line = by_error.T @ by_error + line.doppler[0], line.score.sum(axis=0) + line.doppler[1]
-        told = told + onto.T @ onto
+        height_information = height_information + onto.T @ onto
         height_score += cells.T @ line.node_score.ravel()
         by_wave = waves.T @ (onto.T @ by_error)
         coupled[:first] += by_wave[:, :count]
@@ -574,23 +578,25 @@ def _step(
         normal[rows, :first] = normal[:first, rows].T
         normal[rows, rows] = root[:, None] * said[np.ix_(own, own)] * root
         coupled[rows] = root[:, None] * said[own, :count]
-        right[rows] = root * of_line[own] - apart[k] / root
+        right[rows] = root * of_line[own] - line_offsets[k] / root
         information += said[:count, :count]
         score += of_line[:count]
-    normal[:first, :first] = waves.T @ (told.tocsr() @ waves)
+    normal[:first, :first] = waves.T @ (height_information.tocsr() @ waves)
     normal[np.diag_indices(size)] += 1.0
     right[:first] = waves.T @ height_score - ground
     system = cho_factor(normal, lower=True, overwrite_a=True)
     explained, solved = cho_solve(system, right), cho_solve(system, coupled)
     information -= coupled.T @ solved
-    known = Knowledge(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
-    is_told = known.told if free is None else free
-    moved = _next(known, is_told, score - coupled.T @ explained, value) - value
+    known = Posterior(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
+    is_observable = known.observable if free is None else free
+    moved = _next(known, is_observable, score - coupled.T @ explained, value) - value
     # Units of ground and drifts: their standard deviations beforehand.
     scale = np.concatenate([np.ones(first), np.tile(root, len(lines))])
     by_error = solved[first:]
-    covariance = cho_solve(system, np.eye(size)[:, first:])[first:] + by_error @ known.considered(is_told) @ by_error.T
-    own_sigma = (scale[first:] * np.sqrt(np.diag(covariance))).reshape(apart.shape)
+    covariance = (
+        cho_solve(system, np.eye(size)[:, first:])[first:] + by_error @ known.considered(is_observable) @ by_error.T
+    )
+    own_sigma = (scale[first:] * np.sqrt(np.diag(covariance))).reshape(line_offsets.shape)
     return known, moved, scale * (explained - solved @ moved), own_sigma
 
 

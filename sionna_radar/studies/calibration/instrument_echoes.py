@@ -58,25 +58,25 @@ OUTLYING = 4.0
 SHALLOWEST = 0.05
 
 
-class Nearness(Enum):
-    """How near an estimate is; steps at that end once they are shorter than so many standard deviations."""
+class Stage(Enum):
+    """Stage of an estimate; its steps end once they are shorter than so many standard deviations."""
 
-    FAR = 1.0
-    SETTLED = 0.02
+    COARSE = 1.0
+    FINE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
     """What each pulse says of the errors at an estimate.
 
-    score, information: of its likelihood. misfit: squared residuals over their expected sum.
+    score, information: of its likelihood. reduced_chi2: squared residuals over their expected sum.
     spread: variance of the score of speckle over the information: less than one, since weak cells count less.
     residual_m, sigma_m: by how much its range exceeds the predicted one, and the standard deviation of that.
     """
 
     score: Float[np.ndarray, "pulse error"]
     information: Float[np.ndarray, "pulse error error"]
-    misfit: Float[np.ndarray, " pulse"]
+    reduced_chi2: Float[np.ndarray, " pulse"]
     spread: Float[np.ndarray, " pulse"]
     residual_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
@@ -95,8 +95,8 @@ class Step:
     @cached_property
     def weight(self) -> Float[np.ndarray, " pulse"]:
         """Share that each pulse counts, less than one if it is outlying."""
-        usual = float(np.nanmedian(self.misfit)) if np.isfinite(self.misfit).any() else 1.0
-        return np.nan_to_num(np.minimum(1.0, OUTLYING * usual / np.maximum(self.misfit, 1e-12)))
+        usual = float(np.nanmedian(self.reduced_chi2)) if np.isfinite(self.reduced_chi2).any() else 1.0
+        return np.nan_to_num(np.minimum(1.0, OUTLYING * usual / np.maximum(self.reduced_chi2, 1e-12)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,8 @@ class ErrorsLinearised:
 
     heights: in the heights under the nodes of the beams; node_score: its score, without its mean.
     per_error: heights under the nodes that stand for errors.
-    score, information: of the errors. misfit, spread: see `Step`. doppler: see `WholeEchoes.doppler_information`.
+    score, information: of the errors. reduced_chi2, spread: see `Step`.
+    doppler: see `RangeProfiles.doppler_information`.
     """
 
     heights: Linearised
@@ -113,7 +114,7 @@ class ErrorsLinearised:
     score: Float[np.ndarray, "pulse error"]
     information: Float[np.ndarray, "pulse error error"]
     per_error: Float[np.ndarray, "pulse node error"]
-    misfit: Float[np.ndarray, " pulse"]
+    reduced_chi2: Float[np.ndarray, " pulse"]
     spread: Float[np.ndarray, " pulse"]
     doppler: "Information"
 
@@ -124,7 +125,7 @@ Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WholeEchoes:
+class RangeProfiles:
     """Range profiles of some pulses, with the reported motion.
 
     sightings: with the reported poses. motion: of the same pulses.
@@ -145,12 +146,12 @@ class WholeEchoes:
         """Median standard deviation of the mean range of an echo."""
         return float(np.median(mean_ranges(self.sightings).sigma_m))
 
-    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "WholeEchoes":
+    def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "RangeProfiles":
         """Return some of the echoes."""
         motion, rates = self.motion.rows(np.flatnonzero(kept)), self.rates
         if rates is not None:
             rates = rates.rows(np.isin(rates.motion.line, motion.line))
-        return WholeEchoes(sightings=self.sightings.rows(kept), motion=motion, reach=self.reach[kept], rates=rates)
+        return RangeProfiles(sightings=self.sightings.rows(kept), motion=motion, reach=self.reach[kept], rates=rates)
 
     def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
         """Return information and score of the range rates at an estimate; zero where there are none."""
@@ -161,7 +162,7 @@ class WholeEchoes:
         return change.T @ weighted, excess @ weighted
 
     @staticmethod
-    def joined(parts: Sequence["WholeEchoes"]) -> "WholeEchoes":
+    def joined(parts: Sequence["RangeProfiles"]) -> "RangeProfiles":
         """Return the echoes of several recordings of one radar; pulses and lines are counted on."""
         if len(parts) == 1:
             return parts[0]
@@ -181,7 +182,7 @@ class WholeEchoes:
             pose=Pose.concatenate([part.sightings.pose for part in parts]),
         )
         motion = BelievedMotion.concatenate([part.motion for part in parts])
-        return WholeEchoes(
+        return RangeProfiles(
             sightings=sightings,
             motion=replace(motion, line=np.concatenate(lines)),
             reach=np.concatenate([part.reach for part in parts]),
@@ -206,18 +207,18 @@ class WholeEchoes:
         )
         return sightings, motion
 
-    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], stage: Stage) -> Step:
         """Return score and information of named errors over a surface, at an estimate of them.
 
-        near: mean ranges say less than whole echoes, but from farther away.
+        stage: mean ranges say less than whole echoes, but from farther away.
         """
-        whole = near is Nearness.SETTLED
+        whole = stage is Stage.FINE
         steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
         return Step.joined(steps)
 
     def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
         """Return the excess of each echo's range over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Nearness.SETTLED)
+        step = self.step(errors, surface, (), Stage.FINE)
         return step.residual_m, step.sigma_m
 
     def expected(
@@ -247,23 +248,23 @@ class WholeEchoes:
         change = range_per_error(sightings.direction(), motion, feet, surface, names, _shift_per_rate(sightings))
         return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
 
-    def _parts(self) -> list["WholeEchoes"]:
+    def _parts(self) -> list["RangeProfiles"]:
         number = np.arange(len(self)) // AT_ONCE
         return [self.rows(number == k) for k in range(int(number[-1]) + 1)]
 
     def _step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
         linear = self.linearise(errors, surface, [*names, "range_bias"])
-        return _split(linear.score, linear.information, linear.misfit, linear.spread)
+        return _split(linear.score, linear.information, linear.reduced_chi2, linear.spread)
 
     def linearise(
-        self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], less: float = 1.0
+        self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], speckle_scatter: float = 1.0
     ) -> ErrorsLinearised:
         """Return the likelihood linearised in the heights under the nodes, and in the heights that stand for errors.
 
-        less: divides the looks; see `calibration`.
+        speckle_scatter: divides the looks; see `calibration`.
         """
         sightings, motion = self.without(errors)
-        model, looks = EchoModel(sightings, surface), self.looks / less
+        model, looks = EchoModel(sightings, surface), self.looks / speckle_scatter
         linear, feet = model.linearise(looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
         toward, shift = sightings.direction(), _shift_per_rate(sightings)
@@ -271,7 +272,7 @@ class WholeEchoes:
         score = np.einsum("pnk,pn->pk", heights, linear.score)
         pulses, _, count = heights.shape
         common = _common_speckle(sightings)
-        information, misfit, spread = np.zeros((pulses, count, count)), *np.full((2, pulses), np.nan)
+        information, reduced_chi2, spread = np.zeros((pulses, count, count)), *np.full((2, pulses), np.nan)
         node_score = linear.score.copy()
         for pulse in range(pulses):
             rows = linear.rows_of(pulse)
@@ -280,7 +281,7 @@ class WholeEchoes:
             factor, own = linear.factor[rows], linear.weight[rows]
             said = factor @ heights[pulse]
             information[pulse] = said.T @ said
-            misfit[pulse] = (linear.residual[rows] ** 2).sum() / (own.sum() * looks[pulse])
+            reduced_chi2[pulse] = (linear.residual[rows] ** 2).sum() / (own.sum() * looks[pulse])
             # What the level, fitted to the same cells, takes from the score on the average.
             around = np.convolve(own, common)[len(common) // 2 :][: len(own)]
             taken = np.sqrt(looks[pulse] * own) * around / own.sum()
@@ -295,7 +296,7 @@ class WholeEchoes:
             heights=linear,
             score=score,
             information=information,
-            misfit=misfit,
+            reduced_chi2=reduced_chi2,
             spread=spread,
             per_error=heights,
             node_score=node_score,
@@ -341,9 +342,9 @@ class Readings(Columns):
     doppler_m: float = 0.0
     repeated: float = 1.0
 
-    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], stage: Stage) -> Step:
         """Return score and information of the readings on named errors over a surface, at an estimate of them."""
-        del near  # their model is linear
+        del stage  # their model is linear
         motion = self.motion.without(errors)
         hit, change = self._change(motion, surface, [*names, "range_bias"])
         shift = self.doppler_m * motion.pose.boresight_range_rate_mps
@@ -351,7 +352,7 @@ class Readings(Columns):
 
     def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
         """Return the excess of each reading over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Nearness.SETTLED)
+        step = self.step(errors, surface, (), Stage.FINE)
         return step.residual_m, step.sigma_m
 
     def expected(
@@ -382,10 +383,10 @@ class Readings(Columns):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Together:
+class CombinedEchoes:
     """The echoes of several recordings."""
 
-    parts: tuple[WholeEchoes | Readings, ...]
+    parts: tuple[RangeProfiles | Readings, ...]
 
     def __len__(self) -> int:
         return sum(map(len, self.parts))
@@ -400,10 +401,10 @@ class Together:
         return np.concatenate(lines)
 
     @property
-    def lines(self) -> tuple["Together", ...]:
+    def lines(self) -> tuple["CombinedEchoes", ...]:
         """The echoes of each flight line."""
         return tuple(
-            Together(parts=(part.rows(part.motion.line == line),))
+            CombinedEchoes(parts=(part.rows(part.motion.line == line),))
             for part in self.parts
             for line in np.unique(part.motion.line)
         )
@@ -415,16 +416,16 @@ class Together:
 
     @property
     def whole(self) -> bool:
-        """Whether all are whole echoes, whose misfit is known."""
-        return all(isinstance(part, WholeEchoes) for part in self.parts)
+        """Whether all are whole echoes, whose reduced_chi2 is known."""
+        return all(isinstance(part, RangeProfiles) for part in self.parts)
 
-    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], near: Nearness) -> Step:
-        """Return score and information of all echoes; see `WholeEchoes.step`."""
-        return Step.joined([part.step(errors, surface, names, near) for part in self.parts])
+    def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], stage: Stage) -> Step:
+        """Return score and information of all echoes; see `RangeProfiles.step`."""
+        return Step.joined([part.step(errors, surface, names, stage) for part in self.parts])
 
     def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
-        """Return information and score of all range rates; see `WholeEchoes.doppler_information`."""
-        said = [part.doppler_information(errors, names) for part in self.parts if isinstance(part, WholeEchoes)]
+        """Return information and score of all range rates; see `RangeProfiles.doppler_information`."""
+        said = [part.doppler_information(errors, names) for part in self.parts if isinstance(part, RangeProfiles)]
         count = len(names)
         return sum((i for i, _ in said), np.zeros((count, count))), sum((s for _, s in said), np.zeros(count))
 
@@ -440,24 +441,24 @@ class Drift:
     between: Mapping[str, float]
 
     @cached_property
-    def every(self) -> tuple[str, ...]:
+    def all_names(self) -> tuple[str, ...]:
         """Names of the errors of the flight, and of those that only drift."""
         return (*self.names, *(name for name in self.between if name not in self.names))
 
     @cached_property
     def own(self) -> list[int]:
-        """Which of `every` drift."""
-        return [self.every.index(name) for name in self.between]
+        """Which of `all_names` drift."""
+        return [self.all_names.index(name) for name in self.between]
 
     @cached_property
     def sigma(self) -> Float[np.ndarray, " drift"]:
         """Standard deviations between lines."""
         return np.array([*self.between.values()])
 
-    def errors(self, value: Float[np.ndarray, " error"], apart: Float[np.ndarray, " drift"]) -> InstrumentErrors:
+    def errors(self, value: Float[np.ndarray, " error"], line_offsets: Float[np.ndarray, " drift"]) -> InstrumentErrors:
         """Return the errors of a line, given those of the flight, and what the line has apart from them."""
         at = dict(zip(self.names, map(float, value), strict=True))
-        for name, more in zip(self.between, apart, strict=True):
+        for name, more in zip(self.between, line_offsets, strict=True):
             at[name] = at.get(name, 0.0) + float(more)
         return InstrumentErrors.of(at)
 
@@ -465,7 +466,7 @@ class Drift:
         self,
         information: Float[np.ndarray, "every every"],
         score: Float[np.ndarray, " every"],
-        apart: Float[np.ndarray, " drift"],
+        line_offsets: Float[np.ndarray, " drift"],
     ) -> "Eliminated":
         """Return the information of a line on the errors of the flight, with its own errors eliminated."""
         count, own, root = len(self.names), self.own, self.sigma
@@ -473,7 +474,7 @@ class Drift:
         scaled = root[:, None] * information[np.ix_(own, own)] * root + np.eye(len(own))
         covariance = root[:, None] * np.linalg.inv(scaled) * root
         gain = covariance @ information[own, :count]
-        moved = covariance @ (score[own] - apart / root**2)
+        moved = covariance @ (score[own] - line_offsets / root**2)
         return Eliminated(
             information=information[:count, :count] - information[:count, own] @ gain,
             score=score[:count] - information[:count, own] @ moved,
@@ -501,7 +502,7 @@ class Eliminated:
 def _split(
     score: Float[np.ndarray, "pulse k"],
     information: Float[np.ndarray, "pulse k k"],
-    misfit: Float[np.ndarray, " pulse"],
+    reduced_chi2: Float[np.ndarray, " pulse"],
     spread: Float[np.ndarray, " pulse"],
 ) -> Step:
     """Return a step whose last column, the range's bias, becomes its residual."""
@@ -510,7 +511,7 @@ def _split(
     return Step(
         score=score[:, :-1],
         information=information[:, :-1, :-1],
-        misfit=misfit,
+        reduced_chi2=reduced_chi2,
         spread=spread,
         residual_m=np.where(np.isfinite(sigma), residual, np.nan),
         sigma_m=np.where(np.isfinite(sigma), sigma, np.nan),

@@ -1,6 +1,6 @@
 """Calibration of an instrument from its recordings: what they tell of its errors, and the errors that they tell.
 
-The echoes are detected as `process` does. What the flight tells of each error is computed before any is estimated, and
+The echoes are detected as `process` does. Which errors are observable is computed before any is estimated, and
 with it what other manoeuvres would add: lines like the flown one, turned, higher, faster or rocking, over the same
 reference. Then the errors are estimated (`mapping.calibration`), and the map is made with and without them.
 """
@@ -33,13 +33,13 @@ from sionna_radar.mapping.terrain.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
-    Knowledge,
     MeasuredPlaces,
+    Posterior,
     Solution,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import Readings, Together, WholeEchoes
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings
 from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
@@ -72,10 +72,10 @@ NO_ESTIMATE = "No estimate is stated"
 
 @dataclass(frozen=True, kw_only=True)
 class Manoeuvre:
-    """What is known with one more line: its name, and the knowledge with it."""
+    """One more line: its name, and the posterior with it."""
 
     name: str
-    knowledge: Knowledge
+    posterior: Posterior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,9 +98,9 @@ class Calibrated:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """Estimated errors of an instrument, and what the flight tells of them.
+    """Estimated errors of an instrument, and how observable each is.
 
-    solution: the estimate. manoeuvres: what one more line would tell; none over unknown ground.
+    solution: the estimate. manoeuvres: posteriors with one more line; none over unknown ground.
     displaced: the estimate that lets the reference lie elsewhere, if it does.
     doppler: what is taken from the range rates of each recording, or why nothing is.
     """
@@ -118,14 +118,16 @@ class Calibration:
     @property
     def refused(self) -> str | None:
         """Why no estimate is stated; None if there is one."""
-        return next((w for w in self.warnings if NO_ESTIMATE in w), None) if self.solution.of_other_ground else None
+        return next((w for w in self.warnings if NO_ESTIMATE in w), None) if self.solution.rejected_by_chi2 else None
 
     @property
     def errors(self) -> dict[str, tuple[float, float]]:
-        """Estimates and standard deviations of what the flight tells, in the units of `UNKNOWNS`."""
+        """Estimates and standard deviations of observable errors, in the units of `UNKNOWNS`."""
         solution = self.solution
-        rows = zip(solution.names, solution.value, solution.sigma, solution.told, strict=True)
-        return {name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, told in rows if told}
+        rows = zip(solution.names, solution.value, solution.sigma, solution.observable, strict=True)
+        return {
+            name: (v / UNKNOWNS[name].si, s / UNKNOWNS[name].si) for name, v, s, is_observable in rows if is_observable
+        }
 
 
 def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
@@ -218,7 +220,7 @@ def calibrate(
         errors = {n: UNKNOWNS[n].prior * UNKNOWNS[n].si for n in (*names, *DOPPLER_ERRORS)} | dict(prior or {})
         opened = [stack.enter_context(open_recording(signals_in(Path(name)), changes)) for name in recordings]
         heard = [echoes_of(source, errors) for source in opened]
-        if any(isinstance(each.echoes, WholeEchoes) and each.echoes.rates for each in heard):
+        if any(isinstance(each.echoes, RangeProfiles) and each.echoes.rates for each in heard):
             names = tuple(dict.fromkeys((*names, *DOPPLER_ERRORS)))
         known = None if path is None else read_reference(path, _grid(heard), reference_sigma_m)
         if isinstance(known, ReferenceSurface):
@@ -228,11 +230,11 @@ def calibrate(
         parts, surface, solution = found.parts, found.surface, found.solution
         warnings = [*found.warnings, *_doubts(solution, parts)]
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
-        solution = solution.held() if solution.of_other_ground else solution
-        # Over unknown ground a further line would first have to tell the ground.
+        solution = solution.prior_only() if solution.rejected_by_chi2 else solution
+        # Over unknown ground a further line would first have to determine the ground.
         further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
-            Manoeuvre(name=name, knowledge=solution.knowledge.with_more(information))
+            Manoeuvre(name=name, posterior=solution.posterior.with_more(information))
             for name, information in further.items()
         )
         both = zip(heard, parts.parts, strict=True)
@@ -254,7 +256,7 @@ def calibrate(
 class _Found:
     """An estimate with the ground and the echoes that it is of."""
 
-    parts: Together
+    parts: CombinedEchoes
     surface: Heightfield
     solution: Solution
     displaced: bool = False
@@ -272,7 +274,7 @@ def _over_surface(
 ) -> _Found:
     """Estimate errors over a surface, which may lie elsewhere."""
     surface, known = _filled(reference, _grid(heard), path)
-    parts = Together(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
+    parts = CombinedEchoes(parts=tuple(_over(each.echoes, surface, known, path) for each in heard))
     asked = tuple(names) + (DATUM if sigma_m > 0 else ())
     with stage("estimating", 1):
         solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
@@ -293,7 +295,7 @@ def _over_unknown(
 ) -> _Found:
     """Estimate errors and the ground together, from lines that overlap, and single heights if there are any."""
     parts = tuple(
-        each.echoes.rows(each.echoes.motion.within_lines) for each in heard if isinstance(each.echoes, WholeEchoes)
+        each.echoes.rows(each.echoes.motion.within_lines) for each in heard if isinstance(each.echoes, RangeProfiles)
     )
     if len(parts) < len(heard):
         message = "without a surface as --reference give recordings of signals, of lines that overlap"
@@ -309,17 +311,17 @@ def _over_unknown(
         if not (known.sigma_m > 0).all():
             raise InputFileError(f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma")
         places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
-    own = WholeEchoes.joined(parts)
-    # Waves much shorter than a footprint are nothing that an echo tells.
+    own = RangeProfiles.joined(parts)
+    # An echo holds nothing of waves much shorter than a footprint.
     extent, spacing_m = _grid(heard), max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
     west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
     grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
     with stage("estimating", 1):
         solution, surface = solve_over_unknown_ground(own, grid, names, prior, places, drift)
-    return _Found(parts=Together(parts=parts), surface=surface, solution=solution)
+    return _Found(parts=CombinedEchoes(parts=parts), surface=surface, solution=solution)
 
 
-def _footprint_m(echoes: WholeEchoes) -> float:
+def _footprint_m(echoes: RangeProfiles) -> float:
     """Return the width of the narrowest footprints: two standard deviations of the beam's power to each side."""
     range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
     return 4 * min(echoes.sightings.beam.spread) * range_m
@@ -343,7 +345,7 @@ class Heard:
     source: RecordingSource
     sensor: Sensor
     observed: Observed
-    echoes: WholeEchoes | Readings
+    echoes: RangeProfiles | Readings
     grid: Grid
     doppler: str = ""
 
@@ -354,7 +356,9 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
     prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
     """
     if not source.file.pulses.located:
-        raise InputFileError(f"{shown(source.path)}: has no poses, from which the errors are told; add measured ones")
+        raise InputFileError(
+            f"{shown(source.path)}: has no poses, from which the errors are estimated; add measured ones"
+        )
     if source.settings.processing.calibration is not None:
         raise ScenarioError.of("processing.calibration", "is what is estimated here; leave it out", str(source.path))
     readings = isinstance(source.file, DescribedRanges)
@@ -365,12 +369,12 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
     sensor, observed = observe(wanted, Execution())
     points = place(observed.echoes, sensor, source.flight)
     if len(points) < FEWEST:
-        raise InputFileError(f"{shown(source.path)}: has {len(points)} echoes; {FEWEST} at least tell anything")
+        raise InputFileError(f"{shown(source.path)}: has {len(points)} echoes; at least {FEWEST} are needed")
     mapper, motion = wanted.mapper_of(points), source.believed()
     if readings:
         first = np.unique(points.pulse, return_index=True)[1]
         own = motion.rows(points.pulse[first])
-        echoes: WholeEchoes | Readings = Readings(
+        echoes: RangeProfiles | Readings = Readings(
             range_m=points.range_m[first],
             sigma_m=np.maximum(points.range_sigma_m[first], 1e-3),
             motion=own,
@@ -383,7 +387,7 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
     echo_ranges = mean_ranges(sightings)
     rates, doppler = (None, "") if prior is None else _range_rates(source, motion, sightings.beam.spread, prior)
     reach = sightings.repeated(echo_ranges.range_m)
-    whole = WholeEchoes(sightings=sightings, motion=own, reach=reach, rates=rates)
+    whole = RangeProfiles(sightings=sightings, motion=own, reach=reach, rates=rates)
     grid = replace(reaching(mapper.grid, sightings, echo_ranges), georeference=mapper.grid.georeference)
     return Heard(source=source, sensor=sensor, observed=observed, echoes=whole, grid=grid, doppler=doppler)
 
@@ -448,13 +452,13 @@ def _filled(
 
 
 def _over(
-    echoes: WholeEchoes | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path | None
-) -> WholeEchoes | Readings:
+    echoes: RangeProfiles | Readings, surface: Heightfield, known: Bool[np.ndarray, "row column"], path: Path | None
+) -> RangeProfiles | Readings:
     """Return the echoes of footprints that the reference covers."""
     pose, grid = echoes.motion.pose, surface.grid
     reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
     toward = pose.boresight[:, None]
-    if isinstance(echoes, WholeEchoes):
+    if isinstance(echoes, RangeProfiles):
         toward = np.concatenate([toward, echoes.sightings.corner_directions()], axis=1)
     covered = echoes.motion.within_lines
     for k in range(toward.shape[1]):
@@ -467,7 +471,7 @@ def _over(
         covered &= own if k == 0 else own | ~np.isfinite(hit)
         covered &= np.isfinite(hit) if k == 0 else True
     if covered.sum() < FEWEST:
-        message = f"{shown(path or Path())}: lies under {covered.sum()} echoes; {FEWEST} at least tell anything"
+        message = f"{shown(path or Path())}: lies under {covered.sum()} echoes; at least {FEWEST} are needed"
         raise InputFileError(message)
     return echoes.rows(covered)
 
@@ -478,7 +482,7 @@ def _displaced(free: Solution, stated_m: float) -> bool:
     return any(
         abs(free.value[free.names.index(name)]) > DISPLACED * np.hypot(free.sigma[free.names.index(name)], stated_m)
         for name in DATUM
-        if free.told[free.names.index(name)]
+        if free.observable[free.names.index(name)]
     )
 
 
@@ -486,7 +490,7 @@ def _displacement(free: Solution, stated_m: float) -> str:
     parts = []
     for name in DATUM:
         k = free.names.index(name)
-        if free.told[k]:
+        if free.observable[k]:
             parts.append(f"{-free.value[k]:+.2f} ± {free.sigma[k]:.2f} m {name.removeprefix('datum_')}")
     stated = f"more than the {stated_m:g} m that are stated" if stated_m else "and --reference-sigma states none"
     return (
@@ -495,30 +499,30 @@ def _displacement(free: Solution, stated_m: float) -> str:
     )
 
 
-def _doubts(solution: Solution, parts: Together) -> list[str]:
+def _doubts(solution: Solution, parts: CombinedEchoes) -> list[str]:
     """Return warnings about echoes that are not those of the modelled ground."""
     if solution.model_holds:
         return []
-    bias = None if solution.of_other_ground else solution.next_range_bias(parts.line)
+    bias = None if solution.rejected_by_chi2 else solution.next_range_bias(parts.line)
     wanders = (
         "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
         "{:.2f} ± {:.2f} m"
     )
     return [
         *([] if bias is None else [wanders.format(*bias)]),
-        f"the echoes are not those of this ground: their squared residuals are {solution.misfit:.2f} times those of "
-        f"speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
+        f"the echoes are not those of this ground: their squared residuals are {solution.reduced_chi2:.2f} times those "
+        f"of speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
         + (
             NO_ESTIMATE
-            if solution.of_other_ground
+            if solution.rejected_by_chi2
             else "Standard deviations include the scatter of stretches, and no error that all of them share"
         ),
     ]
 
 
 # ------------------------------------------------------------------------------------------------------- manoeuvres
-def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
+def _manoeuvres(parts: CombinedEchoes, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
     """Return the information that one more line of each kind would add, like the longest that was flown."""
     line, drift = parts.line, solution.drift
     longest = np.bincount(line).argmax()
@@ -530,11 +534,13 @@ def _manoeuvres(parts: Together, surface: Heightfield, solution: Solution) -> di
             break
         first += len(part)
     for name, motion in _lines(one.motion, surface).items():
-        information = one.expected(motion, solution.errors, surface, drift.every, sigma_m) / solution.scatter
-        if isinstance(one, WholeEchoes) and one.rates is not None:
+        information = one.expected(motion, solution.errors, surface, drift.all_names, sigma_m) / solution.scatter
+        if isinstance(one, RangeProfiles) and one.rates is not None:
             flown = replace(one, rates=replace(one.rates, motion=_lines(one.rates.motion, surface)[name]))
-            information += flown.doppler_information(solution.errors, drift.every)[0]
-        found[name] = drift.eliminated(information, np.zeros(len(drift.every)), np.zeros(len(drift.own))).information
+            information += flown.doppler_information(solution.errors, drift.all_names)[0]
+        found[name] = drift.eliminated(
+            information, np.zeros(len(drift.all_names)), np.zeros(len(drift.own))
+        ).information
     return found
 
 
@@ -578,7 +584,7 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
 
 
 # ------------------------------------------------------------------------------------------------ before and after
-def _calibrated(heard: Heard, echoes: WholeEchoes | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
+def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
     before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
-from sionna_radar.studies.calibration.estimation import TOLD
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
 from sionna_radar.studies.material_fit.study import MaterialFit, Measure, Unknown
 
 # Half-widths of intervals that hold 68 and 95 % of a Gaussian, in standard deviations.
@@ -23,17 +23,19 @@ LOWERED = 0.7
 
 def materials_numbers(fit: MaterialFit) -> dict[str, Any]:
     """Return the numbers: parameters in the units of their keys, covariances in nepers or those units."""
-    knowledge = fit.knowledge
+    posterior = fit.posterior
     return {
-        "told_below": TOLD,
+        "told_below": MAX_POSTERIOR_RATIO,
         "parameters": _parameters(fit),
-        "covariance": knowledge.covariance,
-        "correlation": knowledge.correlation,
+        "covariance": posterior.covariance,
+        "correlation": posterior.correlation,
         "trade_offs": trade_off_words(fit),
-        "measures": [{"name": m.name, "sigma": m.knowledge.sigma, "told": m.knowledge.told} for m in fit.measures],
-        "misfit": fit.misfit,
-        "degrees_of_freedom": fit.freedom,
-        "probability_of_misfit": fit.surprise,
+        "measures": [
+            {"name": m.name, "sigma": m.posterior.sigma, "told": m.posterior.observable} for m in fit.measures
+        ],
+        "misfit": fit.chi2,
+        "degrees_of_freedom": fit.dof,
+        "probability_of_misfit": fit.p_value,
         "model_holds": fit.model_holds,
     }
 
@@ -46,10 +48,10 @@ def _parameters(fit: MaterialFit) -> list[dict[str, Any]]:
             "name": unknown.name,
             "before": unknown.value(unknown.start),
             "estimate": fit.estimates[unknown.name],
-            "sigma": fit.knowledge.sigma[k],
+            "sigma": fit.posterior.sigma[k],
             "sigma_unit": "Np" if unknown.floor is not None else "of the key",
             **{key: found[unknown.name] for key, found in intervals.items()},
-            "told": bool(fit.knowledge.told[k]),
+            "told": bool(fit.posterior.observable[k]),
         }
         for k, unknown in enumerate(fit.unknowns)
     ]
@@ -77,8 +79,8 @@ def materials_toml(fit: MaterialFit) -> str:
         name: {"model": table.model, **table.model_dump(mode="json", exclude_none=True, exclude_defaults=True)}
         for name, table in fit.tables.items()
     }
-    told = zip(fit.unknowns, fit.knowledge.told, strict=True)
-    held = [unknown.name for unknown, is_told in told if not is_told]
+    both = zip(fit.unknowns, fit.posterior.observable, strict=True)
+    held = [unknown.name for unknown, is_observable in both if not is_observable]
     head = "# Materials as fitted: they replace those of the same names in a scenario.\n"
     head += f"# Not observable from the levels, and near the prior: {', '.join(held)}.\n" if held else ""
     return head + tomli_w.dumps({"materials": tables})
@@ -110,11 +112,11 @@ def trade_off_words(fit: MaterialFit) -> list[str]:
     """Return in words what the levels leave open, alone or together, and which estimates trade off."""
     known = {unknown.name: unknown for unknown in fit.unknowns}
     words = []
-    for direction in fit.knowledge.unseen:
+    for direction in fit.posterior.null_space:
         parts = [_change(known[name], change) for name, change in direction.items()]
         verdict = "not observable" if len(parts) == 1 else "not separable"
         words.append(f"{verdict}: {' with '.join(parts)} leaves the levels nearly as they are")
-    names, correlation = fit.knowledge.names, fit.knowledge.correlation
+    names, correlation = fit.posterior.names, fit.posterior.correlation
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
         if abs(correlation[i, j]) > NAMED:
             words.append(f"trade-off: {names[i]} and {names[j]}, correlation {correlation[i, j]:+.2f}")
@@ -131,15 +133,17 @@ def _change(unknown: Unknown, change: float) -> str:
 def measure_words(fit: MaterialFit) -> list[str]:
     """Return in words what further measurements would make observable, and which trade-offs they resolve."""
     words = [text for measure in fit.measures for text in _gain(fit, measure)]
-    if words or bool(fit.knowledge.told.all()):
+    if words or bool(fit.posterior.observable.all()):
         return words
     return ["none of these alone would make more observable: " + "; ".join(m.name.rstrip(",") for m in fit.measures)]
 
 
 def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
     """Return sentences: parameters that a measurement makes observable, standard deviations that it lowers."""
-    before, after = fit.knowledge, measure.knowledge
-    gained = [n for n, was, now in zip(before.names, before.told, after.told, strict=True) if now and not was]
+    before, after = fit.posterior, measure.posterior
+    gained = [
+        n for n, was, now in zip(before.names, before.observable, after.observable, strict=True) if now and not was
+    ]
     lowered = [
         f"{name} to {ratio:.2f}"
         for name, ratio in zip(before.names, after.sigma / before.sigma, strict=True)
@@ -152,7 +156,7 @@ def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
 
 
 def _verdict(fit: MaterialFit) -> str:
-    chance = f"chi-squared {fit.misfit:.4g} with {fit.freedom} degrees of freedom, p = {fit.surprise:.2g}"
+    chance = f"chi-squared {fit.chi2:.4g} with {fit.dof} degrees of freedom, p = {fit.p_value:.2g}"
     if fit.model_holds:
         return f"the models describe the levels: {chance}"
     return f"warning: the models do not describe the levels, so that the intervals are too narrow: {chance}"

@@ -7,8 +7,9 @@ trigamma(L). These logarithms are fitted by weighted least squares, together wit
 beforehand and, of a radar that is not calibrated, a level that all rows share.
 
 Heights, lengths, losses and permittivities (less that of air) are fitted as logarithms, levels as decibels. With the
-covariance of the estimate it is known which parameters the levels tell (`mapping.calibration.Knowledge`), which
-directions they leave open, and, with the information of rows that were not measured, what would tell more.
+covariance of the estimate it is known which parameters are observable (`calibration.estimation.Posterior`), which
+directions they leave open, and, with the information of rows that were not measured, which measurements would make more
+parameters observable.
 
 A constant gamma against another model's curve is the case of one parameter, equal weights and nothing known before.
 """
@@ -43,7 +44,7 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.studies.calibration.estimation import Knowledge
+from sionna_radar.studies.calibration.estimation import Posterior
 from sionna_radar.studies.calibration.instrument_echoes import Readings
 from sionna_radar.studies.calibration.study import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
@@ -59,19 +60,19 @@ PRIOR_NEPERS, PRIOR_DB = 1.0, 10.0
 # Fitted as logarithms, above these values.
 LOGARITHMIC = {"rms_height_m": 0.0, "correlation_length_m": 0.0, "permittivity": 1.0, "loss": 0.0}
 CALIBRATION, CROSS = "calibration_db", "cross_polar_db"
-# Probability of residuals as large by chance, below which the models do not describe the levels.
-SURPRISE = 1e-3
+# p-value below which the models are rejected.
+MIN_P_VALUE = 1e-3
 # Step of difference quotients, in nepers or dB: rounding and curvature are both below 1e-8 of a derivative.
 STEP = 1e-5
 # Standard deviation that stands for one of a parameter of which nothing is known.
 UNKNOWN = 1e6
 # Heights and lengths that are tried as a start, from those believed, in standard deviations beforehand.
 SCANNED = np.linspace(-3.0, 3.0, 13)
-# Of measurements that were not made: an amplitude known to this, dB, and incidence angles.
+# Hypothetical measurements for the design table: amplitude sigma (dB) and incidence angles (deg).
 CALIBRATED_DB = 0.5
 WIDE_DEG = np.arange(5.0, 76.0, 10.0)
-# Levels nearer to VV than this, and as near to HH, are of both polarizations.
-NEAR_V_RAD = math.pi / 6
+# Polarization angle up to which a level counts as VV, and complement from which it counts as HH.
+POLARIZATION_LIMIT_RAD = math.pi / 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,10 +108,10 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A measurement that was not made: its name, and what would be known with it."""
+    """A hypothetical measurement: its name, and the posterior with it."""
 
     name: str
-    knowledge: Knowledge
+    posterior: Posterior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,17 +119,17 @@ class MaterialFit:
     """Estimated parameters of materials, and what the levels tell of them.
 
     scaled: estimates as they were fitted, in nepers, dB or the unit of the key. fitted: sigma0 of the rows, with the
-    calibration's estimate. misfit: sum of squared residuals, over their variances; freedom: its degrees of freedom.
-    tables: materials with the estimates. measures: what would tell more.
+    calibration's estimate. chi2: sum of squared residuals, over their variances; dof: its degrees of freedom.
+    tables: materials with the estimates. measures: hypothetical further measurements.
     """
 
     levels: Levels
     unknowns: tuple[Unknown, ...]
     scaled: Float[np.ndarray, " unknown"]
-    knowledge: Knowledge
+    posterior: Posterior
     fitted: Float[np.ndarray, " row"]
-    misfit: float
-    freedom: int
+    chi2: float
+    dof: int
     tables: Mapping[str, MaterialParameters]
     measures: tuple[Measure, ...]
 
@@ -139,21 +140,21 @@ class MaterialFit:
 
     def intervals(self, sigmas: float) -> dict[str, tuple[float, float]]:
         """Return intervals of so many standard deviations to each side, of the fitted numbers, in the keys' units."""
-        width = sigmas * self.knowledge.sigma
+        width = sigmas * self.posterior.sigma
         return {
             u.name: (u.value(float(t - w)), u.value(float(t + w)))
             for u, t, w in zip(self.unknowns, self.scaled, width, strict=True)
         }
 
     @property
-    def surprise(self) -> float:
+    def p_value(self) -> float:
         """Probability of residuals as large by speckle and what is stated alone."""
-        return float(gammaincc(self.freedom / 2, self.misfit / 2))
+        return float(gammaincc(self.dof / 2, self.chi2 / 2))
 
     @property
     def model_holds(self) -> bool:
         """Whether the models describe the levels."""
-        return self.surprise >= SURPRISE
+        return self.p_value >= MIN_P_VALUE
 
 
 @on_one_thread
@@ -216,23 +217,23 @@ def fit_materials(
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
     problem = _Problem(model=model, measured=np.log(levels.sigma0) - bias, sigma=sigma)
-    scaled, misfit = problem.solve(np.array([u.start for u in unknowns]))
-    freedom = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
-    if misfit > freedom:
-        scaled, misfit = min((scaled, misfit), problem.solve(problem.scanned()), key=lambda found: found[1])
+    scaled, chi2 = problem.solve(np.array([u.start for u in unknowns]))
+    dof = len(levels) - sum(math.isinf(u.prior) for u in unknowns)
+    if chi2 > dof:
+        scaled, chi2 = min((scaled, chi2), problem.solve(problem.scanned()), key=lambda found: found[1])
     rates = model.rates(scaled) / sigma[:, None]
     prior_known = np.minimum([u.prior for u in unknowns], UNKNOWN)
-    knowledge = Knowledge(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
+    posterior = Posterior(names=tuple(u.name for u in unknowns), prior=prior_known, information=rates.T @ rates)
     return MaterialFit(
         levels=levels,
         unknowns=unknowns,
         scaled=scaled,
-        knowledge=knowledge,
+        posterior=posterior,
         fitted=np.exp(model.predict(scaled)),
-        misfit=misfit,
-        freedom=freedom,
+        chi2=chi2,
+        dof=dof,
         tables={name: model.table(name, scaled) for name in dict.fromkeys(levels.cover)},
-        measures=_measures(model, scaled, knowledge, level_sigma_db, calibration_sigma_db),
+        measures=_measures(model, scaled, posterior, level_sigma_db, calibration_sigma_db),
     )
 
 
@@ -421,7 +422,7 @@ class _Problem:
 
     def scanned(self) -> Float[np.ndarray, " unknown"]:
         """Return a start: the belief, with the heights and lengths near it that fit the levels of each cover best."""
-        # The misfit of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
+        # The chi2 of a rough surface has several valleys: rougher or smoother, of longer or shorter waves.
         model, place = self.model, {u.name: k for k, u in enumerate(self.model.unknowns)}
         believed, weight, most = np.array([(u.start, u.weight, u.most) for u in model.unknowns]).T
         start, width = believed.copy(), np.minimum(1 / np.maximum(weight, 1e-9), PRIOR_NEPERS)
@@ -440,22 +441,25 @@ class _Problem:
 def _measures(
     model: _Model,
     scaled: Float[np.ndarray, " unknown"],
-    knowledge: Knowledge,
+    posterior: Posterior,
     level_sigma_db: float,
     calibration_sigma_db: float,
 ) -> tuple[Measure, ...]:
     """Return measurements that were not made, each with the Fisher information that it would add."""
     levels, found = model.levels, []
     if calibration_sigma_db > CALIBRATED_DB:
-        known = np.zeros_like(knowledge.information)
+        known = np.zeros_like(posterior.information)
         known[-1, -1] = 1 / CALIBRATED_DB**2
         name = f"a radar calibrated to {CALIBRATED_DB:g} dB, as by a reflector of known cross-section,"
-        found.append(Measure(name=name, knowledge=knowledge.with_more(known)))
+        found.append(Measure(name=name, posterior=posterior.with_more(known)))
     series = dict.fromkeys(
         zip(levels.cover, np.round(levels.polarization_rad, 6), map(bool, levels.cross), strict=True)
     )
     rows = [(*each, incidence) for each in series for incidence in np.deg2rad(WIDE_DEG)]
-    both = levels.polarization_rad.min() < NEAR_V_RAD and levels.polarization_rad.max() > math.pi / 2 - NEAR_V_RAD
+    both = (
+        levels.polarization_rad.min() < POLARIZATION_LIMIT_RAD
+        and levels.polarization_rad.max() > math.pi / 2 - POLARIZATION_LIMIT_RAD
+    )
     turned = replace(levels, polarization_rad=math.pi / 2 - levels.polarization_rad)
     further = ({} if both else {"the other linear polarization": turned}) | {
         f"incidence from {WIDE_DEG[0]:g} to {WIDE_DEG[-1]:g} deg": Levels(
@@ -469,14 +473,14 @@ def _measures(
     }
     for name, added in further.items():
         rates = replace(model, levels=added).rates(scaled) / _sigma(added.looks, level_sigma_db)[:, None]
-        found.append(Measure(name=name, knowledge=knowledge.with_more(rates.T @ rates)))
+        found.append(Measure(name=name, posterior=posterior.with_more(rates.T @ rates)))
     return tuple(found)
 
 
 # ------------------------------------------------------------------------------------------- levels of traced echoes
 INCIDENCE_STEP_DEG, POLARIZATION_STEP_DEG = 5.0, 15.0
 # Of the expected power of an echo that counts for a cover, the share that comes from it.
-PURE = 0.99
+MIN_CLASS_FRACTION = 0.99
 # Pulses traced at once.
 BLOCK = 500
 
@@ -531,7 +535,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         turn = round(np.rad2deg(looks["polarization_rad"][k]) / POLARIZATION_STEP_DEG)
         groups.setdefault((str(looks["cover"][k]), angle, turn), []).append(int(k))
     if not groups:
-        message = f"no echo has {PURE:.0%} of its power from one cover without a mirror; narrow the beam"
+        message = f"no echo has {MIN_CLASS_FRACTION:.0%} of its power from one cover without a mirror; narrow the beam"
         raise ScenarioError.of("terrain", message)
     found, count, sums = sorted(groups), [], np.zeros((91, 2))
     for key in found:
@@ -540,7 +544,7 @@ def measure_levels(prepared: Prepared, pulses: int = 2000, recording: Path | Non
         square, variance, level = looks["power"][own] ** 2, looks["variance"][own], looks["sigma0"][own]
         each = max(float(np.median(square / variance)) - 1, 1.0)
         mean = float(np.median(level)) * each / gammaincinv(each, 0.5)
-        kept = gammaincc(each, each * level / mean) > SURPRISE / len(looks["cover"])
+        kept = gammaincc(each, each * level / mean) > MIN_P_VALUE / len(looks["cover"])
         groups[key] = own[kept].tolist()
         count.append(kept.sum() / repeated[own][kept].mean())
         sums[key[1]] += np.array([square[kept].sum(), variance[kept].sum()]) / np.median(looks["power"][own]) ** 2
@@ -583,7 +587,7 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
     share = np.zeros((len(index), len(covers)))
     np.add.at(share, (row, kind[flat.surface]), weight)
     total = share.sum(axis=1)
-    single = (total > 0) & (share.max(axis=1) >= PURE * total)
+    single = (total > 0) & (share.max(axis=1) >= MIN_CLASS_FRACTION * total)
     pose = survey.flight.pulses(index).true
     # Sionna's vertical polarization lies along the antenna's third axis, the horizontal one along its second.
     electric = pose.R_world_antenna[:, :, 2 if survey.scenario.radar.antenna.polarization == "V" else 1]
