@@ -82,6 +82,13 @@ def number(value: float | int, form: str, unit: str = "") -> str:
     return NONE if value != value else f"{value:{form}}{unit}"
 
 
+def with_spread(mean: float, spread: float, form: str) -> str:
+    """Return a mean and its spread, such as a standard deviation; without one if it is NaN, a dash for no mean."""
+    if mean != mean or spread != spread:
+        return number(mean, form)
+    return f"{number(mean, form)} ± {number(spread, form.lstrip('+'))}"
+
+
 def print_on_any_encoding() -> None:
     """Replace characters that standard output and error cannot encode, instead of failing."""
     codecs.register_error("sionna_radar.plain", _spelled_out)

@@ -73,7 +73,7 @@ def test_an_ascii_terminal_takes_all_that_is_printed(small: Path, tmp_path: Path
     )
     assert done.returncode == 0, done.stderr
     swept, flown, listed, _ = done.stdout.decode("ascii").split("END OF COMMAND")
-    assert "+-0." in swept
+    assert "+- 0." in swept
     widths = {len(line) for line in swept.splitlines() if line.startswith("|")}
     assert len(widths) == 1, swept
     assert "[bold]b[/bold] :smile: +- u \\u5c71" in flown

@@ -25,8 +25,8 @@ def calibrate_command(
         typer.Option(
             "--reference",
             metavar="FILE",
-            help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it lines "
-            "that overlap tell what they can.",
+            help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it the "
+            "ground is estimated from overlapping lines.",
         ),
     ] = None,
     estimate: Annotated[
@@ -44,7 +44,7 @@ def calibrate_command(
         typer.Option(
             "--prior",
             metavar="NAME=SIGMA",
-            help="Its standard deviation beforehand (repeat), e.g. time_offset=5 (ms); where Doppler is used also that "
+            help="Its prior sigma (repeat), e.g. time_offset=5 (ms); where Doppler is used also that "
             "of velocity_east, velocity_north, velocity_up (m/s) and backscatter_slope (dB/deg).",
         ),
     ] = None,

@@ -32,7 +32,7 @@ from sionna_radar.report.drawing import (
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
-from sionna_radar.report.terminal import NONE, number, table_of
+from sionna_radar.report.terminal import NONE, number, table_of, with_spread
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.design.plan import (
@@ -171,7 +171,7 @@ def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:
 def _with_spread(one: Checked, name: str) -> str:
     value, spread = one.values.get(name, np.nan), one.spread.get(name, np.nan)
     form = ".1%" if name in SHARES else ",.0f" if name == "mapped_m2" else ".3g"
-    return number(value, form) + (f" ± {number(spread, form)}" if np.isfinite(spread) else "")
+    return with_spread(value, spread, form)
 
 
 def sentences(design: RadarDesign) -> list[str]:

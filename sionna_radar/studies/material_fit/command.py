@@ -34,7 +34,7 @@ def fit_materials_command(
         typer.Option(
             "--prior",
             metavar="NAME=VALUE",
-            help="Known beforehand to (repeat): a factor for heights, lengths and permittivities, else in its unit.",
+            help="Prior sigma (repeat): a factor for heights, lengths and permittivities, else in its unit.",
         ),
     ] = None,
     calibration_sigma_db: Annotated[

@@ -46,7 +46,7 @@ def sweep(
     sort: Annotated[
         str | None,
         typer.Option(
-            "--sort", metavar="EXPR", help="Order of the table, least first; what seeds cannot tell apart is marked."
+            "--sort", metavar="EXPR", help="Order of the table, least first; what seeds cannot separate is marked."
         ),
     ] = None,
     require: Annotated[

@@ -34,9 +34,9 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable
 from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text
 from sionna_radar.report.files.points_table import check_parquet
-from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.study_document import Column, StudyDocument
 from sionna_radar.report.survey.summary import better_map
-from sionna_radar.report.terminal import NONE, number, table_of
+from sionna_radar.report.terminal import number, table_of, with_spread
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.sweep.ranking import COLUMNS, Ranking, ranked
 from sionna_radar.studies.sweep.settings import Axis
@@ -459,27 +459,33 @@ def _document(trial: Trial) -> dict[str, Any]:
     return {name: value for name, value in asdict(replace(trial, maps={})).items() if name not in (*COSTS, "maps")}
 
 
-HEADINGS = {
-    "rms_m": "RMS",
-    "mean_m": "mean",
-    "std_m": "std",
-    "nmad_m": "NMAD",
-    "le90_m": "LE90",
-    "min_m": "min",
-    "max_m": "max",
-    "coverage": "coverage of lit cells",
-    "mapped_m2": "mapped m2",
-    "coverage_of_swath": "coverage of swath",
-    "off_wall_rms_m": "RMS off walls",
-    "all_cells_rms_m": "RMS all cells",
-    "stated_sigma_m": "stated sigma",
-    "common_rms_m": "RMS common cells",
-}
+def _statistic(key: str, heading: str, form: str = ".3f") -> Column[Case]:
+    return Column(
+        key=key, heading=heading, form=form, text=lambda case: with_spread(case.mean(key), case.spread(key), form)
+    )
+
+
+# Statistics of a setting in tables.
+COLUMNS_OF_CASES = (
+    _statistic("rms_m", "RMS"),
+    _statistic("mean_m", "mean", "+.3f"),
+    _statistic("std_m", "std"),
+    _statistic("nmad_m", "NMAD"),
+    _statistic("le90_m", "LE90"),
+    _statistic("min_m", "min", "+.3f"),
+    _statistic("max_m", "max", "+.3f"),
+    _statistic("coverage", "coverage of lit cells", ".1%"),
+    _statistic("mapped_m2", "mapped m2", ",.0f"),
+    _statistic("coverage_of_swath", "coverage of swath", ".1%"),
+    _statistic("off_wall_rms_m", "RMS off walls"),
+    _statistic("all_cells_rms_m", "RMS all cells"),
+    _statistic("stated_sigma_m", "stated sigma"),
+    _statistic("common_rms_m", "RMS common cells"),
+)
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
 # Shown only where a case has them.
 OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms_m")
-SIGNED = ("min_m", "max_m", "mean_m")
 
 
 def sentences(result: Sweep) -> list[str]:
@@ -512,16 +518,23 @@ def sweep_table(result: Sweep, ranking: Ranking = UNRANKED) -> Table:
     """
     trials = f"mean of {result.repeat} trials ± their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
-    columns = [s for s in HEADINGS if s not in OPTIONAL or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    columns = [
+        column
+        for column in COLUMNS_OF_CASES
+        if column.key not in OPTIONAL or any(np.isfinite(case.mean(column.key)) for case in result.cases)
+    ]
     cases, varied = ranked(result, ranking), [axis.key for axis in result.axes]
     same = [n for n in COLUMNS if len({judged[n] for _, judged in cases if judged[n] == judged[n]}) < 2]
     hidden = {*same, *(["method"] if METHOD in varied else [])}
     names = [name for name in (cases[0][1] if cases else ()) if name not in hidden]
-    heads = *(HEADINGS[s] for s in columns), *("DEM method" if name == "method" else name for name in names)
+    heads = (
+        *(str(column.heading) for column in columns),
+        *("DEM method" if name == "method" else name for name in names),
+    )
     rows = []
     for case, judged in cases[:MAX_ROWS]:
         setting = (short(setting_text(case.setting, key)) for key in varied)
-        statistics = (_with_spread(case, s) for s in columns)
+        statistics = (column.shown(case) for column in columns)
         rows.append([*setting, *statistics, *(_judgement(judged[name]) for name in names)])
     return table_of(title, [*varied, *heads], rows)
 
@@ -535,15 +548,6 @@ def _judgement(value: Any) -> str:
 def _warnings(case: Case) -> list[str]:
     """Return the warnings of a case, from the first seed with any."""
     return list(next((t.warnings for t in case.trials if t.warnings), ()))
-
-
-def _with_spread(case: Case, statistic: str) -> str:
-    mean, spread = case.mean(statistic), case.spread(statistic)
-    form = ".1%" if statistic in SHARES else "+.3f" if statistic in SIGNED else ".3f"
-    form = ",.0f" if statistic == "mapped_m2" else form
-    if mean != mean:
-        return NONE
-    return number(mean, form) + ("" if spread != spread else f" ±{number(spread, form.strip('+'))}")
 
 
 def sweep_document(

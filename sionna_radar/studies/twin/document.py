@@ -109,7 +109,7 @@ ROWS = Columns[Row](
         Column(key="simulated", heading="simulated", form=".4g"),
         Column(key="difference", heading="difference", form="+.3g"),
         Column(key="sigma", heading="deviation", form=".2g"),
-        Column(key="p", heading="p", form=".3g"),
+        Column(key="p", heading="p-value", form=".3g"),
         Column(key="differs", heading="differs", console=False),
         Column(key="needs", heading="what it would need", console=False),
     ]
