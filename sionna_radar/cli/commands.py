@@ -136,8 +136,7 @@ def _fly(
         if files:
             execution = Execution(block_size=size)
             return heights.beside(run(survey, recordings=files, sample_type=sample_type, execution=execution))
-        with session.team() as team:
-            execution = Execution(block_size=size, workers=team, checkpoints=keep(identity(checked, size)))
+        with session.execution(keep, identity(checked, size), size) as execution:
             return heights.beside(run(survey, execution=execution))
 
     outside, kinds = parse_records(record)

@@ -135,7 +135,7 @@ def process_command(
     if describe is not None:
         _describe(session, recording, describe)
         return
-    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
+    from sionna_radar.execution.execution import BLOCK_SIZE
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.files.contents import Report
     from sionna_radar.report.survey.processed import processed_document
@@ -150,9 +150,7 @@ def process_command(
             # A reference that does not fit is refused before a long processing.
             with open_recording(recording, session.overrides) as source:
                 heights.check(source.mappable_grid())
-        with session.team() as team:
-            checkpoints = keep(identity_of(recording, session.overrides, size))
-            execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)
+        with session.execution(keep, identity_of(recording, session.overrides, size), size) as execution:
             processed = process(recording, session.overrides, execution=execution)
         return heights.beside(processed)
 

@@ -19,6 +19,7 @@ from sionna_radar.report.files.contents import PointsFile, Report
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
+    from sionna_radar.execution.execution import Execution
     from sionna_radar.execution.workers import Workers
     from sionna_radar.foundation.raster import Grid
     from sionna_radar.scenario import Scenario
@@ -118,6 +119,20 @@ class Session:
         from sionna_radar.execution.cluster import open_workers
 
         return open_workers(self.workers, self.scheduler)
+
+    @contextmanager
+    def execution(
+        self, keep: OpenCheckpoints, described: Mapping[str, Any], block_size: int | None = None
+    ) -> "Iterator[Execution]":
+        """Yield the execution of a run on the workers, with its checkpoints.
+
+        keep: opens the checkpoints, as `produce` gives it.
+        described: inputs on which the result depends.
+        """
+        from sionna_radar.execution.execution import BLOCK_SIZE, Execution
+
+        with self.team() as team:
+            yield Execution(block_size=block_size or BLOCK_SIZE, workers=team, checkpoints=keep(described))
 
     def load(self) -> "Scenario":
         """Return the scenario."""

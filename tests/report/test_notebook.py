@@ -19,6 +19,7 @@ from sionna_radar.studies.budget import navigation_budget as run_budget
 from sionna_radar.studies.budget.study import navigation_errors
 from sionna_radar.studies.crosscheck import crosscheck as run_crosscheck
 from sionna_radar.studies.images import image as run_images
+from sionna_radar.studies.link import link_budget
 from sionna_radar.studies.sweep import plan_sweep, run_sweep
 from sionna_radar.survey.result import Survey
 
@@ -49,6 +50,13 @@ def test_a_result_shows_a_table_and_a_picture(name, survey):
     assert "array(" not in repr(result)
 
 
+def test_any_record_is_shown_by_the_document_of_its_study():
+    budget = link_budget(load_scenario("hills", SHORT), incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=100)
+    shown = html_of(budget)
+    assert "Echo of the ground in one pulse" in shown
+    assert shown.count("data:image/png") == 1
+
+
 def test_a_warning_is_shown():
     survey = run(load_scenario("hills", SHORT | {"radar.snr_db": -60.0}))
     assert "<p>warning: no echo was detected" in html_of(survey)
@@ -57,7 +65,7 @@ def test_a_warning_is_shown():
 def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell, survey):
     register_with_ipython()
     records = list(_records())
-    assert len(records) >= 5
+    assert len(records) == 13
     assert all(hasattr(import_module(module), name) for module, name in records)
     data, _ = shell.display_formatter.format(survey)
     assert data["text/html"] == html_of(survey)

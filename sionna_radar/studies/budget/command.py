@@ -27,7 +27,6 @@ def budget(
     ] = None,
 ) -> None:
     """Find the GPS/IMU accuracy a survey needs: the size of each error that alone raises the RMS of the DEM by 10 %."""
-    from sionna_radar.execution.execution import Execution
     from sionna_radar.studies.budget.document import DOCUMENT
     from sionna_radar.studies.budget.study import GRADES, GROWTH, identity_of, load_grades
     from sionna_radar.studies.budget.study import navigation_budget as run_budget
@@ -39,8 +38,7 @@ def budget(
     asked = identity_of(checked, GROWTH, repeat, known) | ({} if limit_m is None else {"limit": limit_m})
 
     def fly(keep: "OpenCheckpoints") -> "Budget":
-        with session.team() as team:
-            execution = Execution(workers=team, checkpoints=keep(asked))
+        with session.execution(keep, asked) as execution:
             return run_budget(checked, limit_m=limit_m, repeat=repeat, grades=known, execution=execution)
 
     session.produce(fly, DOCUMENT)

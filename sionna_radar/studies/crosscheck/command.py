@@ -16,7 +16,7 @@ def crosscheck(
     session: Session,
 ) -> None:
     """Simulate the same pulses with both engines and test whether they agree; exit code 1 if not."""
-    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
+    from sionna_radar.execution.execution import BLOCK_SIZE
     from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck.document import DOCUMENT
     from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
@@ -24,9 +24,8 @@ def crosscheck(
     checked = session.load_and_precompile()
 
     def fly(keep: "OpenCheckpoints") -> "CrossCheck":
-        with session.team() as team:
-            checkpoints = keep(identity(checked, BLOCK_SIZE))
-            return run_crosscheck(checked, execution=Execution(workers=team, checkpoints=checkpoints))
+        with session.execution(keep, identity(checked, BLOCK_SIZE)) as execution:
+            return run_crosscheck(checked, execution=execution)
 
     session.produce(fly, DOCUMENT, exit_code=lambda result: 0 if result.agrees else 1)
 

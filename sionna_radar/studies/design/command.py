@@ -64,7 +64,6 @@ def design(
     quantities in closed form: aperture_m, swath_m, area_per_hour_km2, lines, flying_time_s, line_gap_m, dwell_s,
     pulses_per_s, samples_per_s, data_rate_mbps, transmit_power_w.
     """
-    from sionna_radar.execution.execution import Execution
     from sionna_radar.studies.design.document import DOCUMENT
     from sionna_radar.studies.design.plan import plan_design
     from sionna_radar.studies.design.study import run_design
@@ -73,22 +72,22 @@ def design(
     size = None if area is None else parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150")
 
     def fly(keep: "OpenCheckpoints") -> "RadarDesign":
-        with session.team() as team:
-            plan = plan_design(
-                session.scenario,
-                free or [],
-                minimise=minimise or [],
-                maximise=maximise or [],
-                require=require or [],
-                overrides=session.overrides,
-                worst_of=worst_of or [],
-                costs=None if costs is None else read_costs(costs),
-                area=None if size is None else Area(size_m=size, overlap=overlap),
-                surveys=surveys,
-                repeat=repeat,
-                confidence=confidence,
-            )
-            return run_design(plan, execution=Execution(workers=team, checkpoints=keep(plan.identity())))
+        plan = plan_design(
+            session.scenario,
+            free or [],
+            minimise=minimise or [],
+            maximise=maximise or [],
+            require=require or [],
+            overrides=session.overrides,
+            worst_of=worst_of or [],
+            costs=None if costs is None else read_costs(costs),
+            area=None if size is None else Area(size_m=size, overlap=overlap),
+            surveys=surveys,
+            repeat=repeat,
+            confidence=confidence,
+        )
+        with session.execution(keep, plan.identity()) as execution:
+            return run_design(plan, execution=execution)
 
     session.produce(fly, DOCUMENT, exit_code=lambda result: 0 if result.holds else 1)
 

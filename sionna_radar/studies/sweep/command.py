@@ -63,7 +63,6 @@ def sweep(
     ] = Keep.NONE,
 ) -> None:
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
-    from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.studies.sweep.document import sweep_document
     from sionna_radar.studies.sweep.ranking import Ranking
@@ -76,9 +75,8 @@ def sweep(
         check_parquet("runs.parquet")
 
     def fly(checkpoints: "OpenCheckpoints") -> "Sweep":
-        with session.team() as team:
-            plan = plan_sweep(session.scenario, design, repeat, session.overrides)
-            execution = Execution(workers=team, checkpoints=checkpoints({**plan.identity(), "shard": str(part or "")}))
+        plan = plan_sweep(session.scenario, design, repeat, session.overrides)
+        with session.execution(checkpoints, {**plan.identity(), "shard": str(part or "")}) as execution:
             return run_sweep(plan, shard=part, keep_maps=keep is not Keep.NONE, execution=execution)
 
     document = sweep_document(files, ranking, keep)
