@@ -19,7 +19,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import document_of
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled, turned
-from sionna_radar.foundation.progress import peak_memory_mb
+from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.mapping.points import locate
 from sionna_radar.raytracer.backend import BACKEND_VARIABLE, gpu_usable

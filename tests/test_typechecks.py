@@ -39,7 +39,7 @@ def test_a_wrong_argument_and_a_wrong_result_are_told_apart():
 
 @pytest.mark.usefixtures("package_is_checked")
 def test_the_package_is_checked():
-    from sionna_radar.foundation.numerics import decibels
+    from sionna_radar.foundation.decibels import decibels
 
     with pytest.raises(TypeCheckError, match="parameters of"):
         decibels(np.zeros((2, 2)))
@@ -47,7 +47,7 @@ def test_the_package_is_checked():
 
 @pytest.mark.usefixtures("package_is_checked")
 def test_the_first_calls_of_each_test_are_checked():
-    from sionna_radar.foundation.numerics import decibels
+    from sionna_radar.foundation.decibels import decibels
 
     for _ in range(MOST_CHECKS):
         decibels(np.ones(2))

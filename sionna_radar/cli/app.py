@@ -65,7 +65,7 @@ for _command in LISTED:
 
 def main() -> None:
     """Run the command line."""
-    from sionna_radar.foundation.progress import tune_heaps
+    from sionna_radar.foundation.memory import tune_heaps
     from sionna_radar.report.terminal import print_on_any_encoding
 
     tune_heaps()

@@ -25,8 +25,8 @@ from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import PluginError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
 
 # Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
-from sionna_radar.foundation.numerics import window
 from sionna_radar.foundation.threads import chunks, over_rows
+from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 

@@ -39,7 +39,7 @@ from sionna_radar.execution.workers import (
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.progress import tune_heaps
+from sionna_radar.foundation.memory import tune_heaps
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, override_thread_limit, thread_limit
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import Any
 from sionna_radar.execution.checkpoints import Checkpoints
 from sionna_radar.execution.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import Progress, advance, shown_progress, steps_done
+from sionna_radar.foundation.progress import Progress, advance, steps_done
+from sionna_radar.foundation.progress_bars import shown_progress
 from sionna_radar.foundation.threads import several_at_once
 
 BLOCK_SIZE = 512

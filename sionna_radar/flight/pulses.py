@@ -15,7 +15,7 @@ from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, worl
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.numerics import spread_indices
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks
 
 CHIRPS_AT_ONCE = 100_000

@@ -16,7 +16,7 @@ from sionna_radar.detection.echoes import Profiles
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, ScenarioError
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes

@@ -11,9 +11,10 @@ from jaxtyping import Complex, Float
 from scipy.optimize import brentq
 
 from sionna_radar.flight.scan import Scan
+from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import read_numbers, shown
-from sionna_radar.foundation.numerics import taylor, to_db
+from sionna_radar.foundation.windows import taylor
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.array_pattern import ArrayPattern, steered
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.antenna import Antenna, Pattern, Squint, antenna_of, reach_of_power, two_way_spread
 from sionna_radar.radar.array_antenna import LARGEST_WAVELENGTHS, line_taper, read_elements, taylor_cut

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
-from sionna_radar.foundation.progress import RemainingTime, progress_bar
+from sionna_radar.foundation.progress_bars import RemainingTime, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console

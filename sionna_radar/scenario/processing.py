@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import window as window_of
+from sionna_radar.foundation.windows import window as window_of
 from sionna_radar.scenario.bases import Offset
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS

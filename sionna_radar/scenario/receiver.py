@@ -11,7 +11,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
-from sionna_radar.foundation.numerics import from_db, to_db
+from sionna_radar.foundation.decibels import from_db, to_db
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import RECEIVER_STAGES

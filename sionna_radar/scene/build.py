@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.world import World

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.path import Path as Outline
 
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.raster import Grid
 
 logger = logging.getLogger("sionna_radar")

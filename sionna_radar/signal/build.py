@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.constants import Boltzmann
 
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters

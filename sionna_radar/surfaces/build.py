@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sionna_radar.foundation.decibels import from_db, to_db
 from sionna_radar.foundation.errors import PluginError, Problem, RadarError, ScenarioError
-from sionna_radar.foundation.numerics import from_db, to_db
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
     Asphalt,

@@ -38,7 +38,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.numerics import from_db
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.surfaces.backscatter import Backscatter, HasScatteredFraction
 from sionna_radar.surfaces.rough_surface import coherent_power_factor, fresnel_reflection
 

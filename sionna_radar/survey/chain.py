@@ -11,8 +11,10 @@ import numpy as np
 
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import named_after
-from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import HoldsMemory, peak_memory_mb, release_memory, stage, timed, timing
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.memory import HoldsMemory, peak_memory_mb, release_memory
+from sionna_radar.foundation.progress import stage
+from sionna_radar.foundation.stopwatch import timed, timing
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts

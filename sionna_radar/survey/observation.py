@@ -31,8 +31,9 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task, Work
 from sionna_radar.flight.pulses import Bursts, Pulses, PulseSequence
 from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
-from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import advance, stage, timed
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.progress import advance, stage
+from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.foundation.threads import cores, in_background
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared, prepare

@@ -13,7 +13,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.flight.build import build_navigation
 from sionna_radar.flight.pulses import Navigation
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points

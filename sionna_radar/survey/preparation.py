@@ -24,7 +24,7 @@ from sionna_radar.flight.route import Route
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.world import LogCapture, World

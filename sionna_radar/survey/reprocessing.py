@@ -31,9 +31,10 @@ from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, bel
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import stage, timed, timing
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.stopwatch import timed, timing
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points

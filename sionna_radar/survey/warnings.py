@@ -14,7 +14,7 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.numerics import to_db
+from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.linear.linear import LinearUncertainty

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.progress import HoldsMemory
+from sionna_radar.foundation.memory import HoldsMemory
 from sionna_radar.foundation.randomness import Stream, place_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp

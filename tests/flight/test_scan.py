@@ -8,7 +8,7 @@ from sionna_radar.flight.frames import conical_from_antenna
 from sionna_radar.flight.pulses import schedule_pulses
 from sionna_radar.flight.scan import Pointing, Scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
-from sionna_radar.foundation.numerics import spread_indices
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 
 

@@ -7,7 +7,7 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.numerics import ROWS, inverse_and_solution, solve_lower
+from sionna_radar.foundation.linear_algebra import ROWS, inverse_and_solution, solve_lower
 
 
 def _positive(n: int, seed: int = 0) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sionna_radar.foundation.progress import RemainingTime
+from sionna_radar.foundation.progress_bars import RemainingTime
 
 RECORDED = [line.split() for line in Path(__file__).with_name("city_progress.txt").read_text().splitlines()]
 

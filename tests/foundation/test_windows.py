@@ -6,7 +6,9 @@ import scipy.signal
 from scipy.special import logsumexp
 from scipy.stats.qmc import Halton
 
-from sionna_radar.foundation.numerics import COSINES, halton, log_sum_exp, taylor, window
+from sionna_radar.foundation.numerics import log_sum_exp
+from sionna_radar.foundation.sequences import halton
+from sionna_radar.foundation.windows import COSINES, taylor, window
 
 
 @pytest.mark.parametrize("name", [*COSINES, "bartlett"])

@@ -13,7 +13,7 @@ from traitlets import Type
 from traitlets.config import Config
 
 from sionna_radar import load_scenario, prepare, run
-from sionna_radar.foundation import progress
+from sionna_radar.foundation import progress, progress_bars
 from sionna_radar.notebook import _records, html_of, register_with_ipython
 from sionna_radar.studies.budget import navigation_budget as run_budget
 from sionna_radar.studies.budget.study import navigation_errors
@@ -82,10 +82,10 @@ def test_a_notebook_shows_progress_and_a_script_does_not(monkeypatch):
     def bar():
         yield lambda stage, done, total: stages.append(stage)
 
-    monkeypatch.setattr(progress, "notebook_bar", bar)
+    monkeypatch.setattr(progress_bars, "notebook_bar", bar)
     run(load_scenario("hills", SHORT))
     assert stages == []
-    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    monkeypatch.setattr(progress_bars, "in_notebook", lambda: True)
     run(load_scenario("hills", SHORT))
     assert set(stages) == {"preparing", "tracing", "mapping"}
 
@@ -102,7 +102,7 @@ def shell():
     config.HistoryManager.enabled = False
     InteractiveShell.clear_instance()
     shell = ZMQInteractiveShell.instance(config=config)
-    shell.user_ns |= {"shown_progress": progress.shown_progress, "report": progress.report}
+    shell.user_ns |= {"shown_progress": progress_bars.shown_progress, "report": progress.report}
     yield shell
     ZMQInteractiveShell.clear_instance()
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.constants import Boltzmann, speed_of_light
 
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario

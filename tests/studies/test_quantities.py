@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.build import build_scan
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.numerics import taylor
+from sionna_radar.foundation.windows import taylor
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design.plan import RESULTS

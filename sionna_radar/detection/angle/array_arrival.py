@@ -48,7 +48,9 @@ from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.numerics import from_db, on_one_thread, window
+from sionna_radar.foundation.decibels import from_db
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.windows import window
 from sionna_radar.radar.mimo_array import MimoArray
 
 # Quantile of the powers of a map from which its noise is estimated.

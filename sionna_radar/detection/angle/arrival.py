@@ -34,7 +34,7 @@ from sionna_radar.detection.detector import Detector, number_within
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.numerics import from_db
+from sionna_radar.foundation.decibels import from_db
 from sionna_radar.radar.mimo_array import MimoArray
 
 

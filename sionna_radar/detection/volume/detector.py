@@ -40,7 +40,8 @@ from sionna_radar.detection.volume.end import (
 )
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.numerics import MAX_SPECKLE, from_db
+from sionna_radar.foundation.decibels import from_db
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
 
 # Minimum probability that the echo lies on the chosen surface, and that there is any ground.

@@ -37,7 +37,8 @@ from scipy.ndimage import (
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
-from sionna_radar.foundation.progress import advance, expect_steps, release_memory
+from sionna_radar.foundation.memory import release_memory
+from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, several_at_once
 from sionna_radar.mapping.coverage import closed

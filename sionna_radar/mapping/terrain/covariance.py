@@ -35,7 +35,7 @@ from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.numerics import inverse_and_solution
+from sionna_radar.foundation.linear_algebra import inverse_and_solution
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, over_rows
 

@@ -28,7 +28,7 @@ from scipy.linalg import cho_solve
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
-from sionna_radar.foundation.numerics import solve_lower
+from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_threads
 from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance

@@ -34,8 +34,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.numerics import log_sum_exp, spread_indices
+from sionna_radar.foundation.numerics import log_sum_exp
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.terrain.covariance import (

@@ -32,8 +32,8 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.optimize import minimize
 
-from sionna_radar.foundation.numerics import spread_indices
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH

@@ -18,7 +18,7 @@ from jaxtyping import Float, Inexact, Int, Num
 
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import read_text, shown
-from sionna_radar.foundation.numerics import spread_indices
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.mimo_array import MimoArray
 

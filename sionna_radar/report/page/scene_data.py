@@ -369,16 +369,6 @@ def _directions(off: Float[np.ndarray, " ray"], around: Float[np.ndarray, " ray"
     return np.column_stack([np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)])
 
 
-def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
-    """Return pulses sampled over a survey in golden-ratio steps, which do not alias with an antenna's rotation."""
-    if count <= most:
-        return np.arange(count)
-    step = count / most
-    # A regular step would alias with the scan: draw each pulse from its own part of the survey.
-    fraction = (np.arange(most) * (np.sqrt(5) - 1) / 2) % 1.0
-    return np.unique(np.floor((np.arange(most) + fraction) * step).astype(np.int64))
-
-
 LOOKS = 20_000
 ABOVE_M = 0.01
 

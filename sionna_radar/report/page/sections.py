@@ -16,7 +16,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
 from sionna_radar.execution.workers import versions
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame

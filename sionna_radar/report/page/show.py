@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import SignedFile, write_folder
@@ -22,7 +23,6 @@ from sionna_radar.report.page.scene_data import (
     flown_rows,
     packed_track,
     solids_within,
-    spread_pulses,
     standing,
     surroundings,
     track_of,
@@ -56,7 +56,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
         The page would be too large, or plotly is not installed.
     """
     frame, pack = frame_of(prepared.scene.scene.georeference, coordinates), Pack()
-    index = spread_pulses(len(prepared), PULSES)
+    index = spread_indices(PULSES, len(prepared))
     beams, hits = cast_beams(prepared, index), boresight_hits(prepared.flight, prepared.scene)
     solids = solids_within(prepared.scene.scene, prepared.scenario.terrain.kind, box_of(prepared))
     ground = _ground(prepared, solids)

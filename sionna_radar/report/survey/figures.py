@@ -27,7 +27,7 @@ from rich.table import Table
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.drawing import (
     BLUE,

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.page.scene_data import (
     MAX_RELIEF_CELLS,
@@ -23,7 +24,6 @@ from sionna_radar.report.page.scene_data import (
     packed_track,
     points_to_draw,
     sigma0_db,
-    spread_pulses,
     surroundings,
     thinned,
     track_of,
@@ -82,7 +82,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     Raises OutputError if it would be too large, or plotly is not installed.
     """
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
-    index = spread_pulses(survey.pulses, PULSES)
+    index = spread_indices(PULSES, survey.pulses)
     beams = cast_beams(survey.prepared, index)
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     sigma0 = None

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.execution.workers import versions
-from sionna_radar.foundation.numerics import decibels
-from sionna_radar.foundation.progress import peak_memory_mb
+from sionna_radar.foundation.decibels import decibels
+from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.drawing import (
@@ -44,7 +45,6 @@ from sionna_radar.report.page.scene_data import (
     Pack,
     packed_points,
     points_to_draw,
-    spread_pulses,
     thinned,
 )
 from sionna_radar.report.page.sections import (
@@ -206,7 +206,7 @@ def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.
     """
     frame, pack = frame_of(processed.georeference, coordinates), Pack()
     chirp = processed.chirp
-    index = spread_pulses(len(processed.time_s), min(PULSES, chirps_that_fit(chirp)) if chirp else 1)
+    index = spread_indices(min(PULSES, chirps_that_fit(chirp)) if chirp else 1, len(processed.time_s))
     dem, points, compared = processed.dem, processed.points, processed.comparison
     world: dict[str, Any] | None = None
     maps: list[dict[str, Any]] = []

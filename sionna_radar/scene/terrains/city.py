@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import release_memory
+from sionna_radar.foundation.memory import release_memory
 from sionna_radar.raytracer.backend import load_mitsuba, release_arrays
 from sionna_radar.scene.landscape import Landscape
 from sionna_radar.scene.model import Surface

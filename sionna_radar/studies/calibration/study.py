@@ -25,7 +25,7 @@ from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentE
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.echo_model.model import mean_ranges

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from rich.table import Table
 
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, show_raster
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

@@ -30,7 +30,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.linear.linear import Linear

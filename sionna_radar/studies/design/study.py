@@ -22,7 +22,7 @@ from scipy.stats import qmc, sobol_indices, uniform
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.randomness import Stream
 from sionna_radar.foundation.raster import Raster

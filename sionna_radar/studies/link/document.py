@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from sionna_radar.foundation.numerics import decibels, to_db
+from sionna_radar.foundation.decibels import decibels, to_db
 from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
 from sionna_radar.report.files.contents import csv_text
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

@@ -16,8 +16,8 @@ from scipy.ndimage import maximum_filter1d
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
-from sionna_radar.foundation.numerics import to_db
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average, refuse_gate, refuse_squint

@@ -7,7 +7,7 @@ import numpy as np
 import tomli_w
 from matplotlib.figure import Figure
 
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO

@@ -30,7 +30,8 @@ from scipy.special import digamma, gammaincc, gammaincinv, polygamma
 from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.numerics import on_one_thread, spread_indices
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.scenario.bases import MaterialParameters

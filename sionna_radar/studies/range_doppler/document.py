@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.drawing import ORANGE, RED, ReportFigure
 from sionna_radar.report.files.contents import csv_text
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

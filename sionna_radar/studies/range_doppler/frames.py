@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.numerics import window
+from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 

@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from sionna_radar.execution.workers import versions
-from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
 from sionna_radar.report.page.markup import command_line, document
 from sionna_radar.report.page.scene_data import Pack

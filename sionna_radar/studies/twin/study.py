@@ -21,7 +21,7 @@ from sionna_radar.elevation.placed_raster import reproject
 from sionna_radar.execution.execution import BLOCK_SIZE
 from sionna_radar.flight.pulses import MeasuredPoseFlight, Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points

@@ -15,7 +15,7 @@ from jaxtyping import Float, Inexact
 
 from sionna_radar.detection.spectrum import HOST, ArrayLibrary, gpu_library
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.progress import timed
+from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs

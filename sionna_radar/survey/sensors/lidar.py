@@ -7,8 +7,8 @@ from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.build import lidar_receiver
 from sionna_radar.signal.lidar import LidarReceiver

@@ -13,8 +13,8 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_generators
+from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.signal.array_beats import FramePaths, array_beats
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs

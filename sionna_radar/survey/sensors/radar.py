@@ -12,7 +12,7 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import PairedEchoes
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.progress import timed
+from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.signal.mixer import receiver_paths
 from sionna_radar.signal.receiver import Reception
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs

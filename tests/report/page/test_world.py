@@ -12,6 +12,7 @@ from beams import make_antenna
 from packed_pages import array_of, unpacked
 from sionna_radar import load_scenario
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.page.scene_data import (
     EMPTY,
     MAX_FACES,
@@ -22,7 +23,6 @@ from sionna_radar.report.page.scene_data import (
     flown_rows,
     sigma0_db,
     solids_within,
-    spread_pulses,
     standing,
     surroundings,
     thinned,
@@ -42,7 +42,7 @@ def level() -> Prepared:
 
 
 def test_the_axis_and_the_outline_of_a_beam_meet_the_plane_where_geometry_says(level):
-    beams = cast_beams(level, spread_pulses(len(level), 20))
+    beams = cast_beams(level, spread_indices(20, len(level)))
     pose = beams.pulses.true
     expected = -pose.position_m[:, 2] / pose.boresight[:, 2]
     np.testing.assert_allclose(beams.distance_m[:, 0], expected, rtol=1e-5)
@@ -61,15 +61,6 @@ def test_rays_stay_in_the_main_lobe_and_carry_its_gain():
     np.testing.assert_allclose(fan.gain_db[1 : 1 + OUTLINE_RAYS], -6.02, atol=0.6)  # twice half power
     assert fan.gain_db.min() > -25.0
     np.testing.assert_allclose(np.linalg.norm(fan.direction, axis=1), 1.0)
-
-
-def test_pulses_are_spread_over_the_survey():
-    assert spread_pulses(7, 10).tolist() == list(range(7))
-    chosen = spread_pulses(10_000, 240)
-    assert len(chosen) == 240
-    assert np.diff(chosen).min() > 0
-    assert chosen[0] < 42
-    assert chosen[-1] > 9_950
 
 
 def test_sigma0_of_a_plane_is_that_of_its_material_at_the_incidence_of_the_nearest_axis(level):

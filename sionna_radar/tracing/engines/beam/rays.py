@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.numerics import halton
+from sionna_radar.foundation.sequences import halton
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.two_way_grid import TwoWayGrid
 from sionna_radar.tracing.sionna.material import mi

@@ -21,8 +21,8 @@ from jaxtyping import Bool, Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.numerics import halton
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.sequences import halton
 from sionna_radar.foundation.threads import in_background
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
