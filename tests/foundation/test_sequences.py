@@ -15,7 +15,8 @@ def test_few_are_all_taken(count, total):
 def test_one_is_in_each_part_and_the_ends_are_among_them(count, total):
     chosen = spread_indices(count, total)
     assert len(chosen) == count
-    assert (np.floor(chosen * count / total) == np.arange(count)).all()
+    start = np.arange(count) * total / count
+    assert ((chosen > start - 1) & (chosen < start + total / count)).all()
     assert (chosen[0], chosen[-1]) == (0, total - 1)
 
 
