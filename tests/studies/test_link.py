@@ -144,8 +144,10 @@ BUILT = {
 }
 
 
-def test_floors_are_those_of_the_chain():
+def test_floors_are_those_of_the_chain(monkeypatch):
     """Leakage, its phase noise, rounding, thermal noise and the phase noise of ground and rain, under the echo."""
+    # The survey's detector takes longer than all else, and has tests of its own.
+    monkeypatch.setattr("sionna_radar.studies.link.study._survey_detection", lambda *_: 1.0)
     budget = run_link_budget(
         load_scenario("hills", PLAIN | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=300
     )
