@@ -18,7 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
@@ -297,11 +297,11 @@ class DaskWorkers:
         since, told = monotonic(), False
         while True:
             raise_received()
+            if self.client.status not in ("running", "connecting"):
+                raise WorkersLostError("the dask scheduler is gone")
             try:
-                return finished.get(timeout=TICK_S)
+                future = finished.get(timeout=TICK_S)
             except queue.Empty:
-                if self.client.status not in ("running", "connecting"):
-                    raise WorkersLostError("the dask scheduler is gone") from None
                 if monotonic() - since > WARN_AFTER_S and not self._worker_count():
                     since = monotonic()
                     if self.local:
@@ -309,6 +309,12 @@ class DaskWorkers:
                     elif not told:
                         told = True
                         logger.warning("the cluster has no worker any more; waiting for one")
+                continue
+            if future.status != "lost":
+                return future
+            # The worker that held its result has died, and dask runs the task again.
+            sleep(TICK_S)
+            finished.put(future)
 
     def _restart_lost(self) -> None:
         """Start new local workers if all have ended for good.
@@ -326,7 +332,7 @@ def _result(future: "Future") -> bytes | Failure:
     """Return the result or failure of a finished task, and log its worker's messages here."""
     from distributed import KilledWorker
 
-    if future.status in ("cancelled", "lost"):
+    if future.status == "cancelled":
         raise WorkersLostError("the dask scheduler has lost a task: it has stopped or was restarted")
     if future.status == "error":
         error = future.exception()
