@@ -12,7 +12,7 @@ from modules import CHIRP, line_of
 from sionna_radar import load_scenario, prepare, process, run
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, OutputError, ScenarioError
-from sionna_radar.readers.captures.capture_file import capture_config, raw_counts, read_frames, receiver_samples
+from sionna_radar.readers.captures.capture_file import capture_config, open_capture, raw_counts, receiver_samples
 from sionna_radar.readers.recordings.description import open_described
 from sionna_radar.signal.array_beats import FramePaths, array_beats
 from sionna_radar.studies.calibration.study import calibrate as run_calibration
@@ -28,6 +28,12 @@ FLIGHT = {
     "platform.length_m": 2.0,
     "tracing.paths_per_pulse": 500,
 }
+
+
+def read_frames(samples):
+    """Return all frames of a raw capture, in counts."""
+    capture = open_capture(samples)
+    return capture.samples(np.arange(capture.shape[0]))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +55,7 @@ def openradar(raw, chirps, receivers, samples):
 def test_a_capture_is_read_as_others_read_it(flown):
     folder, survey = flown
     raw = np.fromfile(folder / "a.bin", dtype="<i2").reshape(survey.pulses, -1)
-    frames = read_frames(folder / "a.bin", folder / "a.cfg")
+    frames = read_frames(folder / "a.bin")
     assert frames.shape == (2, 48, 4, 256)
     for frame, values in zip(frames, raw, strict=True):
         assert np.array_equal(frame, openradar(values, 48, 4, 256))
@@ -62,7 +68,7 @@ def test_a_capture_is_read_as_others_read_it(flown):
 def test_an_open_chain_finds_the_target(flown):
     """Range, Doppler and angle by plain transforms of one virtual line, as range-Doppler toolboxes do it."""
     folder, survey = flown
-    frame = read_frames(folder / "a.bin", folder / "a.cfg")[0].reshape(16, 3, 4, 256)
+    frame = read_frames(folder / "a.bin")[0].reshape(16, 3, 4, 256)
     # The first and the third transmitter and the receivers make eight elements half a wavelength apart.
     line = np.concatenate([frame[:, 0], frame[:, 2]], axis=1)
     window = np.hanning(256) * np.hanning(16)[:, None, None]
@@ -119,7 +125,7 @@ def test_netcdf_holds_the_same_frames_and_the_array(flown):
         assert file["transmitter_place"][:] == pytest.approx(survey.prepared.module.transmitter_m)
         assert file["code_real"][:].tolist() == np.eye(3).tolist()
         assert file["measured_position"].shape == (2, 3)
-    frames = read_frames(folder / "a.bin", folder / "a.cfg")
+    frames = read_frames(folder / "a.bin")
     assert abs(np.corrcoef(beat.ravel(), frames.ravel())[0, 1]) > 0.99
 
 
@@ -158,7 +164,7 @@ def test_processing_of_frames_has_settings_and_needs_their_array(flown, tmp_path
 @pytest.mark.parametrize("real", [False, True])
 def test_the_measured_response_of_channels_is_divided_out(flown, tmp_path, real):
     folder, _ = flown
-    frames, config = read_frames(folder / "a.bin", folder / "a.cfg"), capture_config(folder / "a.cfg")
+    frames, config = read_frames(folder / "a.bin"), capture_config(folder / "a.cfg")
     rng = np.random.default_rng(8)
     gain_db, phase_deg = rng.uniform(-3, 3, (3, 4)), rng.uniform(-180, 180, (3, 4))
     response = 10 ** (gain_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
@@ -327,7 +333,7 @@ def test_real_frames_pass_through_a_capture(tmp_path):
         "channelCfg 15 1 0\nadcCfg 2 1\nprofileCfg 0 77 7 6 60 0 0 60 1 128 2500 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n"
         f"frameCfg 0 0 {len(frame)} 1 100 1 0\n"
     )
-    assert np.array_equal(read_frames(tmp_path / "real.bin", tmp_path / "real.cfg")[0], frame)
+    assert np.array_equal(read_frames(tmp_path / "real.bin")[0], frame)
     (tmp_path / "real.toml").write_text(
         """
         recording = { samples = "real.bin", config = "real.cfg" }

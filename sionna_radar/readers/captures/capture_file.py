@@ -217,15 +217,6 @@ def told_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig,
     return 6 - lanes if mirrored(lanes) > MIN_MIRRORED >= mirrored(6 - lanes) else lanes
 
 
-def read_frames(samples: Path, config: Path) -> Num[np.ndarray, "frame chirp rx sample"]:
-    """Return the frames of a raw capture of two lanes, of all transmitters and receivers, in counts.
-
-    Raises InputFileError for files that cannot be read.
-    """
-    known = capture_config(config)
-    return receiver_samples(capture_frames(samples, known), known)
-
-
 def capture_config(path: Path) -> CaptureConfig:
     """Return the configuration of a capture; InputFileError for one that lacks a value or contradicts itself."""
     text = read_text(path, "recording.config =", CONFIG_REMEDY)
