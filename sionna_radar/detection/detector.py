@@ -2,7 +2,7 @@
 
 The two halves of a triangular sweep give range and range rate without prior knowledge of the velocity. Motion shifts
 the echoes of the up-sweep and the down-sweep in opposite directions: their mean is the range, their difference the
-range rate (Rouveure et al. 2017, eq. 2, twice).
+range rate (Rouveure et al. 2017, eq. 2 for each half).
 """
 
 from dataclasses import dataclass, replace

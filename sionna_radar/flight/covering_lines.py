@@ -1,4 +1,4 @@
-"""Parallel flight lines that cover a rectangle."""
+"""Parallel flight lines that cover a rectangle with the swath of a beam tilted ahead."""
 
 import math
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def covering_lines(
     """Return the lines over a rectangle for a swath.
 
     size_m: to the right of the rectangle's heading, and along it.
-    sampling_m: spacing of echoes, which bounds the run-out.
+    sampling_m: spacing of echoes on the ground; lines overrun the area by two of them.
     incidence_rad: tilt of the beam ahead of the platform, from nadir.
     overlap: of neighbouring swaths, as a fraction.
 

@@ -192,7 +192,7 @@ class RecordedRoute:
         return float(np.linalg.norm(np.diff(self._path(self._looks_s)[:, :2], axis=0), axis=1).sum())
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
-        """Return the extent within a reach of it: west, south, east, north."""
+        """Return the bounding box of the track widened by `reach_m`: west, south, east, north."""
         position = self._path(self._looks_s)[:, :2]
         if self.height == "above_takeoff":  # its ground height is needed
             position = np.vstack([position, self.takeoff_m[:2]])

@@ -1,7 +1,7 @@
-"""Planned routes: the track over survey lines, and the flight over its ground.
+"""Planned routes: a track over waypoints or parallel survey lines, and its flight over given ground.
 
-A route is a flight before the ground under it is known. Several lines over one area are flown to and fro, with
-transits between them.
+A `Route` fixes track, speed and height above ground; `fly` adds terrain, bank in turns, wind, and pauses of the
+transmitter between lines. Lines are flown to and fro, with transits between them.
 """
 
 from dataclasses import dataclass, replace
@@ -117,7 +117,7 @@ class Route(Protocol):
         """See the class."""
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
-        """Return the extent within a reach of it: west, south, east, north."""
+        """Return the bounding box of the track widened by `reach_m`: west, south, east, north."""
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights.
@@ -165,7 +165,7 @@ class PlannedRoute:
         return self.track.length_m / self.speed_mps
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
-        """Return the extent within a reach of it: west, south, east, north."""
+        """Return the bounding box of the track widened by `reach_m`: west, south, east, north."""
         if self.wind is not None:
             reach_m += WIND_MARGIN_M
         west, south = self.track.waypoints_m.min(axis=0) - reach_m

@@ -1,6 +1,7 @@
-"""Phased-array antennas of a scenario: rectangular by element counts, or planar by a table of elements.
+"""Parts of array antennas: Taylor tapers, tables of elements, and the steered beams of an electronic scan.
 
-Planar arrays with a Taylor taper are sized from their half-power beamwidths.
+`taylor_cut` sizes a line of elements by its half-power beamwidth and side-lobe level; an antenna of two such cuts needs
+no table. `radar.build` assembles the antennas.
 """
 
 from functools import cache

@@ -1,4 +1,4 @@
-"""Plant heights above ground from rasters and classified point clouds."""
+"""Heights of a stand's plants: a canopy-height raster, or a cloud's returns of plants less the scenario's terrain."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Surface motion in the wind: swaying plants, and waves on water."""
+"""Doppler and displacement of surfaces in the wind: plants by Billingsley's spectrum, water by JONSWAP waves."""
 
 import math
 from dataclasses import dataclass
@@ -117,8 +117,6 @@ class Waves:
         self, place_m: Float[np.ndarray, "n 3"], time_s: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return the displacement of the surface from rest, m, and its velocity, m/s, at places and times."""
-        # Numba takes half a second to import.
-
         offset, velocity = np.zeros((2, len(place_m), 3))
         waves = (self.wave_per_m, self.rate_rad_per_s, self.amplitude_m, self.phase_rad)
         orbits(np.ascontiguousarray(place_m, dtype=np.float64), time_s, *waves, offset, velocity)

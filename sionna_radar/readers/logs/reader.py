@@ -1,4 +1,6 @@
-"""Reading of a flight log of any format, detected from its first bytes; GPX tracks are read here.
+"""Reading of a flight log of any known format, detected from its first bytes, or from its suffix (SBET, CSV).
+
+GPX tracks are read here.
 
 A GPX track holds longitude, latitude, elevation and time, and nothing else. The standard defines the elevation only as
 "elevation in metres"; receivers write heights above mean sea level, which is assumed.
@@ -92,7 +94,7 @@ MAX_BYTES = 1_000_000_000
 FORMATS = "PX4 .ulg, ArduPilot .bin, MAVLink .tlog, SBET (.out, .sbet), .gpx, .csv or .trj"
 TEXT_SUFFIXES = (".csv", ".txt", ".trj")
 Reader = Callable[[Path, str], FlightLog]
-# The package that a format needs.
+# The reader of each format, and the package that it needs.
 READERS: dict[str, tuple[Reader, str | None]] = {
     "ulog": (read_ulog, "pyulog"),
     "dataflash": (read_dataflash, None),

@@ -1,4 +1,4 @@
-"""Command line of navigation budgets."""
+"""Command `budget`: the navigation errors that a survey tolerates."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

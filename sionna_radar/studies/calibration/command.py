@@ -1,4 +1,4 @@
-"""Command line of the calibration of an instrument."""
+"""Command `calibrate`: errors of an instrument from its echoes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

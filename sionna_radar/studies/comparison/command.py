@@ -1,4 +1,4 @@
-"""Command line of results side by side."""
+"""Command `compare`: results side by side."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Command line of both engines held against each other, and the gamma that the simple one needs."""
+"""Commands `crosscheck` and `fit`: both engines, and the constant gamma of the simple one."""
 
 from typing import TYPE_CHECKING, Annotated
 

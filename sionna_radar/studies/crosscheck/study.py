@@ -306,7 +306,8 @@ def crosscheck(
     Parameters
     ----------
     scenario:
-        The survey; its own choice of engine is ignored.
+        The survey; its engine and speckle are replaced (per-pulse speckle), its map by linear interpolation, and of a
+        pair of sweeps the first is flown.
     tolerances:
         Tolerances of the differences.
     execution:

@@ -1,4 +1,4 @@
-"""Command line of the search for a radar and a flight."""
+"""Command `design`: the search for a radar and a flight."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""Command line of images of side-looking radars."""
+"""Command `image`: images of side-looking radars."""
 
 from pathlib import Path
 from typing import Annotated

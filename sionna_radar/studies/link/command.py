@@ -1,4 +1,4 @@
-"""Command line of link budgets."""
+"""Command `link`: link budgets."""
 
 from collections.abc import Sequence
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Command line of flight logs."""
+"""Command `log`: summary and map of a flight log."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""Command line of materials from levels of backscatter."""
+"""Command `fit-materials`: materials from levels of backscatter."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Command line of flight plans."""
+"""Command `plan`: flights that cover an area."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Command line of range-Doppler maps."""
+"""Command `range-doppler`: maps of frames of chirps."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Command line of sweeps, and shards of them."""
+"""Commands `sweep` and `merge`: varied settings, and shards of a study."""
 
 from dataclasses import replace
 from pathlib import Path

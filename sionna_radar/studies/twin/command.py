@@ -1,4 +1,4 @@
-"""Command line of twins of recordings."""
+"""Command `twin`: a recording beside its simulation."""
 
 from pathlib import Path
 from typing import Annotated

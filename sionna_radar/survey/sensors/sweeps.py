@@ -136,7 +136,7 @@ class SweepDetector:
         return self.detect_in(self.detector.analyser.power(beats[0]), pulses)
 
     def directions(self, angle: AngleEstimator, beats: ChirpBeats, pulses: Pulses) -> Echoes:
-        """Return points along the echoes of a block, from the beat signals of all receivers."""
+        """Return echoes with directions of arrival of a block, from the beat signals of all receivers."""
         # Leakage is the same in all receivers.
         cleaned = [self.cleaned([beat], pulses)[0] for beat in beats]
         return angle.find(cleaned, pulses.index, pulses.measured, self.window_m(pulses))

@@ -63,7 +63,7 @@ class MirroredPlaces:
         self._tables = [_Scattering(as_radar_material(scene.materials[s.material])) for s in scene.surfaces]
 
     def with_antenna(self, antenna: Antenna) -> "MirroredPlaces":
-        """Return the same mirrors before another antenna."""
+        """Return the tracer of the same mirrors for another antenna."""
         other = copy(self)
         other._antenna, other._cone_rad = antenna, _cone_rad(antenna)
         return other
