@@ -33,7 +33,7 @@ for engine, result, size in (("Sionna RT", check.sionna, 14), ("facets", check.g
 powers.set(xlabel="Local incidence (deg)", ylabel="Echo over transmitted power (dB)", title="Power of each pulse")
 powers.legend()
 differences.hist(check.power_difference_db, bins=50, range=(-0.05, 0.05))
-differences.set(xlabel="Facets minus Sionna RT (dB)", ylabel="Pulses", title="Difference of the power")
+_ = differences.set(xlabel="Facets minus Sionna RT (dB)", ylabel="Pulses", title="Difference of the power")
 
 # %%
 # The maps are made of speckled echoes. Their difference is that of two draws of speckle.

@@ -4,8 +4,8 @@ On a plane whose normal makes the angle t with the boresight, a ray turned by th
 of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), with u^2 replaced by its mean over the
 beam. The echo power falls with the square of the range (constant gamma). Over the beam's two-way power along s this
 gives the mean echo: its position is the boresight range r0, its width follows from the slope. Speckle makes each power
-exponential about its mean mu, echo plus background, so the fit maximises their likelihood, -sum(P / mu + log mu), by Fisher scoring over r0, log tan t and the
-level, from the best of a ladder of slopes.
+exponential about its mean mu, echo plus background, so the fit maximises their likelihood, -sum(P / mu + log mu), by
+Fisher scoring over r0, log tan t and the level, from the best of a ladder of slopes.
 """
 
 from dataclasses import dataclass
