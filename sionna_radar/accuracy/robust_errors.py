@@ -9,7 +9,8 @@ Blocks must be wider than the correlation length of the errors. The errors of a 
 survey sees little: a length estimated from the residuals is too short, and blocks of some such lengths are not
 independent. So there are few blocks, as wide as the survey allows, and their small number is part of the answer: an
 estimate over its standard deviation has Student's distribution with one degree of freedom less than there are blocks
-(Bester, Conley and Hansen 2011, "Inference with dependent data using cluster covariance estimators", Journal of Econometrics 165, 137-151).
+(Bester, Conley and Hansen 2011, "Inference with dependent data using cluster covariance estimators", Journal of
+Econometrics 165, 137-151).
 """
 
 from dataclasses import dataclass
