@@ -19,7 +19,6 @@ from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.receiver import ArrayTable, ReceiverTable, SecondReceiverTable
 from sionna_radar.scenario.table import Conflicts, InputPath, Real, Table, one_of
 from sionna_radar.scenario.tracing import TracingTable
-from sionna_radar.scenario.weather import WeatherTable
 
 
 class AntennaTable(AntennaParameters):
@@ -299,81 +298,6 @@ class RadarTable(Table):
         return float(cells * speed_of_light / (2 * self.bandwidth_hz) + 1e-6 * self.gate_delay_us * speed_of_light / 2)
 
 
-def conflicts_of_average(
-    processing: ProcessingTable,
-    radar: RadarTable,
-    weather: WeatherTable,
-    tracing: TracingTable,
-    sensor: str,
-    whole_echoes: str | None,
-) -> Conflicts:
-    """Yield what an average of chirps contradicts in the rest of a scenario.
-
-    whole_echoes: its DEM method, if that models whole echoes.
-    """
-    average, key = processing.average, "processing.average.chirps"
-    if average.chirps == 1:
-        return
-    if sensor != "radar":
-        yield key, f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
-    if radar.sweep == "triangular":
-        yield key, f"{average.chirps} is not supported with pairs of sweeps; set 1, or radar.sweep = 'up'"
-    if radar.stagger > 0:
-        yield key, f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
-    if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{average.chirps} is not supported with a beam that is steered anew for each chirp; set 1"
-    if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{average.chirps} is not supported together with rain, snow or dust; set 1, or remove the weather"
-    if average.mode == "coherent":
-        if tracing.speckle == "per_pulse":
-            message = "'coherent' needs the same scatterers in all chirps; set tracing.speckle = 'persistent'"
-            yield "processing.average.mode", message
-        return
-    if processing.cfar.kind != "CA":
-        message = f"{processing.cfar.kind!r} has no false-alarm rate in closed form over averaged powers; set 'CA'"
-        yield "processing.cfar.kind", message
-    if processing.angle != "off":
-        message = "the angle of arrival needs phases, which averaged powers do not have; set 'coherent'"
-        yield "processing.average.mode", message
-    if whole_echoes is not None:
-        message = f"{whole_echoes!r} models the likelihood of single chirps only; set 'linear'"
-        yield "dem.method", f"{message}, or processing.average.mode = 'coherent'"
-
-
-def conflicts_of_gate(processing: ProcessingTable, radar: RadarTable, weather: WeatherTable) -> Conflicts:
-    """Yield what a range gate contradicts in the rest of a scenario."""
-    in_air = weather.falling or weather.dust_visibility_m is not None
-    if radar.gate_delay_us > 0 and in_air and processing.volume_clutter != "off":
-        message = (
-            f"'auto' recognises rain, snow and dust by ranges before radar.gate_delay_us = {radar.gate_delay_us:g}; "
-        )
-        yield "processing.volume_clutter", f"{message}set 'off', or remove the weather or the gate"
-
-
-def conflicts_of_squint(
-    processing: ProcessingTable, radar: RadarTable, weather: WeatherTable, tracing: TracingTable
-) -> Conflicts:
-    """Yield what a beam that squints contradicts in the rest of a scenario."""
-    key, value = "radar.antenna.squint_deg_per_ghz", radar.antenna.squint_deg_per_ghz
-    if value == 0:
-        return
-    if processing.angle != "off":
-        yield key, f"{value:g} is not supported with several receivers; set 0, or processing.angle = 'off'"
-    if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{value:g} is not supported with electronically steered beams; set 0, or another radar.scan.mode"
-    if weather.falling or weather.dust_visibility_m is not None:
-        yield (
-            key,
-            f"{value:g} is not supported with rain, snow or dust, whose echoes are those of the whole beam; set 0",
-        )
-    if tracing.bounces > 1:
-        yield (
-            key,
-            f"{value:g} is not supported for paths that leave and arrive at different angles; set 0, or "
-            "tracing.bounces = 1",
-        )
-
-
 def refuse_gate(radar: RadarTable, what: str) -> None:
     """Raise ScenarioError for a range gate where `what` needs ranges from zero on."""
     if radar.gate_delay_us > 0:
@@ -405,59 +329,23 @@ def refuse_average(processing: ProcessingTable, what: str) -> None:
 NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": "row"}
 
 
-def conflicts_of_angle(
-    processing: ProcessingTable, radar: RadarTable, weather: WeatherTable, sensor: str, whole_echoes: str | None
-) -> Conflicts:
-    """Yield what an angle of arrival contradicts in the rest of a scenario; whole_echoes as for an average."""
-    angle, key = processing.angle, "processing.angle"
-    if angle == "off":
-        return
-    if sensor != "radar":
-        yield key, f"{angle!r} needs sensor = 'radar', not {sensor!r}; set 'off'"
-    if radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]:
-        yield key, f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
-    if radar.sweep == "triangular":
-        yield key, f"{angle!r} is not supported with pairs of sweeps; set radar.sweep = 'up'"
-    if isinstance(radar.scan, ElectronicScanTable):
-        yield key, f"{angle!r} is not supported with electronically steered beams; set another radar.scan.mode"
-    if weather.falling or weather.dust_visibility_m is not None:
-        yield key, f"{angle!r} is not supported together with rain, snow or dust; remove the weather"
-    if whole_echoes is not None:
-        message = f"{whole_echoes!r} needs range profiles, and processing.angle = {angle!r} gives points; "
-        yield "dem.method", message + "set 'linear' or 'smooth'"
+def conflicts_of_angle(angle: str, radar: RadarTable) -> Conflicts:
+    """Yield what an angle of arrival lacks."""
+    if angle != "off" and (radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]):
+        needed = f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
+        yield "processing.angle", needed
 
 
-def conflicts_of_array(processing: ProcessingTable, radar: RadarTable, tracing: TracingTable, sensor: str) -> Conflicts:
-    """Yield what an array, or its absence, contradicts in the rest of a scenario."""
-    array, receiver = radar.array, radar.receiver
+def conflicts_of_array(radar: RadarTable, sensor: str) -> Conflicts:
+    """Yield what an array lacks, or where it has no effect."""
+    array = radar.array
     if sensor != "mimo":
         if array is not None and sensor == "radar":
             yield "radar.array", "has no effect on sensor = 'radar'; set sensor = 'mimo', or remove it"
         return
-    if radar.gate_delay_us > 0:
-        yield "radar.gate_delay_us", f"{radar.gate_delay_us:g} is not supported with frames of an array; set 0"
-    if (squint := radar.antenna.squint_deg_per_ghz) != 0:
-        yield "radar.antenna.squint_deg_per_ghz", f"{squint:g} is not supported with frames of an array; set 0"
     if array is None:
         yield "radar.array", "missing; sensor = 'mimo' needs its elements, or a preset that defines them"
         return
-    if radar.sweep == "triangular":
-        yield "radar.sweep", "'triangular' is not supported with frames of an array; set 'up'"
-    if radar.stagger > 0:
-        yield "radar.stagger", f"{radar.stagger:g} is not supported with frames of an array; set 0"
-    if radar.scan.mode not in ("fixed", "side_looking"):
-        yield "radar.scan.mode", f"{radar.scan.mode!r} would move the array during a frame; set 'fixed'"
-    if processing.angle != "off":
-        yield (
-            "processing.angle",
-            f"{processing.angle!r} needs a second receiver, which sensor = 'mimo' does not have; set 'off'",
-        )
-    if processing.average.chirps > 1:
-        yield "processing.average.chirps", "is not supported with frames of an array; set 1, and radar.array.chirps"
-    if tracing.speckle == "per_pulse":
-        yield "tracing.speckle", "'per_pulse' keeps no phase from frame to frame; set 'persistent'"
-    if receiver.high_pass_corner_hz > 0 or receiver.anti_alias_corner_hz > 0 or receiver.leakage or receiver.stages:
-        yield "radar.receiver", "an array's receivers support thermal noise and radar.array only; remove the other keys"
     frame_s = array.chirps_per_frame / radar.chirp_rate_hz
     if frame_s * array.frame_rate_hz > 1 + 1e-9:
         message = f"{array.frame_rate_hz:g} frames of {1e3 * frame_s:.3g} ms do not fit into a second; lower it to "

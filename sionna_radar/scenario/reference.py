@@ -7,7 +7,7 @@ import ast
 import inspect
 import json
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,6 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from sionna_radar.foundation.input_file import compact
+from sionna_radar.scenario.compatibility import EXCLUSIONS, excluded_with
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import LARGEST, summary, unit_of
 
@@ -76,6 +77,7 @@ def scenario_schema() -> dict[str, Any]:
     True
     """
     json_schema = _of_toml(Scenario.model_json_schema(schema_generator=_WithMeanings))
+    _add_exclusions(json_schema)
     return {"$schema": GenerateJsonSchema.schema_dialect, **json_schema, "title": "sionna_radar scenario"}
 
 
@@ -93,6 +95,25 @@ def _of_toml(schema: Any) -> Any:
         del converted["anyOf"]
         return kinds[0] | converted
     return converted | ({"anyOf": kinds} if kinds else {})
+
+
+def _add_exclusions(schema: dict[str, Any]) -> None:
+    """Add to the description of each key what it is not supported with."""
+    for key in dict.fromkeys(setting.key for row in EXCLUSIONS for setting in (row.setting, row.other)):
+        *tables, name = key.split(".")
+        places = [schema]
+        for table in tables:
+            entries = [place["properties"][table] for place in places if table in place["properties"]]
+            places = [_resolved(kind, schema["$defs"]) for entry in entries for kind in _kinds(entry)]
+        unit = f" ({unit_of(name)})" if unit_of(name) else ""
+        for entry in (place["properties"][name] for place in places if name in place.get("properties", {})):
+            text = entry.get("description", "").removesuffix(unit)
+            entry["description"] = f"{text} Not with {', '.join(dict.fromkeys(excluded_with(key)))}.{unit}".lstrip()
+
+
+def _kinds(entry: Mapping[str, Any]) -> Sequence[dict[str, Any]]:
+    """Return the alternative schemas of an entry."""
+    return entry.get("anyOf", entry.get("oneOf", [entry]))
 
 
 NONE = "-"
@@ -201,7 +222,7 @@ def _inside(
         entry, heading = entry["items"], f"[[{inner}]]"
     elif "additionalProperties" in entry and isinstance(entry["additionalProperties"], dict):
         entry, heading = entry["additionalProperties"], f"[{inner}.NAME]"
-    tables = [_resolved(kind, defs) for kind in entry.get("anyOf", entry.get("oneOf", [entry]))]
+    tables = [_resolved(kind, defs) for kind in _kinds(entry)]
     for table in tables:
         title = table.get("title", "")
         if "properties" in table and title not in ancestors:
@@ -221,7 +242,7 @@ def _chosen(table: Mapping[str, Any]) -> str:
     return ""
 
 
-def _resolved(schema: Mapping[str, Any], defs: Mapping[str, Any]) -> Mapping[str, Any]:
+def _resolved(schema: Mapping[str, Any], defs: Mapping[str, Any]) -> Any:
     return defs[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
 
 

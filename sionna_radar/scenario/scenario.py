@@ -21,11 +21,12 @@ from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import NameIn, ParametersOf
+from sionna_radar.scenario.compatibility import exclusions
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
 from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, resolve_paths
-from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
+from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
@@ -35,9 +36,6 @@ from sionna_radar.scenario.radar import (
     ScanTable,
     conflicts_of_angle,
     conflicts_of_array,
-    conflicts_of_average,
-    conflicts_of_gate,
-    conflicts_of_squint,
 )
 from sionna_radar.scenario.receiver import Interferer, LidarTable
 from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
@@ -322,41 +320,16 @@ class Scenario(Table):
             )
 
     def _conflicts_of_echoes(self) -> Conflicts:
-        method, radar, processing, antenna = self.dem.method, self.radar, self.processing, self.radar.antenna
-        if radar.sweep == "triangular" and processing.echoes == "all":
-            yield (
-                "processing.echoes",
-                "'all' cannot pair the echoes of an up- and a down-sweep; "
-                "give 'strongest' or 'first' with radar.sweep = 'triangular'",
-            )
+        radar, processing, antenna = self.radar, self.processing, self.radar.antenna
         uneven = [k for k in ("rain_cell", "rain_field") if getattr(self.weather, k) is not None]
         if uneven and self.sensor == "lidar" and self.lidar.wavelength_nm is not None:
             yield (
                 f"weather.{uneven[0]}",
                 ("rain that varies from place to place is not modelled for a lidar; remove it, or lidar.wavelength_nm"),
             )
-        profiles = DEM_METHODS.entry(method).facts.profiles
-        if profiles == "required" and not SENSORS.entry(self.sensor).facts.provides_profiles:
-            yield (
-                "dem.method",
-                (
-                    f"{method!r} needs range profiles, which sensor = {self.sensor!r} does not provide; set "
-                    "'smooth' or 'linear'"
-                ),
-            )
-        if profiles == "required" and self.sensor == "radar" and radar.sweep == "triangular":
-            yield (
-                "dem.method",
-                f"{method!r} needs range profiles, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
-                "or radar.sweep = 'up'",
-            )
-        needing = method if profiles == "required" else None
-        yield from conflicts_of_angle(processing, radar, self.weather, self.sensor, needing)
-        yield from conflicts_of_array(processing, radar, self.tracing, self.sensor)
-        yield from conflicts_of_gate(processing, radar, self.weather)
-        yield from conflicts_of_squint(processing, radar, self.weather, self.tracing)
-        using = method if profiles != "unused" else None
-        yield from conflicts_of_average(processing, radar, self.weather, self.tracing, self.sensor, using)
+        yield from exclusions(self)
+        yield from conflicts_of_array(radar, self.sensor)
+        yield from conflicts_of_angle(processing.angle, radar)
         width_deg = float(np.rad2deg(antenna.beamwidths_rad[1])) if isinstance(antenna, AntennaTable) else 0.0
         if processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
             yield (
@@ -364,19 +337,6 @@ class Scenario(Table):
                 f"'model_fit' takes ranges to grow along the beam, as they do over at most {WIDEST_FITTED_DEG:g} deg; "
                 f"radar.antenna.beamwidth_deg is {width_deg:g} in elevation; set 'centroid' or narrow it",
             )
-
-        if processing.ranging == "tracker" and self.sensor == "radar":
-            if processing.echoes == "all" or processing.angle != "off":
-                yield (
-                    "processing.ranging",
-                    "'tracker' follows one echo of each pulse; set processing.echoes = 'strongest', angle = 'off'",
-                )
-            if radar.scan.mode not in ("fixed", "side_looking"):
-                yield (
-                    "processing.ranging",
-                    f"'tracker' smooths over pulses of one direction, and {radar.scan.mode!r} turns between them; "
-                    "set radar.scan.mode = 'fixed'",
-                )
 
     def _used_materials(self) -> list[tuple[str, str]]:
         references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]

@@ -17,9 +17,12 @@ ON = {"processing.angle": "interferometric", "radar.second_receiver.axis": "both
             ON | {"radar.sweep": "triangular"},
             "processing.angle: 'interferometric' is not supported with pairs of sweeps",
         ),
-        (ON | {"sensor": "lidar"}, "processing.angle: 'interferometric' needs sensor = 'radar'"),
-        (ON | {"weather.rain_rate_mm_per_h": 5.0}, "is not supported together with rain, snow or dust"),
-        (ON | {"dem.method": "refined"}, "dem.method: 'refined' needs range profiles"),
+        (
+            ON | {"sensor": "lidar"},
+            "processing.angle: 'interferometric' is not supported with a sensor",
+        ),
+        (ON | {"weather.rain_rate_mm_per_h": 5.0}, "is not supported with rain, snow or dust"),
+        (ON | {"dem.method": "refined"}, "dem.method: 'refined' is not supported with several receivers"),
         (
             ON | {"radar.scan.mode": "electronic", "radar.antenna": {"kind": "array", "elements": [16, 16]}},
             "is not supported with electronically steered beams",

@@ -70,20 +70,32 @@ def test_speckle_drawn_anew_steadies_ranges_by_the_square_root_of_the_looks():
 @pytest.mark.parametrize(
     ("mode", "changes", "message"),
     [
-        ("coherent", {"tracing.speckle": "per_pulse"}, "processing.average.mode: 'coherent' needs the same scatterers"),
+        (
+            "coherent",
+            {"tracing.speckle": "per_pulse"},
+            "mode: 'coherent' is not supported with speckle drawn anew",
+        ),
         ("coherent", {"radar.sweep": "triangular"}, "processing.average.chirps: 4 is not supported with pairs"),
         (
             "coherent",
             {"weather.rain_rate_mm_per_h": 5.0},
-            "processing.average.chirps: 4 is not supported together with rain",
+            "processing.average.chirps: 4 is not supported with rain",
         ),
-        ("coherent", {"sensor": "lidar"}, "processing.average.chirps: 4 needs sensor = 'radar'"),
-        ("incoherent", {"processing.cfar.kind": "SO"}, "processing.cfar.kind: 'SO' has no false-alarm rate"),
-        ("incoherent", {"dem.method": "smooth"}, "dem.method: 'smooth' models the likelihood of single chirps"),
+        (
+            "coherent",
+            {"sensor": "lidar"},
+            "processing.average.chirps: 4 is not supported with a sensor",
+        ),
+        (
+            "incoherent",
+            {"processing.cfar.kind": "SO"},
+            "cfar.kind: 'SO' is not supported with averaged powers",
+        ),
+        ("incoherent", {"dem.method": "smooth"}, "dem.method: 'smooth' is not supported with averaged powers"),
         (
             "incoherent",
             {"processing.angle": "interferometric", "radar.second_receiver.axis": "both"},
-            "processing.average.mode: the angle of arrival needs phases",
+            "processing.average.mode: 'incoherent' is not supported with several receivers, which need phases",
         ),
     ],
 )

@@ -116,11 +116,17 @@ def test_the_same_errors_are_those_of_one_module():
     [
         ({"sensor": "radar"}, r"radar\.array: has no effect on sensor = 'radar'; set sensor = 'mimo'"),
         ({"radar": {"preset": "ti_awr1843"}}, r"radar\.array: missing; sensor = 'mimo' needs its elements"),
-        ({"radar.scan": {"mode": "whisk_broom"}}, r"radar\.scan\.mode: 'whisk_broom' would move the array"),
+        (
+            {"radar.scan": {"mode": "whisk_broom"}},
+            r"scan\.mode: 'whisk_broom' is not supported with frames",
+        ),
         ({"radar.array.frame_rate_hz": 500.0}, r"frame_rate_hz: 500 frames of 6 ms do not fit .* lower it to 167"),
         ({"radar.sweep": "triangular"}, r"radar\.sweep: 'triangular' is not supported with frames"),
-        ({"tracing.speckle": "per_pulse"}, r"tracing\.speckle: 'per_pulse' keeps no phase"),
-        ({"radar.receiver.high_pass_corner_hz": 1e4}, r"radar\.receiver: an array's receivers support thermal noise"),
+        ({"tracing.speckle": "per_pulse"}, r"tracing\.speckle: 'per_pulse' is not supported with frames of an array"),
+        (
+            {"radar.receiver.high_pass_corner_hz": 1e4},
+            r"radar\.receiver: is not supported with frames",
+        ),
         (
             {"radar.array.receivers_wavelengths": [[0, 0], [0.5, 0], [0.5, 0.0]]},
             r"receivers_wavelengths: elements 1 and 2 are both at \[0\.5, 0\.0\]; move or remove one",

@@ -176,7 +176,10 @@ gate_delay_us = {{}}
     [
         ({"radar.gate_delay_us": -1.0}, "radar.gate_delay_us"),
         ({"radar.gate_delay_us": 900.0, "radar.chirp_rate_hz": 2000.0}, "radar.gate_delay_us: 900 is no shorter than"),
-        ({"weather.rain_rate_mm_per_h": 5.0}, "processing.volume_clutter: 'auto' recognises rain"),
+        (
+            {"weather.rain_rate_mm_per_h": 5.0},
+            "'auto' is not supported with rain, snow or dust before",
+        ),
         ({"sensor": "mimo"}, "radar.gate_delay_us: 0.2 is not supported with frames of an array; set 0"),
     ],
 )

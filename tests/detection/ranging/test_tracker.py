@@ -81,7 +81,7 @@ def test_a_flight_is_that_of_its_estimator_smoothed_whatever_the_blocks():
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"processing.echoes": "all"}, "follows one echo of each pulse"),
+        ({"processing.echoes": "all"}, "of which it follows one"),
         ({"radar.scan": {"mode": "whisk_broom"}}, "set radar.scan.mode = 'fixed'"),
         ({"processing.ranging_parameters.time_constant_s": 0.0}, "must be greater than 0"),
     ],
