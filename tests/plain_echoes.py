@@ -1,4 +1,4 @@
-"""The forward model of echoes pulse by pulse, with NumPy and SciPy alone: the slow oracle of `echo_kernels`."""
+"""The forward model of echoes pulse by pulse, with NumPy and SciPy alone: the slow oracle of `echo_model`."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The commands that simulate: surveys, studies, images, range-Doppler maps and link budgets."""
+"""The commands that fly one survey: `demo` and `run`."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Commands that plan, check, draw and report without simulating."""
+"""Commands that start, check, list and draw scenarios, and report on the program, without simulating."""
 
 import sys
 from importlib import resources

@@ -45,7 +45,6 @@ class MapInputs:
     grid: cells of the DEM.
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
-    progress: a method that takes long calls it with "mapping", the steps done and their number.
     find_footprints: computes `footprints` on first use.
     each_piece: evaluates the tiles of a map, in this process or on workers.
     uncertain: whether the errors of the heights are asked for; a method may leave out what only they need.

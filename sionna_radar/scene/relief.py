@@ -3,7 +3,7 @@
 A pyramid of the greatest heights of blocks of cells tells where a ray from above can meet the ground: blocks that it
 passes over are left behind at once (Tevs, Ihrke and Seidel 2008, "Maximum mipmaps for fast, accurate, and scalable
 dynamic height field rendering"). In the cells that remain the ray is compared with the very triangles of
-`mesh.mesh_of`. To build the pyramid takes a hundredth of the time of the tree that a mesh of as many triangles needs.
+`model.mesh_of`. To build the pyramid takes a hundredth of the time of the tree that a mesh of as many triangles needs.
 """
 
 from typing import no_type_check

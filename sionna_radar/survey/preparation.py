@@ -98,8 +98,8 @@ class Prepared:
     antenna, flight, receiver: the radar, its pulses, and its receiver.
     flown: the trajectory with its nominal height and speed, and what a log gave for it.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
-    angle: finds directions inside the beam; None for echoes on the beam's axis.
-    array: finds points in the frames of an array, whose true errors are those of module; None for a radar without.
+    angle: finds directions inside the beam, or points in the frames of an array; None for echoes on the beam's axis.
+    module: the array with its true errors; None for a radar without.
     bursts: the chirps that are averaged to each pulse of the flight, or the frame that it is; None for one.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.

@@ -131,8 +131,8 @@ RANGING = {"detection.ranging.plane_fit": "model_fit", "detection.ranging.estima
 EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MARGIN_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
     *("tile_m", "overlap_m", "block_m", "block_margin_m"),
 }
-# Directions inside the beam need receivers that a recording does not hold, and frames of chirps make no map.
-WITHOUT_MAPS = {"detection.angle", "detection.range_doppler"}
+# Directions inside the beam need receivers that a recording does not hold.
+WITHOUT_MAPS = {"detection.angle"}
 # A tolerance is technical that moves the map by no more than this share of its error, fills or empties no more than
 # this share of the lit cells, and brings no more than this share of them into the 95 % interval or out of it.
 MOVED, FILLED, INSIDE = 0.1, 0.01, 0.02

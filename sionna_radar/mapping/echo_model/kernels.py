@@ -2,7 +2,7 @@
 
 Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
 profile, with a margin of `pad` cells on both sides for the response of the window. The response is that of cells over
-which power is spread as by a cubic B-spline; see `echo_model.taps`.
+which power is spread as by a cubic B-spline; see `model.spline_taps`.
 
 What each cell gains by more power is handed back to the cells that power leaves, from these to the samples of the beam,
 and from those to the nodes around: as much work as the prediction itself.

@@ -11,7 +11,7 @@
     sampling_rate_hz = 2.5e6
     pulse_rate_hz = 100.0
 
-An array may hold range profiles instead: `_signals_of` says how they are read. Ranges that an altimeter read stand in
+An array may hold range profiles instead: `_of_powers` says how powers are read. Ranges that an altimeter read stand in
 `[readings]` in place of `[recording]` and `[sweep]`.
 
     [poses]                             # a flight log, in any format that `platform.log` takes

@@ -139,7 +139,7 @@ def sample_or_raster(terrain: SampleTerrain | RasterTerrain, inputs: TerrainInpu
 
 
 def raster_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
-    """Return the local frame of an elevation raster; see `elevation.file_frame`."""
+    """Return the local frame of an elevation raster; see `terrains.elevation.file_frame`."""
     return elevation_frame(_elevation_source(terrain))
 
 

@@ -18,20 +18,19 @@ position minus the reference's.
 Errors of an instrument from overlapping lines over ground that is not known, or known at a few places.
 
 The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
-the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each as high
-as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
-information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being
-the heights that stand for an error, a step of scoring solves
+the terrain's covariance, which is learned from the echoes of one line as a map does (`mapping.terrain.smoothing`), each
+as high as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
+information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the
+heights that stand for an error, a step of scoring solves
 
     [ I + G'G     G'J        ] [du]       [ s_u - u              ]
     [ J'G         J'J + P^-1 ] [dtheta] = [ s_theta - P^-1 theta ]
 
 with s the scores. The ground is eliminated: what is left for theta is its information less what the ground could
-explain as well (Schur complement). Heights of
-single places, measured otherwise, are further rows of G.
+explain as well (Schur complement). Heights of single places, measured otherwise, are further rows of G.
 
 The information is divided by the scatter of the scores of speckle beforehand, so that echoes and terrain have the
-weights of their variances (see `calibration`).
+weights of their variances.
 """
 
 import itertools

@@ -261,7 +261,7 @@ class RangeProfiles:
     ) -> ErrorsLinearised:
         """Return the likelihood linearised in the heights under the nodes, and in the heights that stand for errors.
 
-        speckle_scatter: divides the looks; see `calibration`.
+        speckle_scatter: divides the looks; see `estimation`.
         """
         sightings, motion = self.without(errors)
         model, looks = EchoModel(sightings, surface), self.looks / speckle_scatter

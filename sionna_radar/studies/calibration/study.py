@@ -2,7 +2,7 @@
 
 The echoes are detected as `process` does. Which errors are observable is computed before any is estimated, and
 with it what other manoeuvres would add: lines like the flown one, turned, higher, faster or rocking, over the same
-reference. Then the errors are estimated (`mapping.calibration`), and the map is made with and without them.
+reference. Then the errors are estimated (`estimation`), and the map is made with and without them.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Results side by side: reading them, their table, and their page."""
+"""Results side by side: their tables, and their page."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A radar design as a sentence, tables, figures, `design.json` and one page; and several studies in one table."""
+"""A radar design as a sentence, tables, figures, `design.json` and one page."""
 
 from base64 import b64encode
 from collections.abc import Mapping

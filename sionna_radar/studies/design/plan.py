@@ -1,6 +1,6 @@
 """Which radar do I need? The free parameters that meet requirements at the least cost, found with few surveys.
 
-A plan names the free parameters, the objectives and the requirements; `design_search` flies it, and returns the result.
+A plan names the free parameters, the objectives and the requirements; `run_design` flies it, and returns the result.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,6 +1,6 @@
 """The link budget of a radar: signal, noise and probability of detection against range, incidence, material and rain.
 
-Level ground fills the beam; its mean spectrum and the floors under it have a closed form (`link_spectra`). The
+Level ground fills the beam; its mean spectrum and the floors under it have a closed form (`spectra`). The
 signal-to-noise ratio is that of the strongest range cell of the ground, and a cell of speckle is detected with the
 probability of a Swerling 1 target. The same ground is then simulated at a few ranges, traced, synthesised, received
 and detected by the chain of every survey: for comparison, and for what the survey's own detector finds.

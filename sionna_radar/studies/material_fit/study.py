@@ -7,9 +7,9 @@ trigamma(L). These logarithms are fitted by weighted least squares, together wit
 beforehand and, of a radar that is not calibrated, a level that all rows share.
 
 Heights, lengths, losses and permittivities (less that of air) are fitted as logarithms, levels as decibels. With the
-covariance of the estimate it is known which parameters are observable (`calibration.estimation.Posterior`), which
-directions they leave open, and, with the information of rows that were not measured, which measurements would make more
-parameters observable.
+covariance of the estimate it is known which parameters are observable (`studies.calibration.estimation.Posterior`),
+which directions they leave open, and, with the information of rows that were not measured, which measurements would
+make more parameters observable.
 
 A constant gamma against another model's curve is the case of one parameter, equal weights and nothing known before.
 """

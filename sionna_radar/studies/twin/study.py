@@ -1,6 +1,6 @@
 """A recording beside its simulation: the recorded poses are flown over a reference with the radar of a scenario.
 
-Both are processed alike, and compared by `twin_statistics`.
+Both are processed alike, and compared by `twin.statistics`.
 """
 
 import logging

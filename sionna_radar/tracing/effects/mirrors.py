@@ -22,8 +22,8 @@ of direction k meets a plane of normal n. With h across the plane of incidence, 
 
     E' = sqrt(c) [ R_h h (h . E)  +  R_v (h x k') ((h x k) . E) ],      k' = k - 2 (k . n) n,
 
-R_h and R_v as in `rough_surface.fresnel_reflection`, c = exp(-(2 k s cos t)^2) the share that a roughness s leaves
-coherent, at the incidence t of the ray.
+R_h and R_v as in `surfaces.rough_surface.fresnel_reflection`, c = exp(-(2 k s cos t)^2) the share that a roughness s
+leaves coherent, at the incidence t of the ray.
 """
 
 from dataclasses import dataclass

@@ -296,7 +296,7 @@ class _Scattering:
 
 
 def _signs(place_m: Float[np.ndarray, "3 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return two signs that depend only on a position, those of `sionna.material`."""
+    """Return two signs that depend only on a position, those of `tracing.sionna.material`."""
     x, y, z = (np.ascontiguousarray(c, dtype=np.float32).view(np.uint32) for c in place_m)
     bits = (x * np.uint32(73856093)) ^ (y * np.uint32(19349663)) ^ (z * np.uint32(83492791))
     bits = (bits ^ (bits >> np.uint32(16))) * np.uint32(0x85EBCA6B)
