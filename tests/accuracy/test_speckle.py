@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from sionna_radar.accuracy.speckle_test import compare_speckle
+from sionna_radar.accuracy.randomisation import compare_speckle
 from sionna_radar.foundation.raster import Grid, Raster
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=96, rows=72)

@@ -4,7 +4,7 @@ Both trace the same pulses over the same meshes. The power of a pulse's echo is 
 |gain|^2 over its paths, that is before interference, so it is free of speckle and the engines must agree
 closely. The DEMs are made of speckled echoes, and each engine draws its own speckle: two seeds of ONE engine
 already differ. So each engine flies with two seeds, all four cross pairs are compared with the two pairs of one
-engine, and `speckle_test` gives the probability of such a difference from speckle alone. The noise of the
+engine, and `accuracy.randomisation` gives the probability of such a difference from speckle alone. The noise of the
 receiver, the rain and the fluctuation of targets are the same in all four.
 
 Shared parts are not checked: Mitsuba's ray casting (shadows), the antenna's pattern, the models of backscatter, point
@@ -25,7 +25,7 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 from scipy.special import ndtri
 
-from sionna_radar.accuracy.speckle_test import SpeckleTest, compare_speckle
+from sionna_radar.accuracy.randomisation import SpeckleTest, compare_speckle
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of
