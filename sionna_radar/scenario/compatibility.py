@@ -29,8 +29,8 @@ class Setting:
 
     def value(self, scenario: Scenario) -> str:
         """Return its value as messages show it, with a space behind; empty for a table."""
-        found = reduce(getattr, self.key.split("."), scenario)
-        return "" if isinstance(found, Table) else f"{found:g} " if isinstance(found, float) else f"{shown(found)} "
+        value = reduce(getattr, self.key.split("."), scenario)
+        return "" if isinstance(value, Table) else f"{value:g} " if isinstance(value, float) else f"{shown(value)} "
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ IN_AIR = Setting("rain, snow or dust", "weather", _in_air)
 BOUNCES = Setting("two bounces", "tracing.bounces", lambda s: s.tracing.bounces > 1)
 NEW_SPECKLE = Setting("speckle drawn anew", "tracing.speckle", lambda s: s.tracing.speckle == "per_pulse")
 IMPERFECT = Setting("filters or leakage", "radar.receiver", _imperfect)
-ORDERED_CFAR = Setting("another CFAR", "processing.cfar.kind", lambda s: s.processing.cfar.kind != "CA")
+ORDERED_CFAR = Setting("a CFAR other than 'CA'", "processing.cfar.kind", lambda s: s.processing.cfar.kind != "CA")
 ALL_ECHOES = Setting("all echoes of a pulse", "processing.echoes", lambda s: s.processing.echoes == "all")
 CLUTTER = Setting("a search for rain", "processing.volume_clutter", lambda s: s.processing.volume_clutter != "off")
 GATED_AIR = Setting("rain, snow or dust before the range gate", "weather", lambda s: _in_air(s) and GATE.is_set(s))
