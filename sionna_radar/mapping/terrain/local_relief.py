@@ -308,7 +308,7 @@ def _cross_line_errors(
     fitted: FittedCovariance,
     relief: LocalRelief,
     tables: DividedTables,
-) -> Float[np.ndarray, " window"]:
+) -> Float[np.ndarray, " predicted"]:
     """Return the errors of predicting the first height of windows from those of other scan lines, over their sigmas.
 
     The prediction is by universal kriging about a plane (Chiles and Delfiner 2012, section 3.4). Windows with too few
