@@ -48,7 +48,7 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, visible_surface
-from sionna_radar.mapping.stepped.borders import assign_border_cells, contradicted_by_echoes, nearest_echo_off_level
+from sionna_radar.mapping.stepped.labelling import nearest_echo_off_level, relabelled
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.regions import distance_to_border_m, raised_cells, region_windows, regions_of
@@ -96,15 +96,9 @@ def step_surface(
         inside = region[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     release_memory()
-    bordered = assign_border_cells(
-        sightings, axis_m, height, region, ~raised_cells(height, region, step_m), step_m, grid
-    )
-    height, region_sigma = bordered.height_m, sigma_after_reassignment(sigma, region, bordered.region)
-    echoes_of = height, points.position_m, step_m, grid
-    doubtful = bordered.doubtful(nearest_echo_off_level(*echoes_of), contradicted_by_echoes(*echoes_of))
-    beams = FilledBeams(points, sightings, options.outlier_sigmas)
-    for number, plane in roofs.items():
-        _refit(plane, (bordered.region == number) & ~doubtful, beams, height, region_sigma, grid, step_m)
+    labelled = relabelled(sightings, axis_m, height, region, step_m, grid, options.jump_nepers / 3)
+    height, region_sigma = labelled.height_m, sigma_after_reassignment(sigma, region, labelled.region)
+    doubtful = doubt(labelled, nearest_echo_off_level(height, points.position_m, step_m, grid))
     # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
     uncertainty = stepped_uncertainty(np.minimum(region_sigma, step_m), height, coarse, step_m, grid.spacing_m)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)

@@ -1,4 +1,4 @@
-"""Numba kernels of `borders`: ray casting on cell columns, predicted profiles, and reassignment of cells.
+"""Numba kernels of `labelling`: ray casting on cell columns, predicted profiles, and changes of labels.
 
 Cells are columns with plane tops. `CellColumns`, `CellViews` and `PulseEchoes` hold arrays that all functions share.
 
@@ -397,14 +397,16 @@ def likelihood_gain(echoes, pulse, hits, low, high, mean):
 
 @compiled
 @no_type_check
-def assign_cells(
-    columns, views, echoes, level, farthest, alike, cells, first, pulses, ground, ground_height, changed, margin, step
-):
-    """Assign cells, one after the other, to the region under which the profiles are most likely.
+def visit_cells(
+    columns, views, echoes, level, farthest, pair, discount, cells, first, pulses, uniform, reference, step, changed,
+    other_side,
+):  # fmt: skip
+    """Give cells, one after the other, the region of one of their neighbours, given all others.
 
-    alike: gain for each of the eight neighbours in the same region; first, pulses: which pulses' rays cross each cell;
-    ground, ground_height: a further region for each cell and its height there, NOTHING without.
-    margin: by how many nepers each cell's region is likelier than any whose height there is by a `step` another.
+    pair: gain for each of the eight neighbours in the same region, Np; discount: factor of log-likelihoods.
+    first, pulses: which pulses' rays cross each cell.
+    uniform: a random number for each cell of the map, by which its region is drawn; empty to take the likeliest.
+    reference: heights; other_side: added to, the probability that a cell is by more than a `step` off them.
     """
     count, samples, longest = columns.height.shape[1], len(views.power), 0
     for pulse in range(len(echoes.first)):
@@ -412,48 +414,54 @@ def assign_cells(
     hits, mean = np.zeros(longest + 4 * len(echoes.response)), np.empty(longest)
     near, which = np.empty(samples, dtype=np.bool_), np.empty(samples, dtype=np.int64)
     enters, leaves, met, what = np.empty(samples), np.empty(samples), np.empty(samples), np.empty(samples, np.int64)
-    tried, gain, tops = np.empty(11, dtype=np.int64), np.empty(11), np.empty((11, 3))
+    tried, gain, tops = np.empty(9, dtype=np.int64), np.empty(9), np.empty((9, 3))
+    prior, odds = np.empty(9), np.empty(9)
     for cell in cells:
         i, j = cell // count, cell % count
-        current = columns.region[i, j]
-        same_region = candidate(columns, i, j, current)[3]
-        tried[0], tried[1], tried_count = current, NOTHING, 2
+        tried[0], tried_count, gain[:] = columns.region[i, j], 1, 0.0
+        prior[0] = pair * candidate(columns, i, j, tried[0])[3]
+        tops[0, 0], tops[0, 1], tops[0, 2] = columns.height[i, j], columns.slope_x[i, j], columns.slope_y[i, j]
         for place in range(9):
             u, v = i + place // 3 - 1, j + place % 3 - 1
-            if place == 4:
-                region = ground[cell]
-            elif 0 <= u < columns.region.shape[0] and 0 <= v < count:
-                region = columns.region[u, v]
-            else:
+            if place == 4 or not (0 <= u < columns.region.shape[0] and 0 <= v < count):
                 continue
-            again = False
+            region, again = columns.region[u, v], False
             for k in range(tried_count):
                 again |= region == tried[k]
             if again:
                 continue
             height, a, b, number = candidate(columns, i, j, region)
-            if number == 0:
-                height = ground_height[cell]
             if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
-                tried[tried_count], gain[tried_count] = region, alike * (number - same_region)
+                tried[tried_count], prior[tried_count] = region, pair * number
                 tops[tried_count, 0], tops[tried_count, 1], tops[tried_count, 2] = height, a, b
                 tried_count += 1
-        for pulse in pulses[first[cell] : first[cell + 1]]:
+        for pulse in pulses[first[cell] : first[cell + 1] if tried_count > 1 else first[cell]]:
             rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
-            for k in range(2, tried_count):
+            for k in range(1, tried_count):
                 top = tops[k, 0], tops[k, 1], tops[k, 2], tried[k]
                 low, high = recast_cell_rays(
                     columns, views, echoes, level, farthest, pulse, (i, j), top, rays, hits, met, what
                 )
                 if high != NOTHING:
                     gain[k] += likelihood_gain(echoes, pulse, hits, low, high, mean)[0]
-        best, most, next_best = 0, 0.0, -np.inf
-        for k in range(2, tried_count):
-            if abs(tops[k, 0] - columns.height[i, j]) > step:
-                next_best = max(next_best, gain[k])
-            if gain[k] > most:
-                best, most = k, gain[k]
-        margin[i, j] = abs(next_best)
+        best = 0
+        for k in range(tried_count):
+            gain[k] = discount * gain[k] + prior[k]
+            if gain[k] > gain[best]:
+                best = k
+        total = 0.0
+        for k in range(tried_count):
+            odds[k] = np.exp(gain[k] - gain[best])
+            total += odds[k]
+        for k in range(tried_count):
+            if abs(tops[k, 0] - reference[i, j]) > step:
+                other_side[i, j] += odds[k] / total
+        if len(uniform):
+            left = uniform[i, j] * total
+            for k in range(tried_count):
+                best, left = k, left - odds[k]
+                if left <= 0:
+                    break
         if best == 0:
             continue
         top = tops[best, 0], tops[best, 1], tops[best, 2], tried[best]
@@ -475,14 +483,65 @@ def assign_cells(
 
 @compiled
 @no_type_check
-def predict(columns, views, echoes, level, returned, expected, cell_returned, cell_expected, low, high):
+def region_gains(columns, views, echoes, level, farthest, window, pulses, accept, gain, low, high):
+    """Write what the log-likelihoods of some pulses gain from new columns within a window of the map.
+
+    window: first and last rows and columns, the last excluded; columns: as they would be.
+    accept: whether the rays and the predicted profiles are changed, too.
+    """
+    side, samples, longest = columns.spacing, len(views.power), 0
+    for pulse in range(len(echoes.first)):
+        longest = max(longest, echoes.start[pulse + 1] - echoes.start[pulse])
+    hits, mean = np.zeros(longest + 4 * len(echoes.response)), np.empty(longest)
+    south, north = columns.south + window[0] * side, columns.south + window[1] * side
+    west, east = columns.west + window[2] * side, columns.west + window[3] * side
+    nowhere = np.int64(NOTHING)
+    for n in range(low, high):
+        pulse = pulses[n]
+        x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
+        nearest, last = len(hits), nowhere
+        for k in range(samples):
+            dx, dy, dz = ray(views, pulse, k)
+            in_x, out_x, in_y, out_y = (west - x) / dx, (east - x) / dx, (south - y) / dy, (north - y) / dy
+            enters = max(min(in_x, out_x), min(in_y, out_y)) - ROUNDING * side
+            leaves = min(max(in_x, out_x), max(in_y, out_y)) + ROUNDING * side
+            before, of = views.meets[pulse, k], np.int64(views.what[pulse, k])
+            if enters > leaves or leaves < views.enters[pulse, k] or enters > before + ROUNDING:
+                continue
+            begin = max(views.enters[pulse, k], enters)
+            meets, surface = cast(
+                columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere
+            )
+            if meets == before and surface == of:
+                continue
+            at, nearer, farther = landing(views, echoes, pulse, k, before, of)
+            if at != NOTHING:
+                hits[at] -= level[of] * nearer
+                hits[at + 1] -= level[of] * farther
+                nearest, last = min(nearest, at), max(last, at + 1)
+            at, nearer, farther = landing(views, echoes, pulse, k, meets, surface)
+            if at != NOTHING:
+                hits[at] += level[surface] * nearer
+                hits[at + 1] += level[surface] * farther
+                nearest, last = min(nearest, at), max(last, at + 1)
+            if accept:
+                views.meets[pulse, k], views.what[pulse, k] = meets, surface
+        gain[n] = 0.0
+        if last != NOTHING:
+            gain[n], nearest, last = likelihood_gain(echoes, pulse, hits, nearest, last, mean)
+            if accept:
+                for k in range(nearest, last):
+                    echoes.mean[echoes.start[pulse] + k] = mean[k]
+
+
+@compiled
+@no_type_check
+def predict(views, echoes, level, returned, expected, low, high):
     """Predict the profiles of some pulses, and compare the measured ones with them.
 
     Sums, for each region and its walls, the returned and the expected power of the multiplicative update: p P / mean^2
-    and p / mean over the powers P to which a reflectivity adds p; and the same by map cell. With no output array the
-    moment is not computed.
+    and p / mean over the powers P to which a reflectivity adds p. With no output array they are not computed.
     """
-    rows, count = columns.height.shape
     half, longest = len(echoes.response) // 2, 0
     pad = 2 * half + 1
     for pulse in range(low, high):
@@ -517,15 +576,3 @@ def predict(columns, views, echoes, level, returned, expected, cell_returned, ce
             nearer, farther = level[what] * views.nearer[k, pulse], level[what] * views.farther[k, pulse]
             returned[what] += nearer * excess[at] + farther * excess[at + 1]
             expected[what] += nearer * inverse[at] + farther * inverse[at + 1]
-        x, y = views.position[pulse, 0], views.position[pulse, 1]
-        for k in range(len(views.power) if len(cell_returned) > 0 else 0):
-            meets, what = views.meets[pulse, k], np.int64(views.what[pulse, k])
-            at, nearer, farther = landing(views, echoes, pulse, k, meets, what)
-            if at == NOTHING or what % 2 == 1:
-                continue
-            dx, dy, _ = ray(views, pulse, k)
-            i = int(np.floor((y + meets * dy - columns.south) / columns.spacing))
-            j = int(np.floor((x + meets * dx - columns.west) / columns.spacing))
-            if 0 <= i < rows and 0 <= j < count:
-                cell_returned[i * count + j] += level[what] * (nearer * excess[at] + farther * excess[at + 1])
-                cell_expected[i * count + j] += level[what] * (nearer * inverse[at] + farther * inverse[at + 1])

@@ -1,0 +1,483 @@
+"""The region that each cell of a stepped map belongs to: a labelling, by the likelihood of whole range profiles.
+
+Echoes of both sides of a border fall into the same profiles, and each range cell holds the sum of what all of the
+beam sees. So neither a cell nor a region can be judged by itself: the profiles of all pulses that see it are predicted
+with it changed, everything else as the map has it. One energy decides, in nepers:
+
+    E = - sum over profiles of log-likelihood + `pair_nepers` x (pairs of neighbours in different regions)
+
+the neighbours being the eight of a cell (a Potts prior). It is lowered by changing single cells (iterated conditional
+modes; Besag 1986, "On the statistical analysis of dirty pictures", J. R. Stat. Soc. B 48, 259-302) and whole regions,
+which join one beside them. Then labels are drawn, cell by cell, given all others (Geman and Geman 1984, "Stochastic
+relaxation, Gibbs distributions, and the Bayesian restoration of images", IEEE PAMI 6, 721-741): how often a cell
+would be a step off the map is the probability that it belongs to the other side.
+
+Cells are columns with plane tops, and their sides are walls. Each region has two reflectivities, of its tops and of its
+walls: the likeliest ones given the map, found by the multiplicative updates for exponential powers (Fevotte and
+Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int32
+from scipy.ndimage import binary_dilation, find_objects, label, maximum_filter, minimum_filter
+from scipy.spatial import KDTree
+
+from sionna_radar.detection.ranging.plane_fit import PEDESTAL
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
+from sionna_radar.mapping.echo_model.beam import beam_samples
+from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
+from sionna_radar.mapping.stepped.labelling_kernels import CellColumns, CellViews, PulseEchoes
+
+# Beam samples per map cell in the main lobe, and their lower and upper limit.
+SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
+# Reference range of reflectivities, m.
+UNIT_M = 50.0
+# Sweeps that take the likeliest label of each cell, and sweeps that draw it.
+SWEEPS, DRAWS = 4, 10
+# Factor of log-likelihoods when labels are drawn: neighbouring pulses see the same speckle, and columns are a model.
+DISCOUNT = 0.3
+FIRST_UPDATES, UPDATES = 25, 3
+# Weight of the previous reflectivity, in expected echoes: regions seen by few pulses keep theirs.
+PRIOR_ECHOES = 5.0
+# Most cells by which a region may grow, and cells beyond a lowered cell whose rays are cast again.
+GROWTH_CELLS, BEYOND_CELLS = 10, 6
+PULSES_AT_ONCE = 64
+# Capacity for the map cells near the rays of a pulse; more than usual.
+ENTRIES = 160
+# Side of the blocks processed one after another, and margin that their pulses reach, cells.
+BLOCK_CELLS, MARGIN_CELLS = 200, 24
+AROUND = np.ones((3, 3), dtype=bool)
+
+
+@dataclass(frozen=True)
+class LabelledMap:
+    """A stepped map: heights of the cells, and the region that each belongs to.
+
+    other_side: probability that a cell belongs to another region, whose height there is another by a step.
+    """
+
+    height_m: Float[np.ndarray, "row column"]
+    region: Int[np.ndarray, "row column"]
+    other_side: Float[np.ndarray, "row column"]
+
+
+def relabelled(
+    sightings: Sightings,
+    axis_m: Float[np.ndarray, "pulse 3"],
+    height_m: Float[np.ndarray, "row column"],
+    region: Int[np.ndarray, "row column"],
+    step_m: float,
+    grid: Grid,
+    pair_nepers: float,
+    draws: int = DRAWS,
+) -> LabelledMap:
+    """Return the map with cells and regions changed to the likeliest labels given the profiles.
+
+    sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
+    height_m, region: the map, and the number of the region that each cell belongs to.
+    step_m: smallest height difference that counts as a step.
+    grid: cells of the map.
+    pair_nepers: gain for each pair of neighbours in the same region.
+    draws: sweeps that draw labels; none leaves the probabilities zero.
+    """
+    result = LabelledMap(height_m.copy(), region.copy(), np.zeros(grid.shape))
+    uniform = np.random.default_rng(0).random((draws, *grid.shape))
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            window = _span(row, grid.rows), _span(column, grid.columns)
+            core = np.zeros(grid.shape, dtype=bool)
+            core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
+            cells = grid.cut(*window)
+            near = _near(axis_m, cells)
+            if near.any():
+                inner = core[window]
+                block = Labelling(sightings.rows(near), result.height_m[window], result.region[window], cells)
+                block.improve(inner, pair_nepers)
+                block.merge(inner, pair_nepers)
+                block.improve(inner, pair_nepers)
+                drawn = block.drawn(inner, pair_nepers, uniform[:, window[0], window[1]], step_m)
+                for field in fields(LabelledMap):
+                    getattr(result, field.name)[window][inner] = getattr(drawn, field.name)[inner]
+    return result
+
+
+def nearest_echo_off_level(
+    height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells whose nearest located echo lies a step above or below them."""
+    if len(point_m) == 0:
+        return np.zeros(grid.shape, dtype=bool)
+    nearest = KDTree(point_m[:, :2]).query(grid.centres_m)[1]
+    return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Pulses whose rays come near each cell of a map, and where those of each cell begin.
+
+    tile_cells: side of tiles of which no pulse sees two that are not neighbours, in cells.
+    """
+
+    first: Int[np.ndarray, " edge"]
+    pulse: Int[np.ndarray, " entry"]
+    tile_cells: int
+
+    def over(self, cells: Bool[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
+        """Return the pulses whose rays come near some of the cells."""
+        return np.unique(self.pulse[np.repeat(cells.ravel(), np.diff(self.first))])
+
+    def over_some(self, cells: Int[np.ndarray, " cell"]) -> Int[np.ndarray, " pulse"]:
+        """Return the pulses whose rays come near a few cells, by their running numbers."""
+        return np.unique(np.concatenate([self.pulse[self.first[cell] : self.first[cell + 1]] for cell in cells]))
+
+
+class Labelling:
+    """Cells of a map as columns, the regions that they belong to, and the pulses that see them."""
+
+    def __init__(
+        self,
+        sightings: Sightings,
+        height_m: Float[np.ndarray, "row column"],
+        region: Int[np.ndarray, "row column"],
+        grid: Grid,
+    ) -> None:
+        self._numbers, inverse = np.unique(region, return_inverse=True)
+        number = inverse.reshape(region.shape).astype(np.int64)
+        spacing = grid.spacing_m
+        ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
+        self._columns = CellColumns(
+            height_m.copy(),
+            *_slopes(height_m, number, spacing),
+            number,
+            ceiling,
+            float(ceiling.max()),
+            float(grid.x_m[0]) - spacing / 2,
+            float(grid.y_m[0]) - spacing / 2,
+            spacing,
+        )
+        self._farthest = float(sightings.reach_m)
+        self._views = _views(sightings, spacing)
+        self._echoes = _echoes(sightings)
+        until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
+        self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
+        self._cast(np.arange(len(sightings)))
+        self._update(FIRST_UPDATES)
+
+    @property
+    def region(self) -> Int[np.ndarray, "row column"]:
+        """The number of each cell's region."""
+        return self._numbers[self._columns.region]
+
+    def improve(self, core: Bool[np.ndarray, "row column"], pair_nepers: float) -> None:
+        """Give cells beside borders their likeliest labels, until nothing changes or for `SWEEPS` sweeps."""
+        crossing, shape = self._crossing(), core.shape
+        changed, moved = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
+        for _ in range(SWEEPS):
+            wanted = border_cells(self._columns.region) & core & binary_dilation(changed, iterations=2)
+            if not wanted.any():
+                break
+            changed = self._sweep(wanted, crossing, pair_nepers)[0]
+            if not changed.any():
+                break
+            # A ray over a lowered cell may meet cells that it was not listed for, which may change after that cell.
+            moved |= binary_dilation(changed)
+            self._cast(crossing.over(moved))
+            self._update(UPDATES)
+
+    def drawn(
+        self,
+        core: Bool[np.ndarray, "row column"],
+        pair_nepers: float,
+        uniform: Float[np.ndarray, "draw row column"],
+        step_m: float,
+    ) -> LabelledMap:
+        """Return the map as it is, and how probable it is that cells are of another height; labels are then others."""
+        crossing, shape = self._crossing(), core.shape
+        result = LabelledMap(self._columns.height.copy(), self.region, np.zeros(shape))
+        moved = np.zeros(shape, dtype=bool)
+        for numbers in uniform:
+            wanted = border_cells(self._columns.region) & core
+            off = np.abs(self._columns.height - result.height_m) > step_m
+            changed, other_side = self._sweep(wanted, crossing, pair_nepers, numbers, result.height_m, step_m)
+            result.other_side[:] += np.where(wanted, other_side, off)
+            moved |= binary_dilation(changed)
+            self._cast(crossing.over(moved))
+            self._update(UPDATES)
+        result.other_side[:] /= max(len(uniform), 1)
+        return result
+
+    def merge(self, core: Bool[np.ndarray, "row column"], pair_nepers: float) -> int:
+        """Let each connected part of a region join one beside it where that lowers the energy, the smallest first."""
+        columns, crossing, merged = self._columns, self._crossing(), 0
+        for cells in _connected(columns.region):
+            row, column = np.divmod(cells, core.shape[1])
+            if not core[row, column].all():
+                continue
+            for into in _regions_beside(columns.region, row, column):
+                if self._joins(row, column, into, crossing, pair_nepers):
+                    merged += 1
+                    break
+        self._cast(np.arange(len(self._echoes.first)))
+        self._update(UPDATES)
+        return merged
+
+    def _joins(
+        self,
+        row: Int[np.ndarray, " cell"],
+        column: Int[np.ndarray, " cell"],
+        into: int,
+        crossing: Crossing,
+        pair_nepers: float,
+    ) -> bool:
+        """Continue a region over some cells if that lowers the energy; return whether it did."""
+        columns = self._columns
+        window = _around(row, column, columns.region.shape)
+        ring = np.argwhere(columns.region[window] == into) + [window[0].start, window[1].start]
+        nearest = ring[KDTree(ring).query(np.column_stack([row, column]))[1]]
+        at = nearest[:, 0], nearest[:, 1]
+        east, north = columns.slope_x[at], columns.slope_y[at]
+        height = columns.height[at] + (east * (column - at[1]) + north * (row - at[0])) * columns.spacing
+        return self._propose(row, column, (height, east, north, np.full(len(row), into)), crossing, pair_nepers)
+
+    def _propose(
+        self,
+        row: Int[np.ndarray, " cell"],
+        column: Int[np.ndarray, " cell"],
+        tops: tuple[np.ndarray, ...],
+        crossing: Crossing,
+        pair_nepers: float,
+    ) -> bool:
+        """Change heights, slopes and regions of some cells if that lowers the energy; return whether it did."""
+        from sionna_radar.mapping.stepped.labelling_kernels import region_gains
+
+        columns = self._columns
+        highest = tops[0] + (np.abs(tops[1]) + np.abs(tops[2])) * columns.spacing
+        pulses = crossing.over_some(row * columns.region.shape[1] + column)
+        if np.any(highest > columns.ceiling[row, column]) or len(pulses) == 0:
+            return False
+        arrays = columns.height, columns.slope_x, columns.slope_y, columns.region
+        before, cuts = [array[row, column].copy() for array in arrays], self._cuts(row, column)
+        for array, values in zip(arrays, tops, strict=True):
+            array[row, column] = values
+        window = np.array([row.min(), row.max() + 1, column.min(), column.max() + 1])
+        gain = np.empty(len(pulses))
+        arguments = columns, self._views, self._echoes, self._level, self._farthest, window, pulses
+
+        def some(accept: bool) -> None:
+            list(in_threads(partial(region_gains, *arguments, accept, gain), chunks(len(pulses), PULSES_AT_ONCE)))
+
+        some(False)
+        if gain.sum() + pair_nepers * (cuts - self._cuts(row, column)) > 0:
+            some(True)
+            return True
+        for array, values in zip(arrays, before, strict=True):
+            array[row, column] = values
+        return False
+
+    def _cuts(self, row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]) -> int:
+        """Return the number of pairs of neighbours in different regions, in a window around some cells."""
+        region = self._columns.region[_around(row, column, self._columns.region.shape)]
+        pairs = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
+        pairs += (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
+        return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
+
+    def _cast(self, pulses: Int[np.ndarray, " chosen"]) -> None:
+        """Cast the rays of some pulses."""
+        from sionna_radar.mapping.stepped.labelling_kernels import cast_all
+
+        arguments = self._columns, self._views, self._echoes, self._farthest, pulses
+        list(in_threads(partial(cast_all, *arguments), chunks(len(pulses), PULSES_AT_ONCE)))
+
+    def _update(self, rounds: int) -> None:
+        """Update the reflectivities, and the predicted profiles."""
+        from sionna_radar.mapping.stepped.labelling_kernels import predict
+
+        bounds = equal_chunks(len(self._echoes.first))
+        sums = np.empty((len(bounds), 2, len(self._level)))
+        numbers = {low: number for number, (low, _) in enumerate(bounds)}
+
+        def some(regions: slice, low: int, high: int) -> None:
+            predict(self._views, self._echoes, self._level, *sums[numbers[low], :, regions], low, high)
+
+        for _ in range(rounds):
+            sums[:] = 0.0
+            list(in_threads(partial(some, slice(None)), bounds))
+            returned, expected = sums.sum(axis=0)
+            self._level *= np.sqrt((returned + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
+        list(in_threads(partial(some, slice(0)), bounds))
+
+    def _crossing(self) -> Crossing:
+        """Return the pulses whose rays come near each cell."""
+        from sionna_radar.mapping.stepped.labelling_kernels import cells_crossed
+
+        beyond_m = BEYOND_CELLS * self._columns.spacing
+        sides = self._columns.region.shape
+
+        def some(low: int, high: int) -> Int32[np.ndarray, "2 entry"]:
+            into = np.empty((2, ENTRIES * (high - low)), dtype=np.int64)
+            used = cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
+            if used > into.shape[1]:
+                into = np.empty((2, used), dtype=np.int64)
+                cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
+            return into[:, :used].astype(np.int32)
+
+        cell, pulse = np.concatenate(list(in_threads(some, chunks(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
+        order = np.argsort(cell, kind="stable")
+        first, widest = np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), 1
+        # Entries are in the order of pulses.
+        begin = np.flatnonzero(np.diff(pulse, prepend=-1))
+        for place in (cell // sides[1], cell % sides[1]) if len(begin) else ():
+            spread = np.maximum.reduceat(place, begin) - np.minimum.reduceat(place, begin)
+            widest = max(widest, int(spread.max()))
+        return Crossing(first, pulse[order].astype(np.int64), widest + 4 * BEYOND_CELLS)
+
+    def _sweep(
+        self,
+        wanted: Bool[np.ndarray, "row column"],
+        crossing: Crossing,
+        pair_nepers: float,
+        uniform: Float[np.ndarray, "row column"] | None = None,
+        reference_m: Float[np.ndarray, "row column"] | None = None,
+        step_m: float = np.inf,
+    ) -> tuple[Bool[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+        """Change the labels of cells: draw them by random numbers, or take the likeliest without.
+
+        Returns the changed cells, and the probability of each that its height is a step off a reference. Tiles that no
+        pulse sees together are processed concurrently.
+        """
+        from sionna_radar.mapping.stepped.labelling_kernels import visit_cells
+
+        cells, count = np.flatnonzero(wanted), wanted.shape[1]
+        across = count // crossing.tile_cells + 1
+        row, column = cells // count // crossing.tile_cells, cells % count // crossing.tile_cells
+        tile = row * across + column
+        numbers = np.empty((0, 0)) if uniform is None else np.ascontiguousarray(uniform)
+        reference = self._columns.height.copy() if reference_m is None else reference_m
+        changed, other_side = np.zeros(wanted.shape, dtype=bool), np.zeros(wanted.shape)
+        arguments = self._columns, self._views, self._echoes, self._level, self._farthest, pair_nepers
+        discount = 1.0 if uniform is None else DISCOUNT
+
+        def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
+            of = groups[number], crossing.first, crossing.pulse
+            visit_cells(*arguments, discount, *of, numbers, reference, step_m, changed, other_side)
+
+        for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
+            groups = [cells[tile == one] for one in np.unique(tile[turn])]
+            groups.sort(key=len, reverse=True)  # largest first, to balance the threads
+            list(in_threads(partial(one_tile, groups), chunks(len(groups), 1)))
+        return changed, other_side
+def _views(sightings: Sightings, spacing_m: float) -> CellViews:
+    """Return the poses and samples of the beam, not yet cast."""
+    pose, beam = sightings.pose, sightings.beam
+    # Area of the main lobe on ground as far as the nearest half of all echoes, seen at 45 deg.
+    range_m = float(np.median(mean_ranges(sightings).range_m))
+    area_m2 = range_m**2 * float(np.ptp(beam.azimuth) * np.ptp(beam.elevation)) * np.sqrt(2)
+    count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, MIN_SAMPLES, MAX_SAMPLES))
+    direction, power = beam_samples(beam, count)
+    shape = len(pose), len(power)
+    return CellViews(
+        position=np.ascontiguousarray(pose.position_m),
+        velocity=np.ascontiguousarray(pose.velocity_mps),
+        R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
+        direction=np.ascontiguousarray(direction.T),
+        power=power,
+        enters=np.full(shape, np.nan),
+        meets=np.empty(shape),
+        what=np.empty(shape, dtype=np.int32),
+        entries=np.zeros(len(pose), dtype=np.int64),
+        surface=np.empty(shape[::-1], dtype=np.int32),
+        cell=np.empty(shape[::-1], dtype=np.int32),
+        nearer=np.empty(shape[::-1]),
+        farther=np.empty(shape[::-1]),
+    )
+
+
+def _echoes(sightings: Sightings) -> PulseEchoes:
+    """Return the measured profiles, not yet predicted."""
+    profiles = sightings.profiles
+    power, start = profiles.power.astype(np.float64), profiles.start
+    strongest = np.zeros(len(profiles))
+    some = np.diff(start) > 0
+    strongest[some] = np.maximum.reduceat(power, start[:-1][some])
+    return PulseEchoes(
+        first=profiles.first,
+        start=start,
+        power=power,
+        floor=profiles.noise + PEDESTAL * strongest,
+        response=sightings.response,
+        doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
+        cell_m=float(profiles.cell_m),
+        unit_m=UNIT_M,
+        mean=np.empty(len(power)),
+        looks=np.full(len(profiles), sightings.looks_per_cell),
+    )
+
+
+def _slopes(
+    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], spacing_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return the slopes of each cell toward its neighbours in the same region, along x and y."""
+
+    def along(axis: int) -> Float[np.ndarray, "row column"]:
+        rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(region, axis=axis) == 0
+        total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
+        for side in (slice(None, -1), slice(1, None)):
+            where = (slice(None),) * axis + (side,)
+            total[where] += np.where(same, rise, 0.0)
+            count[where] += same
+        return np.asarray(total / np.maximum(count, 1))
+
+    return along(1), along(0)
+
+
+def border_cells(region: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another region."""
+    return np.asarray(maximum_filter(region, 3, mode="nearest") != minimum_filter(region, 3, mode="nearest"))
+
+
+def _span(start: int, count: int) -> slice:
+    return slice(max(start - MARGIN_CELLS, 0), min(start + BLOCK_CELLS + MARGIN_CELLS, count))
+
+
+def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n"]:
+    west, east, south, north = grid.extent_m
+    x, y = place_m[:, 0], place_m[:, 1]
+    return np.asarray((x > west) & (x < east) & (y > south) & (y < north))
+
+
+def _around(
+    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
+) -> tuple[slice, slice]:
+    """Return the window of some cells and their neighbours."""
+    low, high = (row.min() - 1, column.min() - 1), (row.max() + 2, column.max() + 2)
+    return slice(max(low[0], 0), min(high[0], shape[0])), slice(max(low[1], 0), min(high[1], shape[1]))
+
+
+def _connected(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.ndarray, " cell"]]:
+    """Yield the cells of each connected part of a region, by running numbers, the smallest first."""
+    parts, count = [], region.shape[1]
+    for number, window in enumerate(find_objects(region + 1)):
+        if window is None:
+            continue
+        pieces, many = label(region[window] == number, AROUND)
+        for piece in range(1, many + 1):
+            row, column = np.nonzero(pieces == piece)
+            parts.append((row + window[0].start) * count + column + window[1].start)
+    yield from sorted(parts, key=len)
+
+
+def _regions_beside(
+    region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
+) -> Int[np.ndarray, " region"]:
+    """Return the other regions that are beside some cells of one."""
+    window = _around(row, column, region.shape)
+    inside = np.zeros(region[window].shape, dtype=bool)
+    inside[row - window[0].start, column - window[1].start] = True
+    beside = np.unique(region[window][binary_dilation(inside, AROUND) & ~inside])
+    return beside[beside != region[row[0], column[0]]]
