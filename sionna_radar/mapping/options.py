@@ -82,6 +82,8 @@ class SteppedParameters(SmoothParameters):
     beside_m: Positive = 2.0
     """Distance from a step within which heights are biased toward its other side, and are not used for the plane of a
     region."""
+    max_other_side: Share = 0.1
+    """Largest probability of a cell to belong to the other side of a step; cells beyond it are left empty."""
     single_m: Positive = 5.0
     """Width of the windows in which single wrong cells of the coarse map are outvoted."""
 

@@ -5,8 +5,7 @@ m = n + g w to its range cell, n being the receiver noise; the power P there is 
 mean of everything in the cell.
 
 * Against: P far below m. The log-likelihood of m relative to the best mean is log(P / m) - P / m + 1, at most 0.
-  It does not count where something nearer in the same pulse is bright enough to occlude the patch, unless a map
-  already shows the patch in plain view.
+  It does not count where something nearer in the same pulse is bright enough to occlude the patch.
 * For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
   the noise and the strongest power (uniform in its logarithm, over K nepers), the gain is
   log(P / m) - P / m + log K, where that is positive. Power leaked by the window from a neighbour does not count.
@@ -35,67 +34,49 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 ROWS_AT_ONCE = 24
 
 
-class Evidence:
-    """Evidence against surfaces at some heights over the cells of a grid, from the echoes alone at first.
+def evidence_against(
+    sightings: Sightings,
+    grid: Grid,
+    base_m: Float[np.ndarray, "row column"],
+    level_m: Float[np.ndarray, " level"],
+    options: SteppedParameters = STEPPED,
+) -> Float32[np.ndarray, "row column level"]:
+    """Return negative log-likelihood ratios of surfaces at some heights over the cells of a grid, in nepers.
+
+    They are 0 where nothing was seen, and negative where echoes agree.
 
     sightings: profiles and measured poses.
     grid: cells of the map.
     base_m, level_m: base heights of the cells, and the levels above them, increasing.
     options: of the method.
     """
+    bright = _reflectivities(sightings, options)
+    against = np.zeros((*grid.shape, len(level_m), max(len(bright.step), 1)), dtype=np.float32)
+    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
+    spill = options.spill_share * sightings.response / sightings.response.max()
+    spill[len(spill) // 2] = 0.0
+    gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
+    arguments = (
+        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
+        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
+        *(gain, _axes(beam)),
+        *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
+        *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells, against),
+    )
+    if len(bright.step):
+        list(in_threads(lambda low, high: add_evidence(*arguments, low, high), chunks(grid.rows, ROWS_AT_ONCE)))
+    advance(len(sightings))
+    lowest = against[..., 0].copy()
 
-    def __init__(
-        self,
-        sightings: Sightings,
-        grid: Grid,
-        base_m: Float[np.ndarray, "row column"],
-        level_m: Float[np.ndarray, " level"],
-        options: SteppedParameters = STEPPED,
-    ) -> None:
-        self._rows, self._pulses, bright = grid.rows, len(sightings), _reflectivities(sightings, options)
-        self._against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
-        windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
-        beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-        spill = options.spill_share * sightings.response / sightings.response.max()
-        spill[len(spill) // 2] = 0.0
-        gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
-        self._given = (
-            *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
-            *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
-            sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
-            *(gain, _axes(beam)),
-            *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
-            *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells),
-        )
-        self._add(np.empty((0, 0)))
+    def some(low: int, high: int) -> None:
+        # Several times as fast as a minimum over a short last axis.
+        for step in range(1, against.shape[-1]):
+            np.minimum(lowest[low:high], against[low:high, ..., step], out=lowest[low:high])
 
-    def know_in_view(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
-        """Add what patches above the heights that are known to be in view say though something brighter is nearer."""
-        self._add(np.ascontiguousarray(in_view_m))
-
-    @property
-    def lowest(self) -> Float32[np.ndarray, "row column level"]:
-        """Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree."""
-        *shape, steps = self._against.shape
-        if steps == 0:
-            return np.zeros(shape, dtype=np.float32)
-        result = self._against[..., 0].copy()
-
-        def some(low: int, high: int) -> None:
-            # Several times as fast as a minimum over a short last axis.
-            for step in range(1, steps):
-                np.minimum(result[low:high], self._against[low:high, ..., step], out=result[low:high])
-
-        over_rows(some, len(result))
-        return result
-
-    def _add(self, in_view_m: Float[np.ndarray, "row column"]) -> None:
-        def some(low: int, high: int) -> None:
-            add_evidence(*self._given, in_view_m, self._against, low, high)
-
-        if self._against.shape[-1]:
-            list(in_threads(some, chunks(self._rows, ROWS_AT_ONCE)))
-        advance(self._pulses)
+    over_rows(some, len(lowest))
+    return lowest
 
 
 def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
@@ -263,17 +244,15 @@ def levels_between(planes, east, north, base_up, level):
 @no_type_check
 def add_evidence(
     windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
-    base, level, steps, typical, alternatives, widest_for, spread_cells, in_view, against, low, high,
+    base, level, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
 ):  # fmt: skip
     """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
 
     windows: first and last row and column of the map that each pulse sees, the last excluded.
     gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
     steps: the reflectivities; against: (row, column, level, step).
-    in_view: heights above which cells are in view; only what this adds to the evidence of the echoes alone, where
-    these are not empty, is subtracted.
     """
-    again, spacing = len(in_view) > 0, x[1] - x[0] if len(x) > 1 else 1.0
+    spacing = x[1] - x[0] if len(x) > 1 else 1.0
     lowest, highest = np.inf, -np.inf
     for row in range(low, high):
         for column in range(len(x)):
@@ -304,12 +283,10 @@ def add_evidence(
             first_column, last_column = columns_between(planes, north, span, west, spacing, sides)
             for column in range(first_column, last_column):
                 east = x[column] - position[pulse, 0]
-                flat, view = east * east + north * north, in_view[row, column] if again else -np.inf
+                flat = east * east + north * north
                 first_level, last_level = levels_between(planes, east, north, base[row, column] - height_there, level)
                 for number in range(first_level, last_level):
                     height = base[row, column] + level[number]
-                    if height <= view:
-                        continue
                     up = height - height_there
                     range_m = np.sqrt(flat + up * up)
                     inverse = 1 / range_m
@@ -327,8 +304,7 @@ def add_evidence(
                     cell = max(int(np.rint(apparent * cells_per_m)) - first[pulse], -1)
                     place = min(cell, cells) + 2
                     nearer = before[min(cell, cells + spread_cells) + 2]
-                    plain = nearer < own_noise + typical * w
-                    seen, fits = plain != again, own[place] and w > widest_for and not again
+                    seen, fits = nearer < own_noise + typical * w, own[place] and w > widest_for
                     if not seen and not fits:
                         continue
                     there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]
@@ -339,24 +315,3 @@ def add_evidence(
                         match = max(log_there - log_mean - there * one_over + log_alternatives, 0.0)
                         support = short if seen and strong < mean else 0.0
                         against[row, column, number, step] -= support + (match if fits else 0.0)
-
-
-@compiled
-@no_type_check
-def lowest_in_view(height, x, y, west, south, spacing, origin, farthest, result, low, high):
-    """Write the height over the cells of some rows above which a point is visible from its origin."""
-    rows, columns = height.shape
-    for i in range(low, high):
-        for j in range(columns):
-            east, north, up = origin[i, j, 0] - x[j], origin[i, j, 1] - y[i], origin[i, j, 2]
-            distance = max(np.hypot(east, north), 1e-6)
-            highest = -np.inf
-            for k in range(1, farthest + 1):
-                away = k * spacing
-                if away >= distance:
-                    break
-                row = int(np.floor((y[i] + north / distance * away - south) / spacing + 0.5))
-                column = int(np.floor((x[j] + east / distance * away - west) / spacing + 0.5))
-                between = height[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
-                highest = max(highest, between + (between - up) * away / max(distance - away, 1e-6))
-            result[i, j] = highest

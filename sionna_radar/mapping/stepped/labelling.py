@@ -4,20 +4,28 @@ Echoes of both sides of a border fall into the same profiles, and each range cel
 beam sees. So neither a cell nor a region can be judged by itself: the profiles of all pulses that see it are predicted
 with it changed, everything else as the map has it. One energy decides, in nepers:
 
-    E = - sum over profiles of log-likelihood + `pair_nepers` x (pairs of neighbours in different regions)
+    E = - sum of the log-likelihoods of all profiles + `pair_nepers` x (pairs of neighbours in different regions)
 
-the neighbours being the eight of a cell (a Potts prior). It is lowered by changing single cells (iterated conditional
+the neighbours of a cell being eight (a Potts prior). It is lowered by changing single cells (iterated conditional
 modes; Besag 1986, "On the statistical analysis of dirty pictures", J. R. Stat. Soc. B 48, 259-302) and whole regions,
-which join one beside them. Then labels are drawn, cell by cell, given all others (Geman and Geman 1984, "Stochastic
-relaxation, Gibbs distributions, and the Bayesian restoration of images", IEEE PAMI 6, 721-741): how often a cell
-would be a step off the map is the probability that it belongs to the other side.
+which join one beside them or are taken from another map.
+
+Such a search ends in local minima, in towns far above the deepest. So it starts from several maps; the one of least
+energy takes from the others, its rivals, each region that lowers it further. What is left open is told by two things:
+
+* Labels are drawn, cell by cell, given all others (Geman and Geman 1984, "Stochastic relaxation, Gibbs distributions,
+  and the Bayesian restoration of images", IEEE PAMI 6, 721-741): p is how often a cell is a step off the map.
+* s is the share of the rivals that are a step off. A rival counts by 1 / dE, dE being its energy above that of the map:
+  the mean of exp(-d dE) over the unknown factor d by which the model overstates likelihoods. One more rival is the
+  located echo nearest to a cell, which counts as the mean of the others. Both of two rivals differ with probability
+  s^2, and the cell belongs to the other side with probability 1 - (1 - p) (1 - s^2).
 
 Cells are columns with plane tops, and their sides are walls. Each region has two reflectivities, of its tops and of its
 walls: the likeliest ones given the map, found by the multiplicative updates for exponential powers (Fevotte and
 Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
@@ -27,6 +35,7 @@ from scipy.ndimage import binary_dilation, find_objects, label, maximum_filter, 
 from scipy.spatial import KDTree
 
 from sionna_radar.detection.ranging.plane_fit import PEDESTAL
+from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.beam import beam_samples
@@ -37,7 +46,7 @@ from sionna_radar.mapping.stepped.labelling_kernels import CellColumns, CellView
 SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
 # Reference range of reflectivities, m.
 UNIT_M = 50.0
-# Sweeps that take the likeliest label of each cell, and sweeps that draw it.
+# Most sweeps that take the likeliest label of each cell, and sweeps that draw it.
 SWEEPS, DRAWS = 4, 10
 # Factor of log-likelihoods when labels are drawn: neighbouring pulses see the same speckle, and columns are a model.
 DISCOUNT = 0.3
@@ -58,62 +67,66 @@ AROUND = np.ones((3, 3), dtype=bool)
 class LabelledMap:
     """A stepped map: heights of the cells, and the region that each belongs to.
 
-    other_side: probability that a cell belongs to another region, whose height there is another by a step.
+    other_side: probability that a cell belongs to another region, whose height there is another by a step or more.
+    other_side_m2: mean square of how far off that is, times the probability.
     """
 
     height_m: Float[np.ndarray, "row column"]
     region: Int[np.ndarray, "row column"]
     other_side: Float[np.ndarray, "row column"]
+    other_side_m2: Float[np.ndarray, "row column"]
 
 
-def relabelled(
+@dataclass(frozen=True)
+class Start:
+    """A map from which a search starts: heights of the cells, and the region that each belongs to."""
+
+    height_m: Float[np.ndarray, "row column"]
+    region: Int[np.ndarray, "row column"]
+
+
+def labelled_map(
     sightings: Sightings,
     axis_m: Float[np.ndarray, "pulse 3"],
-    height_m: Float[np.ndarray, "row column"],
-    region: Int[np.ndarray, "row column"],
+    starts: Sequence[Start],
+    echo_m: Float[np.ndarray, "row column"],
     step_m: float,
     grid: Grid,
     pair_nepers: float,
-    draws: int = DRAWS,
 ) -> LabelledMap:
-    """Return the map with cells and regions changed to the likeliest labels given the profiles.
+    """Return the likeliest stepped map given the profiles.
 
     sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
-    height_m, region: the map, and the number of the region that each cell belongs to.
+    starts: maps, of which the first also fills what no pulse sees.
+    echo_m: height of the located echo nearest to each cell.
     step_m: smallest height difference that counts as a step.
     grid: cells of the map.
-    pair_nepers: gain for each pair of neighbours in the same region.
-    draws: sweeps that draw labels; none leaves the probabilities zero.
+    pair_nepers: energy of two neighbours in different regions.
     """
-    result = LabelledMap(height_m.copy(), region.copy(), np.zeros(grid.shape))
-    uniform = np.random.default_rng(0).random((draws, *grid.shape))
+    first = starts[0]
+    result = LabelledMap(first.height_m.copy(), first.region.copy(), *np.zeros((2, *grid.shape)))
+    uniform = np.random.default_rng(0).random((DRAWS, *grid.shape))
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             window = _span(row, grid.rows), _span(column, grid.columns)
             core = np.zeros(grid.shape, dtype=bool)
             core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
-            cells = grid.cut(*window)
-            near = _near(axis_m, cells)
+            near = _near(axis_m, grid.cut(*window))
             if near.any():
-                inner = core[window]
-                block = Labelling(sightings.rows(near), result.height_m[window], result.region[window], cells)
-                block.improve(inner, pair_nepers)
-                block.merge(inner, pair_nepers)
-                block.improve(inner, pair_nepers)
-                drawn = block.drawn(inner, pair_nepers, uniform[:, window[0], window[1]], step_m)
+                block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers)
+                of_block = [Start(start.height_m[window], start.region[window]) for start in starts]
+                found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
                 for field in fields(LabelledMap):
-                    getattr(result, field.name)[window][inner] = getattr(drawn, field.name)[inner]
+                    getattr(result, field.name)[window][block.core] = getattr(found, field.name)[block.core]
     return result
 
 
-def nearest_echo_off_level(
-    height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
-) -> Bool[np.ndarray, "row column"]:
-    """Return the cells whose nearest located echo lies a step above or below them."""
+def nearest_echo_m(point_m: Float[np.ndarray, "n 3"], grid: Grid) -> Float[np.ndarray, "row column"]:
+    """Return the height of the located echo nearest to each cell; NaN without any."""
     if len(point_m) == 0:
-        return np.zeros(grid.shape, dtype=bool)
+        return np.full(grid.shape, np.nan)
     nearest = KDTree(point_m[:, :2]).query(grid.centres_m)[1]
-    return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
+    return np.asarray(point_m[nearest, 2].reshape(grid.shape))
 
 
 @dataclass(frozen=True)
@@ -136,8 +149,59 @@ class Crossing:
         return np.unique(np.concatenate([self.pulse[self.first[cell] : self.first[cell + 1]] for cell in cells]))
 
 
+@dataclass(frozen=True)
+class _Block:
+    """Cells of a map that are labelled together, with a margin around their core whose labels stay."""
+
+    sightings: Sightings
+    grid: Grid
+    core: Bool[np.ndarray, "row column"]
+    step_m: float
+    pair_nepers: float
+
+    def labelled(
+        self,
+        starts: Sequence[Start],
+        echo_m: Float[np.ndarray, "row column"],
+        uniform: Float[np.ndarray, "draw row column"],
+    ) -> LabelledMap:
+        """Return the likeliest map; see `labelled_map`. uniform: random numbers by which labels are drawn."""
+        highest_m = np.max([start.height_m for start in starts], axis=0)
+        offset = max(int(start.region.max()) for start in starts) + 1
+
+        def searched(number: int, _: int) -> Labelling:
+            # Regions of all starts have numbers of their own.
+            start = starts[number]
+            region = start.region if number == 0 else start.region + number * offset
+            labelling = Labelling(self.sightings, start.height_m, region, self.grid, highest_m, self.pair_nepers)
+            labelling.search(self.core)
+            return labelling
+
+        found = list(in_threads(searched, chunks(len(starts), 1)))
+        found.sort(key=Labelling.energy)
+        best, rivals = found[0], found[1:]
+        for rival in rivals:
+            best.take(rival, self.core, self.step_m)
+        best.search(self.core)
+        excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
+        off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
+        off_m[~(np.abs(off_m) > self.step_m)] = 0.0
+        weight = np.append(len(rivals) / excess / np.sum(1 / excess), 1.0) / (len(rivals) + 1)
+        share = np.tensordot(weight, off_m != 0, 1)
+        share_m2 = np.tensordot(weight, off_m**2, 1)
+        drawn = best.drawn(self.core, uniform, self.step_m)
+        both, apart = share**2, 1 - drawn.other_side
+        other_side_m2 = drawn.other_side_m2 + apart * share * share_m2
+        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - both), other_side_m2)
+
+
 class Labelling:
-    """Cells of a map as columns, the regions that they belong to, and the pulses that see them."""
+    """Cells of a map as columns, the regions that they belong to, and the pulses that see them.
+
+    sightings: profiles and measured poses; height_m, region: the map; grid: its cells.
+    highest_m: heights that the cells may get.
+    pair_nepers: energy of two neighbours in different regions.
+    """
 
     def __init__(
         self,
@@ -145,11 +209,13 @@ class Labelling:
         height_m: Float[np.ndarray, "row column"],
         region: Int[np.ndarray, "row column"],
         grid: Grid,
+        highest_m: Float[np.ndarray, "row column"],
+        pair_nepers: float,
     ) -> None:
         self._numbers, inverse = np.unique(region, return_inverse=True)
         number = inverse.reshape(region.shape).astype(np.int64)
         spacing = grid.spacing_m
-        ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
+        ceiling = maximum_filter(highest_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
         self._columns = CellColumns(
             height_m.copy(),
             *_slopes(height_m, number, spacing),
@@ -160,89 +226,149 @@ class Labelling:
             float(grid.y_m[0]) - spacing / 2,
             spacing,
         )
+        self._pair_nepers = pair_nepers
         self._farthest = float(sightings.reach_m)
         self._views = _views(sightings, spacing)
         self._echoes = _echoes(sightings)
         until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
         self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
+        # Cells that have changed since single cells, and since regions, were searched.
+        self._unsettled, self._unmerged = np.ones((2, *region.shape), dtype=bool)
         self._cast(np.arange(len(sightings)))
         self._update(FIRST_UPDATES)
+
+    @property
+    def height_m(self) -> Float[np.ndarray, "row column"]:
+        """The height of each cell."""
+        return self._columns.height
 
     @property
     def region(self) -> Int[np.ndarray, "row column"]:
         """The number of each cell's region."""
         return self._numbers[self._columns.region]
 
-    def improve(self, core: Bool[np.ndarray, "row column"], pair_nepers: float) -> None:
-        """Give cells beside borders their likeliest labels, until nothing changes or for `SWEEPS` sweeps."""
+    def energy(self) -> float:
+        """Return the energy of the map, Np."""
+        echoes, region = self._echoes, self._columns.region
+        ratio = echoes.power / echoes.mean
+        loss = np.minimum(ratio, MAX_SPECKLE) + np.log(np.maximum(ratio / MAX_SPECKLE, 1.0)) + np.log(echoes.mean)
+        until = np.concatenate([[0.0], np.cumsum(loss)])[echoes.start]
+        return float(echoes.looks @ np.diff(until)) + self._pair_nepers * _unlike_pairs(region)
+
+    def search(self, core: Bool[np.ndarray, "row column"]) -> None:
+        """Change cells and regions within a core until the energy falls no further, or rarely."""
+        self._improve(core)
+        self._merge(core)
+        self._improve(core)
+
+    def take(self, rival: "Labelling", core: Bool[np.ndarray, "row column"], step_m: float) -> None:
+        """Take from another map of the same cells the regions, where they are a step off, that lower the energy."""
+        columns, other, count = self._columns, rival._columns, core.shape[1]
+        offset = len(self._numbers)
+        self._numbers = np.concatenate([self._numbers, rival._numbers])
+        self._level = np.concatenate([self._level, rival._level])
+        crossing = self._crossing()
+        differs = np.abs(columns.height - other.height) > step_m
+        for cells in _connected(np.where(differs & core, other.region, -1)):
+            row, column = np.divmod(cells, count)
+            at = row, column
+            region = self._continued(row, column, other.height[at], step_m)
+            if region is None:
+                region = offset + int(other.region[row[0], column[0]])
+            tops = other.height[at], other.slope_x[at], other.slope_y[at], np.full(len(cells), region)
+            self._propose(row, column, tops, crossing)
+        self._cast(np.arange(len(self._echoes.first)))
+        self._update(UPDATES)
+
+    def drawn(
+        self, core: Bool[np.ndarray, "row column"], uniform: Float[np.ndarray, "draw row column"], step_m: float
+    ) -> LabelledMap:
+        """Return the map, and how probable it is that its cells are a step off; afterwards labels are others."""
         crossing, shape = self._crossing(), core.shape
-        changed, moved = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
+        result = LabelledMap(self._columns.height.copy(), self.region, *np.zeros((2, *shape)))
+        moved = np.zeros(shape, dtype=bool)
+        for numbers in uniform:
+            wanted = border_cells(self._columns.region) & core
+            off_m = self._columns.height - result.height_m
+            off_m[np.abs(off_m) <= step_m] = 0.0
+            other_side, square_m2 = np.zeros((2, *shape))
+            into = other_side, square_m2
+            changed = self._sweep(
+                wanted, crossing, DISCOUNT, np.ascontiguousarray(numbers), result.height_m, step_m, into
+            )
+            result.other_side[:] += np.where(wanted, other_side, off_m != 0)
+            result.other_side_m2[:] += np.where(wanted, square_m2, off_m**2)
+            moved |= binary_dilation(changed)
+            self._cast(crossing.over(moved))
+            self._update(UPDATES)
+        result.other_side[:] /= len(uniform)
+        result.other_side_m2[:] /= len(uniform)
+        return result
+
+    def _improve(self, core: Bool[np.ndarray, "row column"]) -> None:
+        """Give cells beside borders their likeliest labels."""
+        crossing, moved = self._crossing(), np.zeros(core.shape, dtype=bool)
+        none, height = np.empty((0, 0)), self._columns.height.copy()
         for _ in range(SWEEPS):
-            wanted = border_cells(self._columns.region) & core & binary_dilation(changed, iterations=2)
+            wanted = border_cells(self._columns.region) & core & binary_dilation(self._unsettled, iterations=2)
+            self._unsettled[:] = False
             if not wanted.any():
-                break
-            changed = self._sweep(wanted, crossing, pair_nepers)[0]
-            if not changed.any():
-                break
+                return
+            changed = self._sweep(wanted, crossing, 1.0, none, height, np.inf, np.zeros((2, *core.shape)))
+            self._unsettled |= changed
+            self._unmerged |= changed
             # A ray over a lowered cell may meet cells that it was not listed for, which may change after that cell.
             moved |= binary_dilation(changed)
             self._cast(crossing.over(moved))
             self._update(UPDATES)
 
-    def drawn(
-        self,
-        core: Bool[np.ndarray, "row column"],
-        pair_nepers: float,
-        uniform: Float[np.ndarray, "draw row column"],
-        step_m: float,
-    ) -> LabelledMap:
-        """Return the map as it is, and how probable it is that cells are of another height; labels are then others."""
-        crossing, shape = self._crossing(), core.shape
-        result = LabelledMap(self._columns.height.copy(), self.region, np.zeros(shape))
-        moved = np.zeros(shape, dtype=bool)
-        for numbers in uniform:
-            wanted = border_cells(self._columns.region) & core
-            off = np.abs(self._columns.height - result.height_m) > step_m
-            changed, other_side = self._sweep(wanted, crossing, pair_nepers, numbers, result.height_m, step_m)
-            result.other_side[:] += np.where(wanted, other_side, off)
-            moved |= binary_dilation(changed)
-            self._cast(crossing.over(moved))
-            self._update(UPDATES)
-        result.other_side[:] /= max(len(uniform), 1)
-        return result
-
-    def merge(self, core: Bool[np.ndarray, "row column"], pair_nepers: float) -> int:
-        """Let each connected part of a region join one beside it where that lowers the energy, the smallest first."""
-        columns, crossing, merged = self._columns, self._crossing(), 0
-        for cells in _connected(columns.region):
+    def _merge(self, core: Bool[np.ndarray, "row column"]) -> None:
+        """Let connected parts of regions join regions beside them that are no smaller, the smallest first."""
+        columns, crossing = self._columns, self._crossing()
+        size = np.bincount(columns.region.ravel(), minlength=len(self._numbers))
+        changed = binary_dilation(self._unmerged, AROUND)
+        self._unmerged[:] = False
+        for cells in _connected(np.where(core, columns.region, -1)):
             row, column = np.divmod(cells, core.shape[1])
-            if not core[row, column].all():
+            if not changed[row, column].any():
                 continue
             for into in _regions_beside(columns.region, row, column):
-                if self._joins(row, column, into, crossing, pair_nepers):
-                    merged += 1
+                if size[into] >= len(cells) and self._join(row, column, into, crossing):
+                    size[into] += len(cells)
                     break
         self._cast(np.arange(len(self._echoes.first)))
         self._update(UPDATES)
-        return merged
 
-    def _joins(
-        self,
-        row: Int[np.ndarray, " cell"],
-        column: Int[np.ndarray, " cell"],
-        into: int,
-        crossing: Crossing,
-        pair_nepers: float,
+    def _join(
+        self, row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], into: int, crossing: Crossing
     ) -> bool:
         """Continue a region over some cells if that lowers the energy; return whether it did."""
         columns = self._columns
         window = _around(row, column, columns.region.shape)
-        ring = np.argwhere(columns.region[window] == into) + [window[0].start, window[1].start]
-        nearest = ring[KDTree(ring).query(np.column_stack([row, column]))[1]]
+        beside = np.argwhere(columns.region[window] == into) + np.array([window[0].start, window[1].start])
+        nearest = beside[KDTree(beside).query(np.column_stack([row, column]))[1]]
         at = nearest[:, 0], nearest[:, 1]
         east, north = columns.slope_x[at], columns.slope_y[at]
         height = columns.height[at] + (east * (column - at[1]) + north * (row - at[0])) * columns.spacing
-        return self._propose(row, column, (height, east, north, np.full(len(row), into)), crossing, pair_nepers)
+        return self._propose(row, column, (height, east, north, np.full(len(row), into)), crossing)
+
+    def _continued(
+        self,
+        row: Int[np.ndarray, " cell"],
+        column: Int[np.ndarray, " cell"],
+        height_m: Float[np.ndarray, " cell"],
+        step_m: float,
+    ) -> int | None:
+        """Return the region beside some cells that new heights of theirs continue; None without any."""
+        columns = self._columns
+        beside_row, beside_column = _cells_beside(row, column, columns.region.shape)
+        if len(beside_row) == 0:
+            return None
+        nearest = KDTree(np.column_stack([row, column])).query(np.column_stack([beside_row, beside_column]))[1]
+        alike = np.abs(columns.height[beside_row, beside_column] - height_m[nearest]) < step_m / 2
+        if not alike.any():
+            return None
+        return int(np.argmax(np.bincount(columns.region[beside_row, beside_column][alike])))
 
     def _propose(
         self,
@@ -250,7 +376,6 @@ class Labelling:
         column: Int[np.ndarray, " cell"],
         tops: tuple[np.ndarray, ...],
         crossing: Crossing,
-        pair_nepers: float,
     ) -> bool:
         """Change heights, slopes and regions of some cells if that lowers the energy; return whether it did."""
         from sionna_radar.mapping.stepped.labelling_kernels import region_gains
@@ -261,30 +386,24 @@ class Labelling:
         if np.any(highest > columns.ceiling[row, column]) or len(pulses) == 0:
             return False
         arrays = columns.height, columns.slope_x, columns.slope_y, columns.region
-        before, cuts = [array[row, column].copy() for array in arrays], self._cuts(row, column)
+        around = _around(row, column, columns.region.shape)
+        before, pairs = [array[row, column] for array in arrays], _unlike_pairs(columns.region[around])
         for array, values in zip(arrays, tops, strict=True):
             array[row, column] = values
-        window = np.array([row.min(), row.max() + 1, column.min(), column.max() + 1])
-        gain = np.empty(len(pulses))
+        window, gain = np.array([row.min(), row.max() + 1, column.min(), column.max() + 1]), np.empty(len(pulses))
         arguments = columns, self._views, self._echoes, self._level, self._farthest, window, pulses
 
-        def some(accept: bool) -> None:
+        def compare(accept: bool) -> None:
             list(in_threads(partial(region_gains, *arguments, accept, gain), chunks(len(pulses), PULSES_AT_ONCE)))
 
-        some(False)
-        if gain.sum() + pair_nepers * (cuts - self._cuts(row, column)) > 0:
-            some(True)
+        compare(False)
+        if gain.sum() > self._pair_nepers * (_unlike_pairs(columns.region[around]) - pairs):
+            compare(True)
+            self._unsettled[row, column] = self._unmerged[row, column] = True
             return True
         for array, values in zip(arrays, before, strict=True):
             array[row, column] = values
         return False
-
-    def _cuts(self, row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]) -> int:
-        """Return the number of pairs of neighbours in different regions, in a window around some cells."""
-        region = self._columns.region[_around(row, column, self._columns.region.shape)]
-        pairs = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
-        pairs += (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
-        return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
 
     def _cast(self, pulses: Int[np.ndarray, " chosen"]) -> None:
         """Cast the rays of some pulses."""
@@ -340,38 +459,36 @@ class Labelling:
         self,
         wanted: Bool[np.ndarray, "row column"],
         crossing: Crossing,
-        pair_nepers: float,
-        uniform: Float[np.ndarray, "row column"] | None = None,
-        reference_m: Float[np.ndarray, "row column"] | None = None,
-        step_m: float = np.inf,
-    ) -> tuple[Bool[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-        """Change the labels of cells: draw them by random numbers, or take the likeliest without.
+        discount: float,
+        uniform: Float[np.ndarray, "_ _"],
+        reference_m: Float[np.ndarray, "row column"],
+        step_m: float,
+        into: Sequence[Float[np.ndarray, "row column"]],
+    ) -> Bool[np.ndarray, "row column"]:
+        """Change the labels of cells, see `visit_cells`, and return the changed ones.
 
-        Returns the changed cells, and the probability of each that its height is a step off a reference. Tiles that no
-        pulse sees together are processed concurrently.
+        Tiles that no pulse sees together are processed concurrently.
         """
         from sionna_radar.mapping.stepped.labelling_kernels import visit_cells
 
         cells, count = np.flatnonzero(wanted), wanted.shape[1]
         across = count // crossing.tile_cells + 1
         row, column = cells // count // crossing.tile_cells, cells % count // crossing.tile_cells
-        tile = row * across + column
-        numbers = np.empty((0, 0)) if uniform is None else np.ascontiguousarray(uniform)
-        reference = self._columns.height.copy() if reference_m is None else reference_m
-        changed, other_side = np.zeros(wanted.shape, dtype=bool), np.zeros(wanted.shape)
-        arguments = self._columns, self._views, self._echoes, self._level, self._farthest, pair_nepers
-        discount = 1.0 if uniform is None else DISCOUNT
+        tile, changed = row * across + column, np.zeros(wanted.shape, dtype=bool)
+        arguments = self._columns, self._views, self._echoes, self._level, self._farthest, self._pair_nepers, discount
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
             of = groups[number], crossing.first, crossing.pulse
-            visit_cells(*arguments, discount, *of, numbers, reference, step_m, changed, other_side)
+            visit_cells(*arguments, *of, uniform, reference_m, step_m, changed, *into)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
             groups = [cells[tile == one] for one in np.unique(tile[turn])]
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
             list(in_threads(partial(one_tile, groups), chunks(len(groups), 1)))
-        return changed, other_side
+        return changed
+
+
 def _views(sightings: Sightings, spacing_m: float) -> CellViews:
     """Return the poses and samples of the beam, not yet cast."""
     pose, beam = sightings.pose, sightings.beam
@@ -451,16 +568,37 @@ def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n
     return np.asarray((x > west) & (x < east) & (y > south) & (y < north))
 
 
+def _unlike_pairs(region: Int[np.ndarray, "row column"]) -> int:
+    """Return the number of pairs of neighbours in different regions, of eight neighbours each."""
+    pairs = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
+    pairs += (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
+    return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
+
+
 def _around(
     row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
 ) -> tuple[slice, slice]:
     """Return the window of some cells and their neighbours."""
-    low, high = (row.min() - 1, column.min() - 1), (row.max() + 2, column.max() + 2)
-    return slice(max(low[0], 0), min(high[0], shape[0])), slice(max(low[1], 0), min(high[1], shape[1]))
+    return (
+        slice(max(int(row.min()) - 1, 0), min(int(row.max()) + 2, shape[0])),
+        slice(max(int(column.min()) - 1, 0), min(int(column.max()) + 2, shape[1])),
+    )
+
+
+def _cells_beside(
+    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
+) -> tuple[Int[np.ndarray, " beside"], Int[np.ndarray, " beside"]]:
+    """Return the rows and columns of the cells beside some cells."""
+    window = _around(row, column, shape)
+    first = window[0].start, window[1].start
+    inside = np.zeros((window[0].stop - first[0], window[1].stop - first[1]), dtype=bool)
+    inside[row - first[0], column - first[1]] = True
+    beside = np.nonzero(binary_dilation(inside, AROUND) & ~inside)
+    return beside[0] + first[0], beside[1] + first[1]
 
 
 def _connected(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.ndarray, " cell"]]:
-    """Yield the cells of each connected part of a region, by running numbers, the smallest first."""
+    """Yield the cells of each connected part of a region, by running numbers, the smallest first; -1 is no region."""
     parts, count = [], region.shape[1]
     for number, window in enumerate(find_objects(region + 1)):
         if window is None:
@@ -476,8 +614,5 @@ def _regions_beside(
     region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
 ) -> Int[np.ndarray, " region"]:
     """Return the other regions that are beside some cells of one."""
-    window = _around(row, column, region.shape)
-    inside = np.zeros(region[window].shape, dtype=bool)
-    inside[row - window[0].start, column - window[1].start] = True
-    beside = np.unique(region[window][binary_dilation(inside, AROUND) & ~inside])
+    beside = np.unique(region[_cells_beside(row, column, region.shape)])
     return beside[beside != region[row[0], column[0]]]

@@ -399,14 +399,15 @@ def likelihood_gain(echoes, pulse, hits, low, high, mean):
 @no_type_check
 def visit_cells(
     columns, views, echoes, level, farthest, pair, discount, cells, first, pulses, uniform, reference, step, changed,
-    other_side,
+    other_side, square,
 ):  # fmt: skip
     """Give cells, one after the other, the region of one of their neighbours, given all others.
 
     pair: gain for each of the eight neighbours in the same region, Np; discount: factor of log-likelihoods.
     first, pulses: which pulses' rays cross each cell.
     uniform: a random number for each cell of the map, by which its region is drawn; empty to take the likeliest.
-    reference: heights; other_side: added to, the probability that a cell is by more than a `step` off them.
+    reference: heights; other_side, square: the probability that a cell is more than a `step` off them is added to the
+    one, and the mean square of how far off to the other.
     """
     count, samples, longest = columns.height.shape[1], len(views.power), 0
     for pulse in range(len(echoes.first)):
@@ -454,8 +455,10 @@ def visit_cells(
             odds[k] = np.exp(gain[k] - gain[best])
             total += odds[k]
         for k in range(tried_count):
-            if abs(tops[k, 0] - reference[i, j]) > step:
+            off = tops[k, 0] - reference[i, j]
+            if abs(off) > step:
                 other_side[i, j] += odds[k] / total
+                square[i, j] += off * off * odds[k] / total
         if len(uniform):
             left = uniform[i, j] * total
             for k in range(tried_count):

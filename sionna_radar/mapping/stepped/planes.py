@@ -1,22 +1,13 @@
-"""Plane fits to the regions of a stepped map: level ground, and roofs that may fill the beam only partly.
-
-Echoes are located on the beam axis. A roof that ends within the beam returns only from the part of the beam that it
-fills: at its far edge the echo is nearer than the intersection of axis and roof, so the located point is too high.
-Once the cells of a roof are known, the mean range over the filled part of each beam is predicted, and the plane is
-fitted to the differences.
-"""
+"""Plane fits to the regions of a stepped map: level ground, and roofs."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt
 
-from sionna_radar.flight.pulses import rows_of
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.beam import beam_samples
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, in_world
+from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
@@ -202,83 +193,3 @@ def _curved(heights: Heights, plane: Plane, rough: float, outlier_sigmas: float)
     left = rest[kept] - design @ np.linalg.lstsq(design, rest[kept], rcond=None)[0]
     gain = (rest[kept] @ rest[kept] - left @ left) / float(np.mean(repeats(heights.reach[kept]))) / max(rough, 1.0) ** 2
     return bool(gain > 3 * np.log(len(x)))
-
-
-SAMPLES = 400
-# Below this fill factor the echo is determined by the region's outline, which is known to one cell. By trial of 0.3 to
-# 0.9 on the seeds 1-8 of `buildings`; on 9-24 it serves as well.
-MIN_FILL_FACTOR = 0.8
-FILLING_ROUNDS = 3
-MIN_FALL = 1e-3
-
-
-@dataclass(frozen=True)
-class FilledBeams:
-    """Fits roof planes to located echoes whose beams the roof fills only partly. outlier_sigmas: see `robust_plane`."""
-
-    points: Points
-    sightings: Sightings
-    outlier_sigmas: float
-
-    def refitted(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Plane:
-        """Return the plane of a region, fitted to the echoes of the part of each beam that it fills.
-
-        plane: the plane through located echoes, which stays where too few beams are filled.
-        inside, grid: the cells of the region, of this grid.
-        step_m: echoes farther above or below are not of this region.
-        """
-        fitted = plane
-        for _ in range(FILLING_ROUNDS):
-            heights = self._heights(fitted, inside, grid, step_m)
-            if len(heights) < MIN_ECHOES:
-                return plane
-            fitted = robust_plane(heights, self.outlier_sigmas)
-        return fitted
-
-    def _heights(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Heights:
-        """Return the heights that echoes measure on a plane, at the power-weighted centre of its part of each beam."""
-        (height, east, north), (x, y) = plane.coefficients, plane.middle_m
-        near = self._near(grid, plane, step_m)
-        points, pose = self.points.rows(near), self.sightings.pose.rows(self._row[near])
-        sample, sample_power = self._samples
-        ray = in_world(pose, sample)
-        origin = pose.position_m
-
-        def falls(direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
-            """Return the decrease of the height over the plane per unit range along rays, at least `MIN_FALL`."""
-            toward = east * direction[..., 0] + north * direction[..., 1] - direction[..., 2]
-            return np.asarray(np.maximum(toward, MIN_FALL))
-
-        above = origin[:, 2] - height - east * (origin[:, 0] - x) - north * (origin[:, 1] - y)
-        range_m = above[:, None] / falls(ray)
-        place = origin[:, None] + range_m[..., None] * ray
-        row, column, on = grid.cell_of(place.reshape(-1, 3))
-        on[on] = inside[row[on], column[on]]
-        power = np.where(range_m > 0, sample_power / range_m**2, 0.0)
-        inside_power = power * on.reshape(power.shape)
-        total = inside_power.sum(axis=1)
-        filled = total > MIN_FILL_FACTOR * power.sum(axis=1)
-        inside_power = inside_power[filled] / total[filled, None]
-        mean_m = np.sum(inside_power * range_m[filled], axis=1)
-        middle = np.einsum("pk,pki->pi", inside_power, place[filled])
-        excess = (mean_m - points.range_m[filled]) * falls(pose.boresight[filled])
-        alike = np.abs(excess) < step_m
-        count = int(alike.sum())
-        level = height + (middle[alike, :2] - plane.middle_m) @ plane.coefficients[1:] + excess[alike]
-        return Heights.at_places(middle[alike, :2], level, np.ones(count))
-
-    def _near(self, grid: Grid, plane: Plane, step_m: float) -> Bool[np.ndarray, " point"]:
-        """Return the echoes whose axes may be over a window, and that may lie on a plane."""
-        west, east, south, north = grid.extent_m
-        x, y, z = self.points.position_m.T
-        reach_m = 2 * float(self.points.range_m.max(initial=0.0)) * float(np.ptp(self.sightings.beam.elevation))
-        within_reach = (x > west - reach_m) & (x < east + reach_m) & (y > south - reach_m) & (y < north + reach_m)
-        return np.asarray(within_reach & (np.abs(z - plane.at(self.points.position_m[:, :2])) < 2 * step_m))
-
-    @cached_property
-    def _row(self) -> Int[np.ndarray, " point"]:
-        return rows_of(self.sightings.profiles.pulse, self.points.pulse)
-
-    @cached_property
-    def _samples(self) -> tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"]]:
-        return beam_samples(self.sightings.beam, SAMPLES)

@@ -3,15 +3,12 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import (
-    binary_dilation,
     binary_erosion,
     distance_transform_edt,
     find_objects,
     label,
 )
 
-# Width of the ring around a region, cells, and the fraction of it that a raised region exceeds by a step.
-RING_CELLS, MIN_RAISED_FRACTION = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
 
@@ -34,20 +31,6 @@ def regions_of(
 def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
     """Return the rows and columns that contain each region, by their numbers."""
     return [(rows, columns) for rows, columns in find_objects(region + 1)]
-
-
-def raised_cells(
-    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], step_m: float
-) -> Bool[np.ndarray, "row column"]:
-    """Return the cells of raised regions: a step above most adjacent cells."""
-    raised = np.zeros(region.shape, dtype=bool)
-    for number, window_of_region in enumerate(region_windows(region)):
-        window = tuple(slice(max(side.start - RING_CELLS, 0), side.stop + RING_CELLS) for side in window_of_region)
-        cells, height = region[window] == number, height_m[window]
-        ring = binary_dilation(cells, iterations=RING_CELLS) & ~cells
-        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MIN_RAISED_FRACTION:
-            raised[window] |= cells
-    return raised
 
 
 def distance_to_border_m(region: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:

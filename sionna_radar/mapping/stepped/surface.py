@@ -1,19 +1,17 @@
 """The DEM method "stepped": segmentation at steps such as walls, and a separate surface for each region.
 
-1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into regions where neighbours
+1. Coarse maps by the evidence of all echoes may have jumps (`coarse_map`). Each is split into regions where neighbours
    differ by more than a step.
-2. A region that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface
-   fits them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller region whose
-   heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
-3. Cells beside borders join the region under which whole profiles are likeliest (`borders`). Cells near borders that no
-   pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
-   those whose nearest echo is a step away, unless the profiles clearly say otherwise, and, far from borders, those
-   that most of the three nearest echoes contradict.
+2. A region of the first that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if
+   another surface fits them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller
+   region whose heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
+   So do those of the other maps, where they are a step off the first.
+3. The likeliest map is searched from each of them, by the likelihood of whole profiles (`labelling`), which also says
+   how probable it is that a cell belongs to the other side of a step. Cells where that is likelier than
+   `max_other_side` are left empty.
 
-A cell may be of the other side of a step: a border is misplaced, or an alley closed. Then it is wrong by the whole step
-h; its variance is that of a mixture, larger by p (1 - p) h^2. The odds of p are prior ones, inverse to the distance
-from the nearest step of the map, times the likelihood ratio of a level a step away (`coarse_map`). The margins of
-`borders` do not serve here: they try a cell by itself, while whole walls are misplaced.
+A cell of the other side, as where a border is misplaced or an alley closed, is wrong by the whole step. Its variance is
+that of a mixture: of its region, and of the heights that it may have instead.
 
 Segmentation: within a region neighbours differ by less than a step. Where a wall is crossed by a ramp of in-between
 heights, a cell or two wide, roof and ground would be one region. So regions are first grown from cells in whose
@@ -31,9 +29,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import (
-    median_filter,
-)
+from scipy.ndimage import median_filter
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed
@@ -48,15 +44,17 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, visible_surface
-from sionna_radar.mapping.stepped.labelling import nearest_echo_off_level, relabelled
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
-from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
-from sionna_radar.mapping.stepped.regions import distance_to_border_m, raised_cells, region_windows, regions_of
-from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, stepped_uncertainty
+from sionna_radar.mapping.stepped.labelling import Start, labelled_map, nearest_echo_m
+from sionna_radar.mapping.stepped.planes import Plane, plane_of_echoes, plane_of_points, spread
+from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_windows, regions_of
+from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
 # Blocks of levels along the longest side of a tile.
 TILE_BLOCKS = 3
+# Pairs of neighbours, of eight each, that the border of a cell's side cuts: its own, and two diagonal ones.
+JUMP_PAIRS = 3
 
 
 @dataclass(frozen=True)
@@ -85,23 +83,25 @@ def step_surface(
     options: of the method.
     """
     echoes = mean_ranges(sightings)
-    axis_m = sightings.places(echoes.range_m)
-    coarse = coarse_map(sightings, points, grid, axis_m, options)
+    coarse = coarse_map(sightings, points, grid, options)
     step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
-    region = regions_of(coarse.height_m, step_m, options.min_cells(grid.spacing_m))
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m, options)
-    height, sigma, roofs = surfaces.of(region)
+    region = surfaces.regions(coarse.height_m)
+    height, sigma, spread_m = surfaces.of(region)
     filled = coarse.supported.copy()
     for number, window in enumerate(region_windows(region)):
         inside = region[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     release_memory()
-    labelled = relabelled(sightings, axis_m, height, region, step_m, grid, options.jump_nepers / 3)
-    height, region_sigma = labelled.height_m, sigma_after_reassignment(sigma, region, labelled.region)
-    doubtful = doubt(labelled, nearest_echo_off_level(height, points.position_m, step_m, grid))
+    starts = [Start(height, region), *(surfaces.rival(rival_m, height, spread_m) for rival_m in coarse.rivals_m)]
+    axis_m, echo_m = sightings.places(echoes.range_m), nearest_echo_m(points.position_m, grid)
+    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, options.jump_nepers / JUMP_PAIRS)
     # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
-    uncertainty = stepped_uncertainty(np.minimum(region_sigma, step_m), height, coarse, step_m, grid.spacing_m)
-    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
+    region_sigma = np.minimum(sigma_after_reassignment(sigma, region, labelled.region), step_m)
+    step_sigma = np.sqrt(labelled.other_side_m2)
+    uncertainty = SteppedUncertainty(np.hypot(region_sigma, step_sigma), labelled.other_side, step_sigma)
+    supported = filled & (labelled.other_side <= options.max_other_side)
+    return SteppedMap(Heightfield(grid=grid, height_m=labelled.height_m), supported, uncertainty)
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class _Surfaces:
 
     def of(
         self, region: Int[np.ndarray, "row column"]
-    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
-        """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
+    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], float]:
+        """Return the heights of all cells, their standard deviations, and how far coarse heights scatter, m."""
         whole, grid = self.whole_region(region), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = region_windows(region)
@@ -145,17 +145,43 @@ class _Surfaces:
                 pass
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
-        beam_rad = self.sightings.beam.spread[1]
-        planes: dict[int, Plane] = {}
         for number in np.flatnonzero(~alone):
             window = windows[number]
-            inside, cells, coarse_m = region[window] == number, grid.cut(*window), self.coarse.height_m[window]
-            plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad, self.options)
+            inside = region[window] == number
+            plane = self._plane(window, inside, self.coarse.height_m[window], spread_m)
             if plane is not None:
-                place = cells.centres_m[inside.ravel()]
+                place = grid.cut(*window).centres_m[inside.ravel()]
                 height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
-                planes[int(number)] = plane
-        return height, np.where(np.isfinite(sigma), sigma, spread_m), planes
+        return height, np.where(np.isfinite(sigma), sigma, spread_m), spread_m
+
+    def regions(self, height_m: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
+        """Return the regions of a coarse map."""
+        return regions_of(height_m, self.step_m, self.options.min_cells(self.grid.spacing_m))
+
+    def rival(
+        self, coarse_m: Float[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], spread_m: float
+    ) -> Start:
+        """Return another coarse map, on the surfaces of the first one where it is within a step of them."""
+        region, same = self.regions(coarse_m), np.abs(coarse_m - height_m) <= self.step_m
+        result = np.where(same, height_m, coarse_m)
+        for number, window in enumerate(region_windows(region)):
+            inside = region[window] == number
+            if 2 * np.count_nonzero(same[window] & inside) <= np.count_nonzero(inside):
+                plane = self._plane(window, inside, coarse_m[window], spread_m)
+                if plane is not None:
+                    result[window][inside] = plane.at(self.grid.cut(*window).centres_m[inside.ravel()])
+        return Start(result, region)
+
+    def _plane(
+        self,
+        window: tuple[slice, slice],
+        inside: Bool[np.ndarray, "row column"],
+        coarse_m: Float[np.ndarray, "row column"],
+        spread_m: float,
+    ) -> Plane | None:
+        """Return the plane through the located echoes of a region; None if they are not planar."""
+        cells, beam_rad = self.grid.cut(*window), self.sightings.beam.spread[1]
+        return plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad, self.options)
 
     def _from_echoes(
         self,
@@ -190,26 +216,6 @@ class _Surfaces:
         inside &= distance_to_border_m(region, self.grid.spacing_m)[row, column] > reach_m
         inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m
         return np.where(inside, region[row, column], -1)
-
-
-def _refit(
-    plane: Plane,
-    cells: Bool[np.ndarray, "row column"],
-    beams: FilledBeams,
-    height_m: Float[np.ndarray, "row column"],
-    sigma_m: Float[np.ndarray, "row column"],
-    grid: Grid,
-    step_m: float,
-) -> None:
-    """Refit a plane to the echoes from the parts of their beams that it fills, and move its cells."""
-    if not cells.any():
-        return
-    window = region_windows(cells.astype(np.int64) - 1)[0]
-    inside, cut = cells[window], grid.cut(*window)
-    refitted = beams.refitted(plane, inside, cut, step_m)
-    place = cut.centres_m[inside.ravel()]
-    height_m[window][inside] += refitted.at(place) - plane.at(place)
-    sigma_m[window][inside] = refitted.sigma_m(place)
 
 
 @dataclass(frozen=True)
