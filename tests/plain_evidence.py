@@ -5,7 +5,7 @@ import numpy as np
 from sionna_radar.mapping.options import STEPPED
 
 
-def support(sightings, pulse, patch_m, in_view, reflectivity, typical, alternatives):
+def support(sightings, pulse, patch_m, reflectivity, typical, alternatives):
     """Return the log-likelihood ratio of patches (..., 3) of a reflectivity, in nepers; 0 outside the main lobe."""
     profiles, pose = sightings.profiles, sightings.pose
     power, noise = profiles.values(pulse), float(profiles.noise[pulse])
@@ -28,20 +28,17 @@ def support(sightings, pulse, patch_m, in_view, reflectivity, typical, alternati
     mean = noise + reflectivity * gain
     short, ratio = np.minimum(most / mean, 1.0), edged[place] / mean
     fits = np.maximum(np.log(ratio) - ratio + np.log(alternatives), 0.0)
-    seen = in_view | (before < noise + typical * gain)
+    seen = before < noise + typical * gain
     found = (np.log(short) - short + 1) * seen + fits * (own[place] & (gain > STEPPED.min_gain))
     return np.where(gain > 0, found, 0.0)
 
 
-def evidence(sightings, grid, base_m, level_m, in_view_m, bright):
+def evidence(sightings, grid, base_m, level_m, bright):
     """Return the evidence against heights over the cells of a grid."""
     height = base_m[..., None] + level_m
     patch = np.stack(np.broadcast_arrays(grid.x_m[None, :, None], grid.y_m[:, None, None], height), axis=-1)
     total = np.zeros((len(bright.step), *height.shape))
     for pulse in range(len(sightings)):
         for number, reflectivity in enumerate(bright.step):
-            in_view = height > in_view_m[..., None]
-            total[number] -= support(
-                sightings, pulse, patch, in_view, reflectivity, bright.typical, bright.alternatives
-            )
+            total[number] -= support(sightings, pulse, patch, reflectivity, bright.typical, bright.alternatives)
     return total.min(axis=0)

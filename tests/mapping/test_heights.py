@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.stepped.coarse_map import lowest_in_view_m
 from sionna_radar.mapping.stepped.planes import robust_plane
 from sionna_radar.mapping.terrain.heights import Heights, plane_through
 
@@ -28,7 +26,8 @@ def test_a_plane_through_a_line_is_level_across_it(width_m, heading_deg):
     slopes = plane_through(place_m, height_m)[1:]
     assert slopes @ ahead == pytest.approx(0.1, abs=0.02)
     assert slopes @ across == pytest.approx(0.0, abs=1e-3)
-    plane = robust_plane(Heights.at_places(place_m, height_m - 12 * (height_m > 26), np.full(len(place_m), 0.1)), 4.0)
+    heights = Heights.at_places(place_m, height_m - 12 * (height_m > 26), np.full(len(place_m), 0.1))
+    plane = robust_plane(heights, 0.0, 4.0).plane
     assert abs(plane.coefficients[1:] @ across) < 1e-3
     away = plane.middle_m + 40.0 * across
     assert plane.sigma_m(away[None])[0] > 5.0
@@ -45,12 +44,3 @@ def test_a_plane_through_a_swath_is_that_of_least_squares():
     height_m = 3 + place_m @ [0.2, -0.4] + rng.normal(0, 0.1, 300)
     design = np.column_stack([np.ones(300), place_m])
     np.testing.assert_allclose(plane_through(place_m, height_m), np.linalg.lstsq(design, height_m, rcond=None)[0])
-
-
-def test_what_hides_a_cell_is_looked_for_inside_the_map_alone():
-    """A cell a little below the radar, and another far below, would have it looked for over a million kilometres."""
-    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=8, rows=8)
-    height_m = np.zeros(grid.shape)
-    height_m[2, 2] = 1e9
-    origin_m = np.tile([3.0, 3.0, 1e-4], (*grid.shape, 1))
-    assert lowest_in_view_m(height_m, grid, origin_m).shape == grid.shape

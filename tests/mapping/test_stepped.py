@@ -15,11 +15,11 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, lowest_in_view_m
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels
 from sionna_radar.mapping.stepped.evidence import (
-    Evidence,
     _reflectivities,
     columns_between,
+    evidence_against,
     levels_between,
     planes_around,
 )
@@ -103,7 +103,7 @@ def test_air_speaks_against_itself_and_ground_for_itself(level):
     """Over level ground nothing comes from above it, and the echoes are what its patches bring."""
     sightings = level
     level_m = np.arange(-4.0, 10.0, 0.5)
-    against = Evidence(sightings, MAP, np.zeros(MAP.shape), level_m).lowest
+    against = evidence_against(sightings, MAP, np.zeros(MAP.shape), level_m)
     ground = against[..., np.argmin(np.abs(level_m))]
     air = against[..., level_m > 4.0]
     assert np.mean(ground < 0) > 0.9
@@ -115,7 +115,7 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
     """Far above the ground all cells hold the noise n, where the weakest patch would bring m."""
     sightings = level
     spot = Grid(west_m=50.0, south_m=0.0, spacing_m=1.0, columns=2, rows=2)
-    against = Evidence(sightings, spot, np.zeros(spot.shape), np.array([12.0])).lowest[0, 0, 0]
+    against = evidence_against(sightings, spot, np.zeros(spot.shape), np.array([12.0]))[0, 0, 0]
     profiles = sightings.profiles
     whole = []
     for pulse in range(len(sightings)):
@@ -143,13 +143,11 @@ def test_evidence_is_that_of_the_plain_formulas(level):
     window = np.array([0.02, 0.3, 1.0, 0.3, 0.02])
     some = replace(some, pose=moving, response=window, doppler=1.0)
     grid = Grid(west_m=55.0, south_m=-6.0, spacing_m=2.0, columns=12, rows=7)
-    base, levels, in_view = np.full(grid.shape, -0.3), np.arange(-2.0, 9.0, 0.7), np.full(grid.shape, 3.0)
-    found = Evidence(some, grid, base, levels)
-    found.know_in_view(in_view)
-    expected = evidence(some, grid, base, levels, in_view, _reflectivities(some))
+    base, levels = np.full(grid.shape, -0.3), np.arange(-2.0, 9.0, 0.7)
+    expected = evidence(some, grid, base, levels, _reflectivities(some))
     assert (expected < -1).any()
     assert (expected > 1).any()
-    np.testing.assert_allclose(found.lowest, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(evidence_against(some, grid, base, levels), expected, rtol=1e-4, atol=1e-4)
 
 
 def test_levels_do_not_depend_on_which_way_is_north():
@@ -157,19 +155,6 @@ def test_levels_do_not_depend_on_which_way_is_north():
     chosen = choose_levels(cost)
     np.testing.assert_array_equal(choose_levels(cost.transpose(1, 0, 2)), chosen.T)
     np.testing.assert_array_equal(choose_levels(cost[::-1]), chosen[::-1])
-
-
-def test_what_is_in_view_behind_a_wall_is_a_triangle():
-    """A wall of height h at d from the track hides heights below h - (H - h) s / d at s behind it."""
-    grid = Grid(west_m=0.0, south_m=-2.0, spacing_m=0.5, columns=160, rows=9)
-    x, _ = np.meshgrid(grid.x_m, grid.y_m)
-    height = np.where(np.abs(x - 30) < 0.3, 8.0, 0.0)
-    origin = np.broadcast_to([0.0, 0.0, 50.0], (*grid.shape, 3))
-    lowest = lowest_in_view_m(height, grid, origin)
-    for behind in (1.0, 3.0, 5.0):
-        column = round((30 + behind) / 0.5)
-        assert lowest[4, column] == pytest.approx(8 - 42 * behind / 30, abs=0.8)
-    assert np.all(lowest[:, 50] < 0)
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +170,7 @@ def test_a_box_keeps_its_walls_and_its_levels(box):
     west, east, south, north, height = BOX
     roof = (x > west + 2) & (x < east - 2) & (y > south + 2) & (y < north - 2)
     ahead = x < west - 2.5
-    assert np.all(heard[roof])
+    assert np.mean(heard[roof]) > 0.98
     assert np.median(np.abs(surface.height_m[roof] - height)) < 0.15
     assert np.sqrt(np.mean((surface.height_m[ahead] - 0.0) ** 2)) < 0.1
     # The wall that faces the radar stands where it is to a cell, at its ends to a footprint.
@@ -234,7 +219,7 @@ def test_a_map_of_one_tile_is_made_at_once(box):
 
 def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):
     """As of a wall beside it: such echoes made the ground of streets rough, and its map wrong by 0.5 m."""
-    coarse = CoarseMap(np.zeros(MAP.shape), np.ones(MAP.shape, dtype=bool), *np.full((4, *MAP.shape), 9.0), level_m=0.3)
+    coarse = CoarseMap(np.zeros(MAP.shape), np.ones(MAP.shape, dtype=bool), np.zeros((0, *MAP.shape)), level_m=0.3)
     echoes = mean_ranges(level)
     near = replace(echoes, range_m=np.where(np.arange(len(level)) % 5 == 2, 0.9, 1.0) * echoes.range_m)
     surfaces = _Surfaces(level, near, located(level), MAP, coarse, 1.2, STEPPED)

@@ -25,8 +25,8 @@ walls: the likeliest ones given the map, found by the multiplicative updates for
 Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from functools import partial
 
 import numpy as np
@@ -41,9 +41,11 @@ from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.labelling_kernels import CellColumns, CellViews, PulseEchoes
+from sionna_radar.mapping.stepped.planes import Plane
+from sionna_radar.mapping.stepped.uncertainty import doubt_of_rivals
 
 # Beam samples per map cell in the main lobe, and their lower and upper limit.
-SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
+SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 6, 150, 750
 # Reference range of reflectivities, m.
 UNIT_M = 50.0
 # Most sweeps that take the likeliest label of each cell, and sweeps that draw it.
@@ -79,10 +81,14 @@ class LabelledMap:
 
 @dataclass(frozen=True)
 class Start:
-    """A map from which a search starts: heights of the cells, and the region that each belongs to."""
+    """A map from which a search starts: heights of the cells, and the region that each belongs to.
+
+    planes: of regions that were fitted as such, by their numbers.
+    """
 
     height_m: Float[np.ndarray, "row column"]
     region: Int[np.ndarray, "row column"]
+    planes: Mapping[int, Plane] = field(default_factory=dict)
 
 
 def labelled_map(
@@ -97,7 +103,7 @@ def labelled_map(
     """Return the likeliest stepped map given the profiles.
 
     sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
-    starts: maps, of which the first also fills what no pulse sees.
+    starts: maps, of which the first also fills what no pulse sees; no two have a region's number in common.
     echo_m: height of the located echo nearest to each cell.
     step_m: smallest height difference that counts as a step.
     grid: cells of the map.
@@ -116,8 +122,8 @@ def labelled_map(
                 block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers)
                 of_block = [Start(start.height_m[window], start.region[window]) for start in starts]
                 found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
-                for field in fields(LabelledMap):
-                    getattr(result, field.name)[window][block.core] = getattr(found, field.name)[block.core]
+                for layer in fields(LabelledMap):
+                    getattr(result, layer.name)[window][block.core] = getattr(found, layer.name)[block.core]
     return result
 
 
@@ -167,13 +173,10 @@ class _Block:
     ) -> LabelledMap:
         """Return the likeliest map; see `labelled_map`. uniform: random numbers by which labels are drawn."""
         highest_m = np.max([start.height_m for start in starts], axis=0)
-        offset = max(int(start.region.max()) for start in starts) + 1
 
         def searched(number: int, _: int) -> Labelling:
-            # Regions of all starts have numbers of their own.
             start = starts[number]
-            region = start.region if number == 0 else start.region + number * offset
-            labelling = Labelling(self.sightings, start.height_m, region, self.grid, highest_m, self.pair_nepers)
+            labelling = Labelling(self.sightings, start.height_m, start.region, self.grid, highest_m, self.pair_nepers)
             labelling.search(self.core)
             return labelling
 
@@ -186,13 +189,11 @@ class _Block:
         excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
         off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
         off_m[~(np.abs(off_m) > self.step_m)] = 0.0
-        weight = np.append(len(rivals) / excess / np.sum(1 / excess), 1.0) / (len(rivals) + 1)
-        share = np.tensordot(weight, off_m != 0, 1)
-        share_m2 = np.tensordot(weight, off_m**2, 1)
+        doubt, doubt_m2 = doubt_of_rivals(excess, off_m)
         drawn = best.drawn(self.core, uniform, self.step_m)
-        both, apart = share**2, 1 - drawn.other_side
-        other_side_m2 = drawn.other_side_m2 + apart * share * share_m2
-        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - both), other_side_m2)
+        apart = 1 - drawn.other_side
+        other_side_m2 = drawn.other_side_m2 + apart * doubt_m2
+        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - doubt), other_side_m2)
 
 
 class Labelling:
@@ -256,8 +257,7 @@ class Labelling:
         return float(echoes.looks @ np.diff(until)) + self._pair_nepers * _unlike_pairs(region)
 
     def search(self, core: Bool[np.ndarray, "row column"]) -> None:
-        """Change cells and regions within a core until the energy falls no further, or rarely."""
-        self._improve(core)
+        """Lower the energy by changes of regions, then of cells, within a core."""
         self._merge(core)
         self._improve(core)
 

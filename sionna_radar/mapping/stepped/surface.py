@@ -46,7 +46,7 @@ from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, visible_surface
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
 from sionna_radar.mapping.stepped.labelling import Start, labelled_map, nearest_echo_m
-from sionna_radar.mapping.stepped.planes import Plane, plane_of_echoes, plane_of_points, spread
+from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_windows, regions_of
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
@@ -87,21 +87,37 @@ def step_surface(
     step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m, options)
     region = surfaces.regions(coarse.height_m)
-    height, sigma, spread_m = surfaces.of(region)
+    start, sigma, spread_m = surfaces.first(region)
     filled = coarse.supported.copy()
     for number, window in enumerate(region_windows(region)):
         inside = region[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     release_memory()
-    starts = [Start(height, region), *(surfaces.rival(rival_m, height, spread_m) for rival_m in coarse.rivals_m)]
+    starts = [start, *(surfaces.rival(rival_m, start, spread_m) for rival_m in coarse.rivals_m)]
+    starts = _numbered(starts)
     axis_m, echo_m = sightings.places(echoes.range_m), nearest_echo_m(points.position_m, grid)
     labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, options.jump_nepers / JUMP_PAIRS)
+    height, kept = labelled.height_m, labelled.other_side <= options.max_other_side
+    region_sigma = sigma_after_reassignment(sigma, region, labelled.region)
+    beams = FilledBeams(points, sightings, options.outlier_sigmas)
+    for start in starts:
+        for number, plane in start.planes.items():
+            _refit(plane, (labelled.region == number) & kept, beams, height, region_sigma, grid, step_m)
     # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
-    region_sigma = np.minimum(sigma_after_reassignment(sigma, region, labelled.region), step_m)
     step_sigma = np.sqrt(labelled.other_side_m2)
-    uncertainty = SteppedUncertainty(np.hypot(region_sigma, step_sigma), labelled.other_side, step_sigma)
-    supported = filled & (labelled.other_side <= options.max_other_side)
-    return SteppedMap(Heightfield(grid=grid, height_m=labelled.height_m), supported, uncertainty)
+    cell_sigma = np.hypot(np.minimum(region_sigma, step_m), step_sigma)
+    uncertainty = SteppedUncertainty(cell_sigma, labelled.other_side, step_sigma)
+    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & kept, uncertainty)
+
+
+def _numbered(starts: list[Start]) -> list[Start]:
+    """Return maps whose regions have numbers of their own."""
+    result, first = [], 0
+    for start in starts:
+        planes = {first + number: plane for number, plane in start.planes.items()}
+        result.append(Start(start.height_m, start.region + first, planes))
+        first += int(start.region.max()) + 1
+    return result
 
 
 @dataclass(frozen=True)
@@ -116,10 +132,8 @@ class _Surfaces:
     step_m: float
     options: SteppedParameters
 
-    def of(
-        self, region: Int[np.ndarray, "row column"]
-    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], float]:
-        """Return the heights of all cells, their standard deviations, and how far coarse heights scatter, m."""
+    def first(self, region: Int[np.ndarray, "row column"]) -> tuple[Start, Float[np.ndarray, "row column"], float]:
+        """Return the first map, the standard deviations of its cells, and how far coarse heights scatter, m."""
         whole, grid = self.whole_region(region), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = region_windows(region)
@@ -145,6 +159,7 @@ class _Surfaces:
                 pass
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
+        planes: dict[int, Plane] = {}
         for number in np.flatnonzero(~alone):
             window = windows[number]
             inside = region[window] == number
@@ -152,25 +167,25 @@ class _Surfaces:
             if plane is not None:
                 place = grid.cut(*window).centres_m[inside.ravel()]
                 height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
-        return height, np.where(np.isfinite(sigma), sigma, spread_m), spread_m
+                planes[int(number)] = plane
+        return Start(height, region, planes), np.where(np.isfinite(sigma), sigma, spread_m), spread_m
 
     def regions(self, height_m: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
         """Return the regions of a coarse map."""
         return regions_of(height_m, self.step_m, self.options.min_cells(self.grid.spacing_m))
 
-    def rival(
-        self, coarse_m: Float[np.ndarray, "row column"], height_m: Float[np.ndarray, "row column"], spread_m: float
-    ) -> Start:
+    def rival(self, coarse_m: Float[np.ndarray, "row column"], first: Start, spread_m: float) -> Start:
         """Return another coarse map, on the surfaces of the first one where it is within a step of them."""
-        region, same = self.regions(coarse_m), np.abs(coarse_m - height_m) <= self.step_m
-        result = np.where(same, height_m, coarse_m)
+        region, same = self.regions(coarse_m), np.abs(coarse_m - first.height_m) <= self.step_m
+        result, planes = np.where(same, first.height_m, coarse_m), {}
         for number, window in enumerate(region_windows(region)):
             inside = region[window] == number
             if 2 * np.count_nonzero(same[window] & inside) <= np.count_nonzero(inside):
                 plane = self._plane(window, inside, coarse_m[window], spread_m)
                 if plane is not None:
                     result[window][inside] = plane.at(self.grid.cut(*window).centres_m[inside.ravel()])
-        return Start(result, region)
+                    planes[number] = plane
+        return Start(result, region, planes)
 
     def _plane(
         self,
@@ -216,6 +231,26 @@ class _Surfaces:
         inside &= distance_to_border_m(region, self.grid.spacing_m)[row, column] > reach_m
         inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m
         return np.where(inside, region[row, column], -1)
+
+
+def _refit(
+    plane: Plane,
+    cells: Bool[np.ndarray, "row column"],
+    beams: FilledBeams,
+    height_m: Float[np.ndarray, "row column"],
+    sigma_m: Float[np.ndarray, "row column"],
+    grid: Grid,
+    step_m: float,
+) -> None:
+    """Refit a plane to the echoes from the parts of their beams that it fills, and move its cells."""
+    if not cells.any():
+        return
+    window = region_windows(cells.astype(np.int64) - 1)[0]
+    inside, cut = cells[window], grid.cut(*window)
+    refitted = beams.refitted(plane, inside, cut, step_m)
+    place = cut.centres_m[inside.ravel()]
+    height_m[window][inside] += refitted.at(place) - plane.at(place)
+    sigma_m[window][inside] = refitted.sigma_m(place)
 
 
 @dataclass(frozen=True)

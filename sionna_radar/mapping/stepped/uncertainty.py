@@ -30,6 +30,23 @@ class SteppedUncertainty:
         return float("nan")
 
 
+def doubt_of_rivals(
+    excess_nepers: Float[np.ndarray, " rival"], off_m: Float[np.ndarray, "proposal row column"]
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return the probability that cells are of the other side as other maps say, and the mean square of how far off.
+
+    That is the probability that two of them, drawn by their weights, both differ. A rival's weight is the mean of
+    exp(-d dE) over the unknown factor d by which the model overstates log-likelihoods: 1 / dE.
+
+    excess_nepers: energies dE of the rivals above that of the map, at least one.
+    off_m: how far the rivals are off the map, and then a proposal without an energy, which counts as their mean; 0
+        within a step.
+    """
+    weight = np.append(len(excess_nepers) / excess_nepers / np.sum(1 / excess_nepers), 1.0) / len(off_m)
+    share = np.tensordot(weight, off_m != 0, 1)
+    return share**2, share * np.tensordot(weight, off_m**2, 1)
+
+
 def sigma_after_reassignment(
     sigma_m: Float[np.ndarray, "row column"],
     before: Int[np.ndarray, "row column"],
