@@ -172,7 +172,8 @@ def test_a_box_keeps_its_walls_and_its_levels(box):
     ahead = x < west - 2.5
     assert np.mean(heard[roof]) > 0.98
     assert np.median(np.abs(surface.height_m[roof] - height)) < 0.15
-    assert np.sqrt(np.mean((surface.height_m[ahead] - 0.0) ** 2)) < 0.1
+    assert np.mean(heard[ahead]) > 0.98
+    assert np.sqrt(np.mean((surface.height_m[ahead & heard] - 0.0) ** 2)) < 0.1
     # The wall that faces the radar stands where it is to a cell, at its ends to a footprint.
     rows = np.abs(MAP.y_m) < 5
     first = np.array([MAP.x_m[np.argmax(row > height / 2)] for row in surface.height_m[rows]])
@@ -204,7 +205,8 @@ def test_a_map_in_tiles_is_that_of_all_echoes_but_beside_seams(box):
     both = found.supported[seen] & whole.supported[seen]
     assert both.sum() > 0.95 * whole.supported[seen].sum()
     apart = np.abs(found.surface.height_m - whole.surface.height_m)[seen]
-    assert np.mean(apart[both] > 0.1) < 0.02
+    assert np.mean(apart[both] > 0.1) < 0.05
+    assert np.mean(apart[both] > 1.0) < 0.01
     seam = both & on_box(*np.meshgrid(MAP.x_m, MAP.y_m)) & (np.abs(np.arange(MAP.columns) - 18.5) < 2)
     assert seam.sum() > 40
     assert apart[seam].max() < 0.1

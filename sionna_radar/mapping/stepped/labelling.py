@@ -28,6 +28,7 @@ Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-diver
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
@@ -36,6 +37,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.detection.ranging.plane_fit import PEDESTAL
 from sionna_radar.foundation.numerics import MAX_SPECKLE
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.beam import beam_samples
@@ -112,18 +114,24 @@ def labelled_map(
     first = starts[0]
     result = LabelledMap(first.height_m.copy(), first.region.copy(), *np.zeros((2, *grid.shape)))
     uniform = np.random.default_rng(0).random((DRAWS, *grid.shape))
-    for row in range(0, grid.rows, BLOCK_CELLS):
-        for column in range(0, grid.columns, BLOCK_CELLS):
+    corners = [
+        (row, column) for row in range(0, grid.rows, BLOCK_CELLS) for column in range(0, grid.columns, BLOCK_CELLS)
+    ]
+    steps = len(starts) + 1 + DRAWS
+    with stage("labels", steps * len(corners)):
+        for row, column in corners:
             window = _span(row, grid.rows), _span(column, grid.columns)
             core = np.zeros(grid.shape, dtype=bool)
             core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
             near = _near(axis_m, grid.cut(*window))
-            if near.any():
-                block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers)
-                of_block = [Start(start.height_m[window], start.region[window]) for start in starts]
-                found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
-                for layer in fields(LabelledMap):
-                    getattr(result, layer.name)[window][block.core] = getattr(found, layer.name)[block.core]
+            if not near.any():
+                advance(steps)
+                continue
+            block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers)
+            of_block = [Start(start.height_m[window], start.region[window]) for start in starts]
+            found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
+            for layer in fields(LabelledMap):
+                getattr(result, layer.name)[window][block.core] = getattr(found, layer.name)[block.core]
     return result
 
 
@@ -180,12 +188,16 @@ class _Block:
             labelling.search(self.core)
             return labelling
 
-        found = list(in_threads(searched, chunks(len(starts), 1)))
+        found = []
+        for labelling in in_threads(searched, chunks(len(starts), 1)):
+            advance()
+            found.append(labelling)
         found.sort(key=Labelling.energy)
         best, rivals = found[0], found[1:]
         for rival in rivals:
             best.take(rival, self.core, self.step_m)
         best.search(self.core)
+        advance()
         excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
         off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
         off_m[~(np.abs(off_m) > self.step_m)] = 0.0
@@ -235,6 +247,8 @@ class Labelling:
         self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
         # Cells that have changed since single cells, and since regions, were searched.
         self._unsettled, self._unmerged = np.ones((2, *region.shape), dtype=bool)
+        # Pulses over regions that have changed.
+        self._changed = np.zeros(len(sightings), dtype=bool)
         self._cast(np.arange(len(sightings)))
         self._update(FIRST_UPDATES)
 
@@ -277,7 +291,8 @@ class Labelling:
                 region = offset + int(other.region[row[0], column[0]])
             tops = other.height[at], other.slope_x[at], other.slope_y[at], np.full(len(cells), region)
             self._propose(row, column, tops, crossing)
-        self._cast(np.arange(len(self._echoes.first)))
+        self._cast(np.flatnonzero(self._changed))
+        self._changed[:] = False
         self._update(UPDATES)
 
     def drawn(
@@ -301,6 +316,7 @@ class Labelling:
             moved |= binary_dilation(changed)
             self._cast(crossing.over(moved))
             self._update(UPDATES)
+            advance()
         result.other_side[:] /= len(uniform)
         result.other_side_m2[:] /= len(uniform)
         return result
@@ -336,7 +352,8 @@ class Labelling:
                 if size[into] >= len(cells) and self._join(row, column, into, crossing):
                     size[into] += len(cells)
                     break
-        self._cast(np.arange(len(self._echoes.first)))
+        self._cast(np.flatnonzero(self._changed))
+        self._changed[:] = False
         self._update(UPDATES)
 
     def _join(
@@ -399,7 +416,7 @@ class Labelling:
         compare(False)
         if gain.sum() > self._pair_nepers * (_unlike_pairs(columns.region[around]) - pairs):
             compare(True)
-            self._unsettled[row, column] = self._unmerged[row, column] = True
+            self._unsettled[row, column] = self._unmerged[row, column] = self._changed[pulses] = True
             return True
         for array, values in zip(arrays, before, strict=True):
             array[row, column] = values

@@ -102,7 +102,7 @@ def step_surface(
     beams = FilledBeams(points, sightings, options.outlier_sigmas)
     for start in starts:
         for number, plane in start.planes.items():
-            _refit(plane, (labelled.region == number) & kept, beams, height, region_sigma, grid, step_m)
+            _refit(plane, labelled.region == number, beams, height, region_sigma, grid, step_m)
     # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
     step_sigma = np.sqrt(labelled.other_side_m2)
     cell_sigma = np.hypot(np.minimum(region_sigma, step_m), step_sigma)
@@ -180,11 +180,15 @@ class _Surfaces:
         result, planes = np.where(same, first.height_m, coarse_m), {}
         for number, window in enumerate(region_windows(region)):
             inside = region[window] == number
-            if 2 * np.count_nonzero(same[window] & inside) <= np.count_nonzero(inside):
+            on_first = inside & same[window]
+            if 2 * np.count_nonzero(on_first) > np.count_nonzero(inside):
+                plane = first.planes.get(int(np.argmax(np.bincount(first.region[window][on_first]))))
+            else:
                 plane = self._plane(window, inside, coarse_m[window], spread_m)
                 if plane is not None:
                     result[window][inside] = plane.at(self.grid.cut(*window).centres_m[inside.ravel()])
-                    planes[number] = plane
+            if plane is not None:
+                planes[number] = plane
         return Start(result, region, planes)
 
     def _plane(
