@@ -140,14 +140,6 @@ class Session:
 
         return load_scenario(self.scenario, self.overrides)
 
-    def load_and_precompile(self) -> "Scenario":
-        """Return the scenario; if the Numba cache is empty, start compiling survey functions in other processes."""
-        from sionna_radar.foundation import precompile
-
-        scenario = self.load()
-        precompile.start(scenario.dem.map_method)
-        return scenario
-
     def directory(self, suffix: str) -> Path:
         """Return the output folder; the default is the scenario's name with a suffix."""
         return self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}"
