@@ -16,7 +16,8 @@ from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, ope
 from sionna_radar.foundation.errors import BackendError, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, regular_file, shown
 from sionna_radar.report.files.contents import PointsFile, Report
-from sionna_radar.report.files.folder import check_output, finished_as, note_run
+from sionna_radar.report.files.folder import check_output
+from sionna_radar.report.files.manifest import finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.execution.execution import Execution

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.staging import abandoned, staged
 from sionna_radar.execution.workers import (
     SHARED,
     Failure,

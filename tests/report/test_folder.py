@@ -12,7 +12,8 @@ import pytest
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report.files import folder
-from sionna_radar.report.files.folder import MANIFEST, check_output, finished_as, note_run, read_manifest, write_folder
+from sionna_radar.report.files.folder import check_output, write_folder
+from sionna_radar.report.files.manifest import MANIFEST, finished_as, note_run, read_manifest
 from sionna_radar.report.page.show import PAGE_FILE
 from sionna_radar.studies.planning.document import PLAN_FILE
 
@@ -203,7 +204,7 @@ write_folder(out, "summary.json", fill)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a system without SIGKILL")
-@pytest.mark.parametrize("moves", [-1, 0, 1, 3, 5, 6, 8])
+@pytest.mark.parametrize("moves", range(-1, 9))
 def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
     out: Path, tmp_path: Path, moves: int
 ) -> None:
@@ -218,10 +219,21 @@ def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a system without SIGKILL")
+def test_what_the_user_edits_after_a_killed_run_is_the_user_s(out: Path) -> None:
+    before = files(out)
+    subprocess.run([sys.executable, "-c", KILLED, str(out), "6"], check=False)
+    assert (out / "a.txt").read_text() == "2"
+    (out / "a.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"changed since \(a\.txt\)"):
+        check_output(out, MARKER)
+    assert files(out) == {**before, "a.txt": "mine"}
+
+
 HOLDING = """
 import sys, time
 from pathlib import Path
-from sionna_radar.execution.checkpoints import staged
+from sionna_radar.execution.staging import staged
 
 with staged(Path(sys.argv[1])) as folder:
     print(folder, flush=True)
