@@ -71,6 +71,10 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
 
+    Returns
+    -------
+    A context manager of the workers, which end with it.
+
     Raises
     ------
     ScenarioError
