@@ -10,7 +10,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.model import mesh_of
-from sionna_radar.survey import prepare
+from sionna_radar.survey.preparation import prepare
 from worlds import load_ground
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)

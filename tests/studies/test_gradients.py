@@ -5,8 +5,7 @@ import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare
 from sionna_radar.radar.equation import plane_echo_contributions
-from sionna_radar.studies.gradients import sensitivities
-from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state
+from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state, sensitivities
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.engines.beam.rays import wide_beam_rays
 

@@ -8,7 +8,7 @@ import pytest
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import in_main_lobe
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import prepare
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.warnings import steered_warnings
 from sionna_radar.tracing.build import build_steered_tracer
 

@@ -313,6 +313,10 @@ def crosscheck(
     execution:
         As for `sionna_radar.run`; the four runs are one stage.
 
+    Returns
+    -------
+    The runs of both engines; `verdict` compares their differences with the tolerances.
+
     Raises
     ------
     ScenarioError, InputFileError

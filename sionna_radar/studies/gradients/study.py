@@ -121,6 +121,10 @@ def sensitivities(
     retraced:
         Also trace surveys anew on both sides of each parameter, for what rays of one tracing leave out.
 
+    Returns
+    -------
+    Quantities by pulse, and their derivatives per unit of each parameter (dB for keys in dB), of the same shape.
+
     Raises
     ------
     ScenarioError

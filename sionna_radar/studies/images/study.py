@@ -143,6 +143,10 @@ def image(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    The images with their resolutions in metres; the focused one only with speckle that persists from pulse to pulse.
+
     Raises
     ------
     ScenarioError, InputFileError

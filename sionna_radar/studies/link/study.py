@@ -271,6 +271,10 @@ def link_budget(
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    A link for each material, and the powers of a sample: in watts, or relative to the transmitted power.
+
     Raises
     ------
     ScenarioError

@@ -190,6 +190,10 @@ def fit_materials(
     level_sigma_db:
         Standard deviation of each level by itself, beside speckle.
 
+    Returns
+    -------
+    The estimates in the units of their keys, with standard deviations and the goodness of the fit.
+
     Raises
     ------
     ScenarioError

@@ -125,6 +125,10 @@ def plan(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     base:
         Scenario with the antenna, sweep and sampling of the radar; without one, the defaults.
 
+    Returns
+    -------
+    Lines, height and speed of the flight; lengths in metres, angles in radians.
+
     Raises
     ------
     ScenarioError

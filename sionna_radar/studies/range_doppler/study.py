@@ -90,6 +90,10 @@ def range_doppler(
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    Maps of power by range and range rate, the cells detected in the last of them, and the movers.
+
     Raises
     ------
     ScenarioError, InputFileError

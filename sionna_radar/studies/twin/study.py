@@ -127,6 +127,10 @@ def twin(
     overrides:
         Values by dotted key: `processing` and `dem` apply to both sides, all others to the simulation.
 
+    Returns
+    -------
+    Rows that compare what was measured with what was simulated, and the mean profiles of both.
+
     Raises
     ------
     InputFileError, ScenarioError

@@ -18,7 +18,7 @@ from jaxtyping import Bool
 from pyproj import CRS
 
 from sionna_radar.accuracy.truth import Comparison
-from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.staging import abandoned, staged
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import OutputError, PluginError, ScenarioError
