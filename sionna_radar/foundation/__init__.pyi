@@ -1,3 +1,4 @@
+from .build_cache import BuildCache as BuildCache
 from .errors import BackendError as BackendError
 from .errors import InputFileError as InputFileError
 from .errors import KeptElsewhereError as KeptElsewhereError
@@ -15,4 +16,3 @@ from .randomness import pulse_uniforms as pulse_uniforms
 from .raster import Georeference as Georeference
 from .raster import Grid as Grid
 from .raster import Raster as Raster
-from .world import World as World

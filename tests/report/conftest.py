@@ -25,7 +25,7 @@ def survey() -> Survey:
 @pytest.fixture(scope="session")
 def georeferenced(survey: Survey) -> Survey:
     place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(747_000.0, 4_035_000.0, 400.0))
-    built = survey.prepared.scene
+    built = survey.prepared.world
     built = replace(built, scene=replace(built.scene, georeference=place))
     placed = {
         name: replace(raster, grid=replace(raster.grid, georeference=place))

@@ -25,7 +25,7 @@ def survey():
 
 
 def heights_at(prepared, place_m):
-    return prepared.scene.caster.from_above(place_m[:, :2], float(prepared.scene.scene.bounds_m[1, 2]) + 10.0)
+    return prepared.world.caster.from_above(place_m[:, :2], float(prepared.world.scene.bounds_m[1, 2]) + 10.0)
 
 
 def test_a_fixed_module_maps_a_swath(survey):

@@ -64,9 +64,9 @@ def test_rays_stay_in_the_main_lobe_and_carry_its_gain():
 
 
 def test_sigma0_of_a_plane_is_that_of_its_material_at_the_incidence_of_the_nearest_axis(level):
-    materials = dict(level.scene.scene.materials)
-    materials[level.scene.scene.surfaces[0].material] = ConstantGammaBackscatter(0.01)
-    world = replace(level, scene=replace(level.scene, scene=replace(level.scene.scene, materials=materials)))
+    materials = dict(level.world.scene.materials)
+    materials[level.world.scene.surfaces[0].material] = ConstantGammaBackscatter(0.01)
+    world = replace(level, world=replace(level.world, scene=replace(level.world.scene, materials=materials)))
     grid = level.mapper.grid
     found = sigma0_db(world, Raster(grid=grid, height_m=np.zeros(grid.shape)))
     # The plain way for a few cells: every axis, the nearest hit, the angle at the cell.
