@@ -61,7 +61,7 @@ def size_of(survey):
     if array is None:
         width_rad = prepared.instrument.antenna.beamwidths_rad[0]
         return chirp.samples * chirp.rate_hz / 1e6, 1.05 * wavelength_mm / width_rad
-    frames = prepared.local.radar.array.frame_rate_hz
+    frames = prepared.instrument.pulse_rate_hz
     return chirp.samples * array.chirps * len(array.receiver_m) * frames / 1e6, 1e3 * float(array.size_m[1])
 
 

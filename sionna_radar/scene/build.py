@@ -30,6 +30,7 @@ from sionna_radar.scene.terrains.build import build_landscape, landscape_of_rast
 from sionna_radar.scene.vegetation import Stand, vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
+from sionna_radar.surfaces.radar_material import as_radar_material
 
 # Progress steps reported by `build_world`.
 BUILDING_STEPS = 3
@@ -69,7 +70,7 @@ def build_world(
     cache: of an earlier survey, for what is the same in this one.
 
     Raises ScenarioError, InputFileError if a building or target is beyond the terrain; a material is undefined at the
-        carrier; an input file cannot be used.
+        carrier; nothing in it reflects a second bounce; an input file cannot be used.
     """
     radar = scenario.radar
     inputs = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
@@ -104,6 +105,7 @@ def build_world(
     window = repr((window_m if scenario.vegetation else (), motions))
     keys = (ground_key, materials_key, contents_key)
     scene = cache.once("scene", None if None in keys else (*keys, window), build)
+    _check_bounces(scenario, scene)
     advance()
     advance()
     return World(
@@ -141,6 +143,21 @@ def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> Non
     missing = sorted(used - set(defined) - set(land.materials))
     if missing:
         raise ScenarioError.of("terrain", f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]")
+
+
+def _check_bounces(scenario: Scenario, scene: Scene) -> None:
+    """Raise ScenarioError for second bounces without mirrors in the scene, or with vegetation."""
+    if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
+        return
+    if scene.vegetation is not None:
+        raise ScenarioError.of("tracing.bounces", "2 is not traced through [[vegetation]]; set 1, or remove the plants")
+    used = {surface.material for surface in scene.surfaces}
+    if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
+        message = (
+            "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
+            f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
+        )
+        raise ScenarioError.of("tracing.bounces", message)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

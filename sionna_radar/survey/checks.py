@@ -17,7 +17,6 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import World
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.radar_material import as_radar_material
 
 logger = logging.getLogger("sionna_radar")
 
@@ -115,22 +114,6 @@ def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
     if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
         message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
         raise ScenarioError.of("radar.antenna.polarization", message)
-
-
-def check_bounces(scenario: Scenario, world: World) -> None:
-    """Raise ScenarioError for second bounces without mirrors in the scene, or with vegetation."""
-    if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
-        return
-    scene = world.scene
-    if scene.vegetation is not None:
-        raise ScenarioError.of("tracing.bounces", "2 is not traced through [[vegetation]]; set 1, or remove the plants")
-    used = {surface.material for surface in scene.surfaces}
-    if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
-        message = (
-            "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
-            f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
-        )
-        raise ScenarioError.of("tracing.bounces", message)
 
 
 def check_reference(scenario: Scenario, name: str, ground: Backscatter, incidence_rad: float) -> None:

@@ -38,7 +38,7 @@ class Instrument:
 
     sweeps: of one pulse, as transmitted: a single one, or the two halves of a triangle.
     transmit_power_w: transmitted power; 1 where the scenario gives a signal-to-noise ratio instead.
-    pulse_rate_hz: pulses a second without pauses: chirps, or the frames of an array.
+    pulse_rate_hz: chirps, or frames of an array, a second, without pauses; mean_rate_hz: averaged ones, with pauses.
     scan: where the antenna points.
     antenna: its pattern; beams: the antenna steered to each beam of an electronic scan.
     high_pass: of the receiver; None for one without.
@@ -51,6 +51,7 @@ class Instrument:
     sweeps: tuple[Chirp, ...]
     transmit_power_w: float
     pulse_rate_hz: float
+    mean_rate_hz: float
     scan: Scan
     antenna: Antenna
     beams: tuple[Antenna, ...] = ()
@@ -75,6 +76,7 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
     if processing.calibration is not None:
         message = "is of recordings; give the errors of a simulated flight as platform.navigation, and leave this out"
         raise ScenarioError.of("processing.calibration", message)
+    high_pass, transmitted_w = build_high_pass(radar.receiver), transmit_power_w(radar)
     scan = custom.scan or build_scan(radar.scan)
     antenna = custom.antenna or build_antenna(radar.antenna, cache)
     if custom.antenna is None:
@@ -82,6 +84,7 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
     antenna, sweeps = squinting(radar.antenna, antenna, build_sweeps(radar))
     chirp, period_s = sweeps[0], 1 / radar.chirp_rate_hz
     frames = radar.array if local.sensor == "mimo" else None
+    rate_hz = radar.chirp_rate_hz if frames is None else frames.frame_rate_hz
     module = None
     if frames is not None:
         module = build_array(frames, chirp, period_s, local.seed)
@@ -90,7 +93,6 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
     check_vegetation(local, antenna)
     check_rotors(local, chirp)
     check_instrument(processing, chirp)
-    high_pass, transmitted_w = build_high_pass(radar.receiver), transmit_power_w(radar)
     detector = build_detector(
         processing,
         chirp,
@@ -103,7 +105,8 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
     return Instrument(
         sweeps=sweeps,
         transmit_power_w=transmitted_w,
-        pulse_rate_hz=radar.chirp_rate_hz if frames is None else frames.frame_rate_hz,
+        pulse_rate_hz=rate_hz,
+        mean_rate_hz=rate_hz / (1 + radar.stagger / 2) / processing.average.chirps,
         scan=scan,
         antenna=antenna,
         beams=beams_of(antenna, scan),

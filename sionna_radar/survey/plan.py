@@ -37,6 +37,7 @@ from sionna_radar.survey.limits import check_paths, check_route
 class Plan:
     """A flight over a world, and its map.
 
+    route: the way before its ground is known.
     flown: the trajectory with its nominal height and speed, and what a log gave for it.
     flight: the pulses.
     bursts: the chirps that are averaged to each pulse of the flight, or the frame that it is; None for one.
@@ -46,6 +47,7 @@ class Plan:
     expected_ground: what is known of the ground beforehand; None for nothing.
     """
 
+    route: Route
     flown: Flight
     flight: PulseSchedule
     bursts: Bursts | None
@@ -89,29 +91,31 @@ def build_plan(local: Scenario, instrument: Instrument, route: Route, world: Wor
     advance()
     extent_m = _mapped_extent_m(instrument, flown, flight, hits)
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, instrument, flown)
+    memory, grid = speckle_memory(local), dem_grid(local.dem.spacing_m, extent_m, max_gap_m, place)
     mapper = build_mapper(
         local.dem,
-        dem_grid(local.dem.spacing_m, extent_m, max_gap_m, place),
+        grid,
         max_gap_m,
         # The points of an array lie at single places.
         instrument.antenna if local.sensor not in ("lidar", "mimo") else None,
         instrument.detector.analyser,
         local.processing.doppler_correction,
         custom.dem_method,
-        speckle_memory(local),
+        memory,
         measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
         ground=local,
     )
     _check_profiles(local, mapper, custom)
     expected = local.processing.expected_ground
     return Plan(
+        route=route,
         flown=flown,
         flight=flight,
         bursts=bursts,
         hits=hits,
         ground_extent_m=extent_m,
         mapper=mapper,
-        expected_ground=build_expected_ground(expected, flown.altitude_m, instrument.antenna, mapper.grid, place),
+        expected_ground=build_expected_ground(expected, flown.altitude_m, instrument.antenna, grid, place),
     )
 
 
@@ -119,14 +123,14 @@ def _schedule(
     local: Scenario, instrument: Instrument, flown: Flight, datum_m: float, custom: CustomParts
 ) -> PulseSchedule:
     """Return the pulses of a flight, each a chirp or a frame."""
-    errors, scan, rate_hz = local.platform.navigation, instrument.scan, instrument.pulse_rate_hz
+    errors, stagger = local.platform.navigation, local.radar.stagger
+    scan, rate_hz = instrument.scan, instrument.pulse_rate_hz
+    if local.sensor == "radar" and custom.flight is None:
+        widths_rad = instrument.antenna.beamwidths_rad
+        warn_of_repeated_angles(scan, flown.altitude_m, flown.speed_mps, rate_hz, stagger, widths_rad)
     navigation = custom.navigation or build_navigation(errors, flown.trajectory, rate_hz, local.seed)
     if custom.flight is not None:
         return custom.flight.schedule(flown, scan, datum_m, navigation, errors.lever_arm_m)
-    stagger = local.radar.stagger
-    if local.sensor == "radar":
-        widths_rad = instrument.antenna.beamwidths_rad
-        warn_of_repeated_angles(scan, flown.altitude_m, flown.speed_mps, rate_hz, stagger, widths_rad)
     return schedule_pulses(
         flown.trajectory, scan, rate_hz, lever_arm_m=errors.lever_arm_m, navigation=navigation, stagger=stagger
     )
@@ -148,8 +152,7 @@ def _mapped_extent_m(instrument: Instrument, flown: Flight, flight: PulseSchedul
 def _sampling_gap(local: Scenario, instrument: Instrument, flown: Flight) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
     scan = instrument.scan
-    rate_hz = instrument.pulse_rate_hz / (1 + local.radar.stagger / 2) / local.processing.average.chirps
-    spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
+    spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, instrument.mean_rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
         raise PluginError(message)

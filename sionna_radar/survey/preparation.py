@@ -32,7 +32,6 @@ from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, warn_of_wide_beam
 from sionna_radar.survey.checks import (
     SAMPLED_PULSES,
-    check_bounces,
     check_reference,
     warn_of_folded,
     warn_of_posting,
@@ -313,7 +312,6 @@ def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prep
     advance()
     window_m = route.window_m(instrument.chirp.max_range_m)
     world = build_world(local, window_m, custom.terrain, custom.materials, cache)
-    check_bounces(local, world)
     plan = build_plan(local, instrument, route, world, custom)
     receiver = _receiver(local, instrument, world, plan.flown.altitude_m)
     _warn(local, instrument, world, plan)

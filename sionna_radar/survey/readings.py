@@ -6,11 +6,9 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.readings import Readings, readings_of
 from sionna_radar.accuracy.truth import CLEAR_M
-from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import Points
-from sionna_radar.scene.terrains.build import map_frame
 from sionna_radar.survey.preparation import Prepared
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -26,7 +24,7 @@ def survey_readings(prepared: Prepared, points: Points) -> Readings | None:
     its axis.
     """
     scan = prepared.flight.scan
-    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s != 0 or prepared.local.sensor == "mimo":
+    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s != 0 or prepared.instrument.frames is not None:
         return None
     pulses = prepared.flight.pulses(np.arange(len(prepared)))
     pose, caster = pulses.true, prepared.world.caster
@@ -80,9 +78,8 @@ def _clearance_by_readings_m(
     local, place = prepared.local, prepared.world.scene.georeference
     read = np.isfinite(reading_m)
     nearest, ground_m = KDTree(position_m[read, :2]), position_m[read, 2] - reading_m[read]
-    route = plan_route(local.platform, lambda: map_frame(local.terrain))
     try:
-        flown = route.fly(
+        flown = prepared.plan.route.fly(
             lambda place_m: ground_m[nearest.query(place_m)[1]], local.seed, place.origin_m[2] if place else 0.0
         )
     except ScenarioError:

@@ -103,9 +103,9 @@ def _rays_of_beam(prepared: Prepared, spacing_m: float) -> list[Float[np.ndarray
     if prepared.local.sensor == "lidar" or (isinstance(scan, RotatingScan) and scan.rotation_rad_s != 0):
         return [axis]
     azimuth_rad, elevation_rad = prepared.instrument.antenna.beamwidths_rad
-    array = prepared.local.radar.array
-    if prepared.local.sensor == "mimo" and array is not None:
-        azimuth_rad = 2 * np.deg2rad(array.half_view_deg)
+    frames = prepared.instrument.frames
+    if frames is not None:
+        azimuth_rad = 2 * np.deg2rad(frames.half_view_deg)
     if isinstance(scan, ElectronicScan):
         azimuth_rad = 0.0
     slant_m = prepared.plan.flown.altitude_m / max(np.cos(scan.incidence_rad), 1e-3)

@@ -77,7 +77,7 @@ def test_materials_are_those_of_the_scenario_over_a_shared_ground() -> None:
     for terrain_class in ("rolling_hills", "desert", "rolling_hills"):
         scene = prepared(
             cache, materials__ground={"model": "constant_gamma", "terrain_class": terrain_class}
-        ).scene.scene
+        ).world.scene
         levels.append(float(scene.materials["ground"].sigma0(at)[0]))
     assert levels[0] == levels[2] != levels[1]
 

@@ -481,11 +481,11 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
 
 def _rates(prepared: Prepared) -> dict[str, str]:
     """Return the rate of pulses; of an array, of frames and of the chirps that they consist of."""
-    radar, averaged = prepared.local.radar, prepared.local.processing.average.chirps
-    if prepared.local.sensor == "mimo" and radar.array is not None:
-        chirps = f"{radar.array.chirps_per_frame:,} chirps, {radar.chirp_rate_hz / 1e3:.4g} kHz"
-        return {"Frame rate": f"{radar.array.frame_rate_hz:.4g} Hz", "Chirps of a frame": chirps}
-    return {"Pulse rate": f"{radar.mean_rate_hz / averaged:.4g} Hz"}
+    frames, rate = prepared.instrument.frames, f"{prepared.instrument.mean_rate_hz:.4g} Hz"
+    if frames is None:
+        return {"Pulse rate": rate}
+    chirps = f"{frames.chirps_per_frame:,} chirps, {prepared.local.radar.chirp_rate_hz / 1e3:.4g} kHz"
+    return {"Frame rate": rate, "Chirps of a frame": chirps}
 
 
 def _things(prepared: Prepared) -> str:

@@ -31,7 +31,7 @@ from sionna_radar.report.page.sections import colour_scales, frame_of_page
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.survey.checks import BoresightHits, boresight_hits
+from sionna_radar.survey.checks import BoresightHits
 from sionna_radar.survey.preparation import Prepared
 
 PULSES, FOOTPRINTS = 240, 60
@@ -57,7 +57,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     """
     frame, pack = frame_of(prepared.world.scene.georeference, coordinates), Pack()
     index = spread_indices(PULSES, len(prepared))
-    beams, hits = cast_beams(prepared, index), boresight_hits(prepared.flight, prepared.world)
+    beams, hits = cast_beams(prepared, index), prepared.plan.hits
     solids = solids_within(prepared.world.scene, prepared.scenario.terrain.kind, box_of(prepared))
     ground = _ground(prepared, solids)
     numbers = {
@@ -83,11 +83,11 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
 
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
     """Return the ground below the solids; without solids the highest surface."""
-    built, box = prepared.world, box_of(prepared)
-    lying = [surface for surface in built.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
+    world, box = prepared.world, box_of(prepared)
+    lying = [surface for surface in world.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
     if solids is None or not lying:
-        return surroundings(built.caster, built.scene, box, MAX_CELLS)
-    return surroundings(RayCaster(lying), built.scene, box, MAX_CELLS)
+        return surroundings(world.caster, world.scene, box, MAX_CELLS)
+    return surroundings(RayCaster(lying), world.scene, box, MAX_CELLS)
 
 
 def _world(

@@ -113,8 +113,8 @@ def _surface_within(survey: Survey, bounds_m: tuple[float, float, float, float])
         columns=before[0] + 1 + int(np.floor((east - grid.west_m) / spacing_m)),
         rows=before[1] + 1 + int(np.floor((north - grid.south_m) / spacing_m)),
     )
-    scene = survey.prepared.world
-    return truth_dem(scene.caster, wider, float(scene.scene.bounds_m[1][2]) + 1.0)
+    world = survey.prepared.world
+    return truth_dem(world.caster, wider, float(world.scene.bounds_m[1][2]) + 1.0)
 
 
 def _draw_profile(axes: Axes, survey: Survey, surface: Raster, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:

@@ -122,7 +122,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         replaced=survey.replaced,
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
-        readings=survey.readings.rows() if survey.readings else {},
+        readings=survey.readings.described() if survey.readings else {},
         readings_of=survey.readings.subject if survey.readings else "",
         **(
             errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared))

@@ -228,7 +228,7 @@ def survey_table(survey: Survey) -> Table:
 
 def _accuracy(survey: Survey) -> dict[str, str]:
     """Return the errors of the map, or of readings that make none."""
-    return _errors(survey) if survey.readings is None else survey.readings.rows()
+    return _errors(survey) if survey.readings is None else survey.readings.described()
 
 
 def _flown(survey: Survey) -> dict[str, str]:

@@ -282,7 +282,7 @@ class SignalRecorder:
             units="s",
         )
         flight, radar = prepared.plan.flown, prepared.local.radar
-        rate_hz = prepared.instrument.pulse_rate_hz if prepared.scenario.sensor == "mimo" else radar.mean_rate_hz
+        rate_hz = prepared.instrument.mean_rate_hz
         capture, array = self._capture, prepared.instrument.module
         file.variable(
             "radar",

@@ -48,9 +48,9 @@ def test_the_axis_and_the_outline_of_a_beam_meet_the_plane_where_geometry_says(l
     np.testing.assert_allclose(beams.distance_m[:, 0], expected, rtol=1e-5)
     assert np.abs(beams.hit_m[..., 2]).max() < 1e-3
     # Half power is half a beamwidth off the axis, in the two principal planes.
-    outline = fan_of(level.antenna).direction[1 : 1 + OUTLINE_RAYS]
+    outline = fan_of(level.instrument.antenna).direction[1 : 1 + OUTLINE_RAYS]
     off = np.arccos(outline[:: OUTLINE_RAYS // 4, 0])
-    half = np.array(level.antenna.beamwidths_rad) / 2
+    half = np.array(level.instrument.antenna.beamwidths_rad) / 2
     np.testing.assert_allclose(off, [half[0], half[1], half[0], half[1]], rtol=0.05)
 
 

@@ -128,8 +128,8 @@ def test_brightest_echo_survives_thinning(survey: Survey, monkeypatch: pytest.Mo
 
 def test_boresight_meets_a_slope_where_geometry_says(survey: Survey) -> None:
     slope = make_surface(lambda x, y: 0.1 * x, size_m=200.0)
-    scene = replace(survey.prepared.world, caster=RayCaster((slope,)))
-    over_slope = replace(survey, prepared=replace(survey.prepared, scene=scene))
+    world = replace(survey.prepared.world, caster=RayCaster((slope,)))
+    over_slope = replace(survey, prepared=replace(survey.prepared, world=world))
     boresights = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]])
     boresights /= np.linalg.norm(boresights, axis=1)[:, None]
     turn = np.zeros((5, 3, 3))
