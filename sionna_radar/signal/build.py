@@ -141,33 +141,6 @@ def _guard(high_pass: HighPass | None, anti_alias: AntiAlias | None, chirp: Chir
     return min(2 * max(FADE_SAMPLES, settling), LONGEST_GUARD * chirp.samples)
 
 
-def build_receiver(
-    radar: RadarTable,
-    sweeps: tuple[Chirp, ...],
-    high_pass: HighPass | None,
-    transmitted_w: float,
-    reference_echo: float,
-    seed: int,
-    interference: Interference | None = None,
-) -> Receiver:
-    """Return the receiver of a scenario.
-
-    radar, sweeps, high_pass: the radar, its sweeps, and the high-pass of its receiver.
-    transmitted_w: transmitted power; see `transmit_power_w`.
-    reference_echo: received over transmitted power of the echo that `snr_db` refers to.
-    seed: of the noise.
-    interference: of other radars.
-    """
-    return Receiver(
-        sweeps=sweeps,
-        transmit_power_w=transmitted_w,
-        noise_power_w=noise_power(radar, sweeps[0], reference_echo),
-        seed=seed,
-        high_pass=high_pass,
-        chain=build_chain(radar, sweeps, high_pass, interference),
-    )
-
-
 def transmit_power_w(radar: RadarTable) -> float:
     """Return the transmitted power; 1 if the scenario gives a signal-to-noise ratio instead."""
     return 1.0 if radar.transmit_power_dbm is None else 1e-3 * from_db(radar.transmit_power_dbm)

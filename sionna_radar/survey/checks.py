@@ -1,4 +1,4 @@
-"""Checks of a survey that need its terrain, its radar and its flight."""
+"""Checks of a flight over a world, by where its beams meet it."""
 
 import logging
 from collections.abc import Sequence
@@ -9,21 +9,19 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import PulseSchedule
-from sionna_radar.flight.scan import RotatingScan, Scan
+from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.mapping.mapper import Extent
-from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import World
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.survey.instrument import Instrument
 
 logger = logging.getLogger("sionna_radar")
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
-# Largest phase error of a point over a chirp beyond uniform motion, rad.
-MAX_BEND_RAD = 0.5
 # Smallest sigma0 that counts as a return.
 MIN_SIGMA0 = 1e-20
 # Share of pulses with echoes outside the searched ranges above which a warning is given.
@@ -61,9 +59,9 @@ def boresight_hits(schedule: PulseSchedule, world: World) -> BoresightHits:
     return BoresightHits(pose.position_m, pose.boresight, hits.distance_m, pose.boresight_range_rate_mps)
 
 
-def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:
+def check_nominal_range(instrument: Instrument, altitude_m: float, duration_s: float) -> None:
     """Raise ScenarioError if the scan looks farther over level ground than the radar's range."""
-    pointing = scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
+    chirp, pointing = instrument.chirp, instrument.scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
     down = pointing.R_mount_antenna[pointing.active, 2, 0]
     down = down[down > 0]
     slant_m = altitude_m / float(down.min()) if len(down) else 0.0
@@ -85,35 +83,6 @@ def check_pulses(schedule: PulseSchedule, chirp_rate_hz: float) -> None:
             f"{chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
         )
         raise ScenarioError.of("radar.scan", message)
-
-
-def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
-    """Raise ScenarioError for rotors whose blades do not move uniformly during a chirp.
-
-    The residual phase at the ends of the chirp is 4 pi / wavelength times half the acceleration times the square of
-    half the duration.
-    """
-    problems = []
-    for number, target in enumerate(scenario.targets):
-        for index, rotor in enumerate(target.rotors):
-            acceleration = (2 * np.pi * rotor.rotation_rpm / 60) ** 2 * rotor.radius_m
-            bend_rad = np.pi / (2 * chirp.wavelength_m) * acceleration * chirp.duration_s**2
-            if bend_rad > MAX_BEND_RAD:
-                needed_hz = chirp.rate_hz * np.sqrt(bend_rad / MAX_BEND_RAD)
-                message = (
-                    f"{rotor.rotation_rpm:g} bends the echo of its tips by {bend_rad:.3g} rad in a chirp; lower it, or "
-                    f"raise radar.chirp_rate_hz to {needed_hz:.3g} or more"
-                )
-                problems.append(Problem(f"targets.{number}.rotors.{index}.rotation_rpm", message))
-    if problems:
-        raise ScenarioError(problems)
-
-
-def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
-    """Raise ScenarioError for vegetation with a polarization whose vegetation echo is not modelled."""
-    if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
-        message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
-        raise ScenarioError.of("radar.antenna.polarization", message)
 
 
 def check_reference(scenario: Scenario, name: str, ground: Backscatter, incidence_rad: float) -> None:
@@ -226,14 +195,7 @@ def warn_of_posting(
         )
 
 
-def warn_of_repeated_angles(
-    scan: Scan,
-    altitude_m: float,
-    speed_mps: float,
-    chirp_rate_hz: float,
-    stagger: float,
-    beamwidths_rad: tuple[float, float],
-) -> None:
+def warn_of_repeated_angles(instrument: Instrument, altitude_m: float, speed_mps: float, stagger: float) -> None:
     """Warn of a turning beam that returns to the same angles while it passes over its footprint, and leaves gaps.
 
     A place stays within the half-power footprint, h / cos^2(incidence) times the elevation width along the track, for
@@ -241,12 +203,11 @@ def warn_of_repeated_angles(
     the last one shifted by e steps of 2 pi / n (of staggered chirps, which repeat in pairs, the number must be even).
     While e shifts do not make up a step, 1 - (turns - 1) e of every step is not visited, and stays dark if the beam,
     which turns by its azimuth width / cos(incidence) (conical: sin) to move by its width, does not reach across.
-
-    chirp_rate_hz: without the pauses of `stagger`.
     """
+    scan, chirp_rate_hz = instrument.scan, instrument.pulse_rate_hz
     if not isinstance(scan, RotatingScan) or scan.rotation_rad_s == 0:
         return
-    azimuth_rad, elevation_rad = beamwidths_rad
+    azimuth_rad, elevation_rad = instrument.antenna.beamwidths_rad
     down, side = np.cos(scan.incidence_rad), np.sin(scan.incidence_rad)
     arm = side if scan.mode == "conical" else down
     if min(arm, down) <= 0:

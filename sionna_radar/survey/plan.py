@@ -60,10 +60,9 @@ class Plan:
 def checked_route(local: Scenario, instrument: Instrument) -> Route:
     """Return the flight before its ground is known; ScenarioError for one beyond the limits of the radar."""
     route = plan_route(local.platform, lambda: map_frame(local.terrain))
-    chirp, scan = instrument.chirp, instrument.scan
-    check_route(local, chirp, route, instrument.antenna.beamwidths_rad, scan.incidence_rad)
+    check_route(local, instrument, route)
     if route.altitude_m is not None:
-        check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
+        check_nominal_range(instrument, route.altitude_m, route.duration_s)
     return route
 
 
@@ -77,8 +76,7 @@ def build_plan(local: Scenario, instrument: Instrument, route: Route, world: Wor
     datum_m = place.origin_m[2] if place else 0.0
     flown = route.fly(world.ground_m, local.seed, datum_m)
     if route.altitude_m is None:
-        widths_rad, incidence_rad = instrument.antenna.beamwidths_rad, instrument.scan.incidence_rad
-        check_paths(local, instrument.chirp, flown.altitude_m, widths_rad, incidence_rad)
+        check_paths(local, instrument, flown.altitude_m)
     schedule = _schedule(local, instrument, flown, datum_m, custom)
     if instrument.frames is None or instrument.module is None:
         bursts = in_bursts(schedule, local.processing.average.chirps, local.radar.chirp_rate_hz)
@@ -126,8 +124,7 @@ def _schedule(
     errors, stagger = local.platform.navigation, local.radar.stagger
     scan, rate_hz = instrument.scan, instrument.pulse_rate_hz
     if local.sensor == "radar" and custom.flight is None:
-        widths_rad = instrument.antenna.beamwidths_rad
-        warn_of_repeated_angles(scan, flown.altitude_m, flown.speed_mps, rate_hz, stagger, widths_rad)
+        warn_of_repeated_angles(instrument, flown.altitude_m, flown.speed_mps, stagger)
     navigation = custom.navigation or build_navigation(errors, flown.trajectory, rate_hz, local.seed)
     if custom.flight is not None:
         return custom.flight.schedule(flown, scan, datum_m, navigation, errors.lever_arm_m)

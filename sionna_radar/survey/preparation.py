@@ -26,7 +26,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.build import BUILDING_STEPS, World, box_of, build_world
-from sionna_radar.signal.build import build_interference, build_receiver
+from sionna_radar.signal.build import build_chain, build_interference, noise_power
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, warn_of_wide_beam
@@ -141,7 +141,13 @@ class Prepared:
     def engine_inputs(self) -> EngineInputs:
         """Return the inputs of tracing engines."""
         sampled = self.flight.sample(SAMPLED_PULSES)
-        position_m, reach_m = sampled.true.position_m, self.receiver.chirp.max_range_m
+        pose, reach_m = sampled.true, self.receiver.chirp.max_range_m
+        looks = SampledBeams(
+            position_m=pose.position_m,
+            R_world_antenna=pose.R_world_antenna,
+            range_m=self.world.caster.cast(pose.position_m, pose.boresight).distance_m,
+            beam=np.zeros(len(sampled), dtype=np.int64) if sampled.beam is None else sampled.beam,
+        )
         return EngineInputs(
             tracing=self.local.tracing,
             scene=self.world.scene,
@@ -150,8 +156,8 @@ class Prepared:
             chirp=self.receiver.chirp,
             seed=self.local.seed,
             caster=self.world.caster,
-            region_m=np.array([position_m.min(axis=0) - reach_m, position_m.max(axis=0) + reach_m]),
-            looks=sampled_beams(sampled, self.world),
+            region_m=np.array([pose.position_m.min(axis=0) - reach_m, pose.position_m.max(axis=0) + reach_m]),
+            looks=looks,
         )
 
     def sensor_inputs(self) -> SensorInputs:
@@ -335,32 +341,22 @@ def _receiver(local: Scenario, instrument: Instrument, world: World, altitude_m:
     ground = as_radar_material(world.scene.materials[name]).co_polar
     check_reference(local, name, ground, incidence_rad)
     echo = plane_echo(instrument.antenna, ground, instrument.chirp.wavelength_m, altitude_m, incidence_rad)
-    return build_receiver(
-        local.radar, instrument.sweeps, instrument.high_pass, instrument.transmit_power_w, echo, local.seed, others
+    return Receiver(
+        sweeps=instrument.sweeps,
+        transmit_power_w=instrument.transmit_power_w,
+        noise_power_w=noise_power(local.radar, instrument.chirp, echo),
+        seed=local.seed,
+        high_pass=instrument.high_pass,
+        chain=build_chain(local.radar, instrument.sweeps, instrument.high_pass, others),
     )
 
 
 def _warn(local: Scenario, instrument: Instrument, world: World, plan: Plan) -> None:
     """Warn of what the instrument cannot show of this world from this flight."""
-    widths_rad, hits, mapper = instrument.antenna.beamwidths_rad, plan.hits, plan.mapper
+    widths_rad, hits = instrument.antenna.beamwidths_rad, plan.hits
     if local.sensor == "radar":
         warn_of_folded(instrument.sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
     warn_of_posting(world.posting_m, hits.range_m, widths_rad)
-    if (
-        local.sensor == "radar"
-        and instrument.angle is None
-        and mapper.beam is not None
-        and maps_by_turning(plan.flight)
-    ):
-        warn_of_wide_beam(beam_bias(plan.flight, world, mapper.beam), mapper.grid.spacing_m, widths_rad)
-
-
-def sampled_beams(pulses: Pulses, world: World) -> SampledBeams:
-    """Return the beams of pulses: poses, and boresight ranges to the scene, m."""
-    pose = pulses.true
-    return SampledBeams(
-        position_m=pose.position_m,
-        R_world_antenna=pose.R_world_antenna,
-        range_m=world.caster.cast(pose.position_m, pose.boresight).distance_m,
-        beam=np.zeros(len(pulses), dtype=np.int64) if pulses.beam is None else pulses.beam,
-    )
+    beam = plan.mapper.beam if local.sensor == "radar" and instrument.angle is None else None
+    if beam is not None and maps_by_turning(plan.flight):
+        warn_of_wide_beam(beam_bias(plan.flight, world, beam), plan.mapper.grid.spacing_m, widths_rad)

@@ -48,7 +48,7 @@ from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
-from sionna_radar.survey.limits import processing_limits
+from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe
 from sionna_radar.survey.placement import place
