@@ -1,11 +1,13 @@
 from .chain import run as run
 from .custom_parts import CustomParts as CustomParts
+from .instrument import Instrument as Instrument
 from .observation import Observed as Observed
 from .observation import observe as observe
 from .observation import observe_blocks as observe_blocks
 from .observed_survey import ObservedSurvey as ObservedSurvey
 from .observed_survey import observe_survey as observe_survey
 from .placement import place as place
+from .plan import Plan as Plan
 from .preparation import Prepared as Prepared
 from .preparation import prepare as prepare
 from .reprocessing import process as process
