@@ -103,7 +103,7 @@ def test_the_same_errors_are_those_of_one_module():
         prepare(load_scenario("hills", LOW | {"radar": LOW["radar"] | {"array": errors}, "seed": seed}))
         for seed in (1, 1, 2)
     ]
-    codes = [p.module.sent_code for p in prepared]
+    codes = [p.instrument.module.sent_code for p in prepared]
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(codes[0], codes[2])
     # What processing knows is what calibration left.
