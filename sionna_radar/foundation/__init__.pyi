@@ -1,3 +1,4 @@
+from .build_cache import BuildCache as BuildCache
 from .errors import BackendError as BackendError
 from .errors import InputFileError as InputFileError
 from .errors import KeptElsewhereError as KeptElsewhereError

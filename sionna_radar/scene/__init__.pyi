@@ -1,3 +1,4 @@
+from .build import World as World
 from .build import box_of as box_of
 from .landscape import Landscape as Landscape
 from .landscape import TerrainInputs as TerrainInputs

@@ -1,5 +1,7 @@
+from .instrument import Instrument as Instrument
 from .observed_survey import ObservedSurvey as ObservedSurvey
 from .observed_survey import observe_survey as observe_survey
+from .plan import Plan as Plan
 from .sensors.lidar import Lidar as Lidar
 from .sensors.radar import Radar as Radar
 from .sensors.sensor import Observation as Observation
