@@ -10,8 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from sionna_radar import Raster, load_scenario, prepare
-from sionna_radar.survey import CustomParts
+from sionna_radar import CustomParts, Raster, load_scenario, prepare
 
 SPEED_MPS, CHIRPS, TIME_CONSTANT_S, RESPONSE_S = 10.0, 25, 0.1, 1.0
 RADARS = ("alt_24000", "alt_77000")

@@ -56,12 +56,12 @@ def size_of(survey):
     prepared = survey.prepared
     if prepared.local.sensor == "lidar":
         return prepared.local.radar.chirp_rate_hz / 1e6, 20.0
-    chirp, array = prepared.receiver.chirp, prepared.module
+    chirp, array = prepared.receiver.chirp, prepared.instrument.module
     wavelength_mm = 1e3 * chirp.wavelength_m
     if array is None:
-        width_rad = prepared.antenna.beamwidths_rad[0]
+        width_rad = prepared.instrument.antenna.beamwidths_rad[0]
         return chirp.samples * chirp.rate_hz / 1e6, 1.05 * wavelength_mm / width_rad
-    frames = prepared.local.radar.array.frame_rate_hz
+    frames = prepared.instrument.pulse_rate_hz
     return chirp.samples * array.chirps * len(array.receiver_m) * frames / 1e6, 1e3 * float(array.size_m[1])
 
 

@@ -18,9 +18,8 @@ from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import grey_closing, grey_opening
 
-from sionna_radar import Raster, load_scenario, prepare
+from sionna_radar import CustomParts, Raster, load_scenario, prepare
 from sionna_radar.detection import Echoes, RangeLoop, Ranges
-from sionna_radar.survey import CustomParts
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 HERE = Path(globals().get("__file__", "script")).resolve()  # the gallery has no __file__, and runs in a folder of docs

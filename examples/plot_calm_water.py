@@ -127,8 +127,8 @@ for name, start, colour in (("Above the pond", -7.0, "#2166ac"), ("Above land", 
     order = np.argsort(off)
     angles.plot(off[order], 10 * np.log10(best[order]), ".", ms=3, color=colour, label=name)
 height_m = pulses.true.position_m[0, 2]
-reflection = abs(prepared.scene.scene.materials["water"].mirror.amplitude)
-image = prepared.antenna.peak_gain * reflection * 299792458.0 / 77e9 / (8 * np.pi * height_m)
+reflection = abs(prepared.world.scene.materials["water"].mirror.amplitude)
+image = prepared.instrument.antenna.peak_gain * reflection * 299792458.0 / 77e9 / (8 * np.pi * height_m)
 noise = prepared.receiver.noise_power_w / prepared.receiver.transmit_power_w / 2048
 angles.axhline(20 * np.log10(image), color="black", ls="--", lw=1.0, label="The radar's image in the water")
 angles.axhline(10 * np.log10(noise), color="grey", ls=":", label="Noise in a range cell")

@@ -15,7 +15,8 @@ SIONNA_RADAR_SMALL=1 in the environment the flights are short and few. The same 
 # %%
 import os
 
-from sionna_radar.studies.design import DOCUMENT, draw_front, plan_design, run_design
+from sionna_radar import run_design
+from sionna_radar.studies.design import DOCUMENT, draw_front, plan_design
 from sionna_radar.studies.sweep import Area
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"

@@ -15,7 +15,8 @@ the flights are short and few. The same from the command line, with costs of sev
 # %%
 import os
 
-from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design, run_design
+from sionna_radar import run_design
+from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design
 from sionna_radar.studies.sweep import Costs
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"

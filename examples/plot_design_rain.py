@@ -16,7 +16,8 @@ short and few. From the command line::
 # %%
 import os
 
-from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design, run_design
+from sionna_radar import run_design
+from sionna_radar.studies.design import DOCUMENT, draw_slices, plan_design
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SHORT = {"platform.length_m": 15.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}

@@ -32,7 +32,7 @@ figure = Figure(figsize=(11.5, 4.9), layout="constrained")
 
 # %%
 # Four boxes on flat ground, as scenes/buildings.toml places them, coloured by the height of each face.
-scene = prepare(load_scenario("buildings")).scene.scene
+scene = prepare(load_scenario("buildings")).world.scene
 boxes = [surface for surface in scene.surfaces if surface.name.startswith("building")]
 heights = Normalize(0, 10)
 left = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)

@@ -36,7 +36,9 @@ on_roof = power[paths.hit_m[:, 2] > 1.0].sum() / power.sum()
 # Rays are drawn in proportion to the two-way gain and bear nearly equal powers; the gain tells the beam's shape.
 ray = paths.hit_m - pulses.true.position_m
 ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-gain_db = 20 * np.log10(prepared.antenna.gain(ray @ pulses.true.R_world_antenna[0]) / prepared.antenna.peak_gain)
+gain_db = 20 * np.log10(
+    prepared.instrument.antenna.gain(ray @ pulses.true.R_world_antenna[0]) / prepared.instrument.antenna.peak_gain
+)
 strong = gain_db > -20
 print(f"{on_roof:.0%} of the chirp's power comes from the roof")
 

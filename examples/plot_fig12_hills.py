@@ -29,7 +29,7 @@ SHADOW = ListedColormap(["#cc79a7"])
 # %%
 def hidden(survey):
     """Cells that the scan passes over without seeing them."""
-    scenario, caster = survey.scenario, survey.prepared.scene.caster
+    scenario, caster = survey.scenario, survey.prepared.world.caster
     track = survey.schedule.trajectory.position(np.array(survey.schedule.trajectory.cruise_s()))
     angles = np.deg2rad([scenario.radar.scan.incidence_deg, scenario.radar.scan.half_swath_deg])
     return shadowed(survey.truth, caster, track, *angles)

@@ -22,7 +22,7 @@ from sionna_radar.scene import box_of
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, RED = "#0072b2", "#d55e00"  # safe for colour-blind readers
 SEEDS = (1,) if SMALL else (1, 2, 3, 4, 5)
-CASTER = prepare(load_scenario("buildings")).scene.caster
+CASTER = prepare(load_scenario("buildings")).world.caster
 
 
 # %%

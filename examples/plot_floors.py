@@ -11,8 +11,8 @@ With SIONNA_RADAR_SMALL=1 in the environment fewer pulses are flown.
 # %%
 import os
 
-from sionna_radar import load_scenario
-from sionna_radar.studies.link import draw_floors, draw_link, link_budget
+from sionna_radar import link_budget, load_scenario
+from sionna_radar.studies.link import draw_floors, draw_link
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RADAR = {

@@ -45,7 +45,7 @@ def focused(changes):
     image = BackProjection(
         prepared.receiver.chirp,
         ground_pixels(track, "right", 0.0, along, across),
-        whole_beam(prepared.antenna),
+        whole_beam(prepared.instrument.antenna),
         "hann",
     )
     for pulses in prepared.flight.blocks(256):

@@ -42,11 +42,11 @@ figure.savefig("beat.png")
 
 # %%
 # Detection: spectrum, CFAR threshold, echoes with their range corrected for Doppler.
-spectra = prepared.detector.spectra(beat)
-echoes = prepared.detector.echoes(spectra, pulses.index, pulses.measured)
+spectra = prepared.instrument.detector.spectra(beat)
+echoes = prepared.instrument.detector.echoes(spectra, pulses.index, pulses.measured)
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.add_subplot()
-range_m = prepared.detector.analyser.range_m
+range_m = prepared.instrument.detector.analyser.range_m
 axes.plot(range_m, 10 * np.log10(spectra.power[0]), linewidth=0.8, label="spectrum")
 axes.plot(range_m, 10 * np.log10(spectra.threshold[0]), linewidth=0.8, label="CFAR threshold")
 axes.plot(echoes.range_m, 10 * np.log10(echoes.power), "v", label="echoes")

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from sionna_radar import load_scenario, run
+from sionna_radar import plan as plan_flight
 from sionna_radar.report import colour_bar, finish_map, show_raster
 from sionna_radar.studies.planning import Wanted, check_plan, planned_scenario
-from sionna_radar.studies.planning import plan as plan_flight
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 STEEP = {"terrain.filter_sigma_m": 8.0, "terrain.height_m": 34.0, "terrain.size_m": [520.0, 520.0]}

@@ -37,7 +37,7 @@ def one_turn(scenario):
     sensor = prepared.build_sensor()
     turns = list(prepared.flight.line_blocks(1))
     pulses = turns[len(turns) // 2]
-    analyser = prepared.detector.analyser
+    analyser = prepared.instrument.detector.analyser
     power = analyser.power(prepared.receiver.beat(sensor.tracer.trace(pulses), pulses))
     echoes = sensor.observe(pulses).echoes
     where = np.searchsorted(pulses.index, echoes.pulse)

@@ -13,8 +13,7 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.studies.range_doppler import range_doppler
+from sionna_radar import load_scenario, range_doppler
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"tracing.scatterers_per_m2": 10.0} if SMALL else {}

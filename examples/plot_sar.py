@@ -47,7 +47,7 @@ length = track.position_m[1, 0] - start_east
 # %%
 # Both images grow from the same pulses. The ends of the track are left out: their aperture is not flown whole.
 margin = 2.0
-aperture = whole_beam(prepared.antenna)
+aperture = whole_beam(prepared.instrument.antenna)
 step = 0.04 if SMALL else 0.02
 pixels = ground_pixels(
     track, "right", 0.0, np.arange(margin, length - margin, step), np.arange(22.0, 35.0, 0.3 if SMALL else 0.15)
@@ -69,7 +69,7 @@ focused = sar.image()
 # %%
 # How fine they are: in theory, and the lone reflector as measured.
 range_m = float(np.hypot(north, scenario.platform.altitude_m))
-coarse = real_aperture_resolution_m(prepared.antenna.azimuth, range_m)
+coarse = real_aperture_resolution_m(prepared.instrument.antenna.azimuth, range_m)
 theory = azimuth_resolution_m(aperture, prepared.receiver.chirp.wavelength_m)
 fine = half_power_width(line.along_m, reflector.image().power[0])
 ground = ground_range_resolution_m(prepared.receiver.chirp, WINDOW, np.deg2rad(scenario.radar.scan.incidence_deg))

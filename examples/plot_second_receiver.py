@@ -38,7 +38,7 @@ def off_ground_m(survey):
     position = survey.points.position_m
     above = np.column_stack([position[:, :2], np.full(len(position), 100.0)])
     down = np.tile([[0.0, 0.0, -1.0]], (len(position), 1))
-    return position[:, 2] - 100.0 + survey.prepared.scene.caster.cast(above, down).distance_m
+    return position[:, 2] - 100.0 + survey.prepared.world.caster.cast(above, down).distance_m
 
 
 def scan_deg(survey):

@@ -186,7 +186,7 @@ def photograph(built, eye, toward, columns, rows, width_deg):
 
 # %%
 columns, rows = (320, 120) if SMALL else (1300, 500)
-picture = photograph(survey.prepared.scene, (-66, -178, 122), (36, -10, 2), columns, rows, 48.0)
+picture = photograph(survey.prepared.world, (-66, -178, 122), (36, -10, 2), columns, rows, 48.0)
 heights, off = Normalize(*np.nanpercentile(survey.truth.height_m, [0.5, 99.7])), Normalize(-4.0, 4.0)
 figure = Figure(figsize=(14.0, 10.1), layout="constrained")
 top, bottom = figure.subfigures(2, 1, height_ratios=[5.2, 4.9])

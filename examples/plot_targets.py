@@ -61,7 +61,7 @@ def hovering(targets, chirp_rate_hz, beamwidth_deg, seconds):
         }
     )
     prepared = prepare(scenario)
-    profiles, analyser, tracer = [], prepared.detector.analyser, prepared.sensor_inputs().tracer()
+    profiles, analyser, tracer = [], prepared.instrument.detector.analyser, prepared.sensor_inputs().tracer()
     for pulses in prepared.flight.blocks(256):
         clean = synthesise(tracer.trace(pulses), pulses, prepared.receiver.chirp)
         profiles.append(analyser.amplitude(add_noise(clean, prepared.receiver.noise_power_w, 1, pulses.index)))

@@ -40,7 +40,7 @@ def range_error_m(name):
     survey = surveys[name]
     points = survey.points(None)
     true = survey.prepared.flight.pulses(points.pulse).true
-    return points.range_m - survey.prepared.scene.caster.cast(true.position_m, true.boresight).distance_m
+    return points.range_m - survey.prepared.world.caster.cast(true.position_m, true.boresight).distance_m
 
 
 errors_m = {name: range_error_m(name) for name in surveys}

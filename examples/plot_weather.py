@@ -80,7 +80,7 @@ for (name, keys), colour in zip(KINDS.items(), ("#56b4e9", "#d55e00"), strict=Tr
     scenario = load_scenario("hills", {"weather": keys, **FLIGHT})
     prepared = prepare(scenario)
     pulses = prepared.flight.pulses(np.arange(min(PULSES, len(prepared))))
-    analyser = prepared.detector.analyser
+    analyser = prepared.instrument.detector.analyser
     power = analyser.power(prepared.receiver.beat(prepared.sensor_inputs().tracer().trace(pulses), pulses)).mean(axis=0)
     range_m = analyser.range_m
     level_db = 10 * np.log10(power * range_m**2 / prepared.receiver.transmit_power_w + 1e-30)

@@ -49,7 +49,7 @@ def flown(altitude_m, beam_deg, ranging, start_m, length_m, samples=16384, gate_
 
 def errors_m(survey):
     """Return how far the points lie off the ground: along the beam, and vertically."""
-    points, caster = survey.points, survey.prepared.scene.caster
+    points, caster = survey.points, survey.prepared.world.caster
     along = (points.position_m - points.origin_m) / points.range_m[:, None]
     beyond = points.range_m - caster.cast(points.origin_m, along).distance_m
     above = points.position_m[:, 2] - caster.from_above(points.position_m[:, :2], 5000.0)

@@ -34,7 +34,7 @@ def range_errors(survey):
     """Return the errors of the ranges against the ground on the axis of the beam, m."""
     points = survey.points
     along = (points.position_m - points.origin_m) / points.range_m[:, None]
-    return points.range_m - survey.prepared.truth.built.caster.cast(points.origin_m, along).distance_m
+    return points.range_m - survey.prepared.world.caster.cast(points.origin_m, along).distance_m
 
 
 # %%

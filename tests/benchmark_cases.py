@@ -78,8 +78,8 @@ def bare_casting(prepared: Prepared, paths: Paths, pulses: Pulses) -> Action:
     row = paths.pulse - pulses.index[0]
     origin = pulses.true.position_m[row]
     away = paths.hit_m - origin
-    rays = prepared.scene.caster.prepare(origin, away / np.linalg.norm(away, axis=1, keepdims=True))
-    return lambda: prepared.scene.caster.intersect(rays)
+    rays = prepared.world.caster.prepare(origin, away / np.linalg.norm(away, axis=1, keepdims=True))
+    return lambda: prepared.world.caster.intersect(rays)
 
 
 TERRAINS = ("hills", "san_francisco")
@@ -200,7 +200,7 @@ def _facets(prepared: Prepared, count: int) -> tuple[Action, Action]:
     tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(min(count, len(prepared))))
     paths = tracer.trace(pulses)
     row = paths.pulse - pulses.index[0]
-    chirp, antenna, caster = prepared.receiver.chirp, prepared.antenna, prepared.scene.caster
+    chirp, antenna, caster = prepared.receiver.chirp, prepared.instrument.antenna, prepared.world.caster
 
     def touch() -> None:
         origin, point = pulses.true.position_m[row], paths.hit_m.astype(np.float64)
@@ -219,7 +219,7 @@ def _focusing(count: int) -> tuple[Action, Action]:
     # Numba takes half a second to import.
 
     prepared = prepare(load_scenario("slar"))
-    chirp, aperture = prepared.receiver.chirp, whole_beam(prepared.antenna)
+    chirp, aperture = prepared.receiver.chirp, whole_beam(prepared.instrument.antenna)
     middle = (len(prepared) - min(count, len(prepared))) // 2
     pulses = prepared.flight.pulses(np.arange(middle, len(prepared) - middle))
     pose = pulses.measured
@@ -293,12 +293,12 @@ def over_facets(count: int) -> dict[str, Any]:
     def chain() -> float:
         start = perf_counter()
         beat = prepared.receiver.beat(tracer.trace(pulses), pulses)
-        echoes = prepared.detector.detect(beat, pulses.index, pulses.measured)
+        echoes = prepared.instrument.detector.detect(beat, pulses.index, pulses.measured)
         locate(echoes, pulses.index, pulses.measured)
         return perf_counter() - start
 
     seconds = min(chain() for _ in range(6))
-    facets = sum(len(surface.faces) for surface in prepared.scene.scene.surfaces)
+    facets = sum(len(surface.faces) for surface in prepared.world.scene.surfaces)
     return {"facets": facets, "pulse_s": seconds / len(pulses), "peak_mb": peak_memory_mb()}
 
 

@@ -3,7 +3,7 @@
 import hashlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,12 +76,7 @@ def prepared_with(errors: dict[str, float], overrides: dict[str, Any]) -> Prepar
     }
     prepared = prepare(load_scenario("hills", overrides | navigation))
     receiver = Delayed(**vars(prepared.receiver), delay_m=errors.get("range_bias", 0.0))
-    return Prepared(**{**vars_of(prepared), "receiver": receiver})
-
-
-def vars_of(prepared: Prepared) -> dict[str, Any]:
-    """The fields of a prepared survey, without what it has derived."""
-    return {name: getattr(prepared, name) for name in Prepared.__dataclass_fields__}
+    return replace(prepared, receiver=receiver)
 
 
 def straight(position_m: np.ndarray, speed_mps: float, axes: np.ndarray, time_s: np.ndarray) -> BelievedMotion:
@@ -119,7 +114,7 @@ def echoes_of(prepared: Prepared, lines: int = 3) -> RangeProfiles:
 
 def ground_of(prepared: Prepared) -> Heightfield:
     """The true ground."""
-    relief = next(s.relief for s in prepared.scene.scene.surfaces if s.relief is not None)
+    relief = next(s.relief for s in prepared.world.scene.surfaces if s.relief is not None)
     return Heightfield(grid=relief.grid, height_m=relief.height_m)
 
 

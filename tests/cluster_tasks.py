@@ -45,13 +45,3 @@ def look(task: Mapping[str, Any]) -> bytes:
         logging.getLogger("sionna_radar").warning("mind %s", "this")
     here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed()}
     return document_bytes(here | {"x": task["x"]})
-
-
-def fly_or_die(task: Mapping[str, Any]) -> bytes:
-    """Fly the surveys of a sweep, but for those of a beam that ends its worker."""
-    if '"beamwidth_deg":6' in task["scenario"]:
-        os.kill(os.getpid(), signal.SIGKILL)
-    # Only here: the other tasks begin at once.
-    from sionna_radar.studies.sweep.study import trial_task
-
-    return trial_task(task)

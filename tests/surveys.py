@@ -13,7 +13,7 @@ from sionna_radar.flight.trajectory import plan_trajectory
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.build import World
 from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
@@ -159,10 +159,13 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
     prepared = prepare(scenario)
     prepared = replace(
         prepared,
-        flight=schedule_pulses(trajectory, prepared.flight.scan, scenario.radar.chirp_rate_hz),
-        mapper=replace(prepared.mapper, grid=grid),
-        scene=BuiltScene(
-            scene=replace(prepared.scene.scene, surfaces=(surface,)),
+        plan=replace(
+            prepared.plan,
+            flight=schedule_pulses(trajectory, prepared.flight.scan, scenario.radar.chirp_rate_hz),
+            mapper=replace(prepared.mapper, grid=grid),
+        ),
+        world=World(
+            scene=replace(prepared.world.scene, surfaces=(surface,)),
             ground_m=ground_m,
             caster=RayCaster((surface,)),
         ),

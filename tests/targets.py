@@ -30,7 +30,7 @@ def target_paths(scenario: Scenario, pulses: np.ndarray) -> tuple[Pulses, Paths]
     """Paths of the targets alone, in some pulses."""
     prepared = prepare(scenario)
     block = prepared.flight.pulses(pulses)
-    scene = prepared.scene.scene
+    scene = prepared.world.scene
     return block, trace_targets(
-        scene.targets, block, prepared.antenna, prepared.receiver.chirp, prepared.scene.caster, 1
+        scene.targets, block, prepared.instrument.antenna, prepared.receiver.chirp, prepared.world.caster, 1
     )

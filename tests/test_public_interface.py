@@ -13,7 +13,6 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import sionna_radar
-from test_architecture import ROOMS
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = [*sorted((ROOT / "examples").rglob("*.py"))]
@@ -25,10 +24,8 @@ FUNCTIONS = [name for name in sionna_radar.__all__ if name not in CLASSES]
 
 def packages() -> list[str]:
     """Return the packages whose public names a script may import."""
-    rooms = [room for room in ROOMS if room not in ("cli", "notebook", "studies", "readers")]
-    inner = (Path(sionna_radar.__file__).parent.glob(f"{room}/*/__init__.pyi") for room in ("studies", "readers"))
-    rooms += [f"{stub.parents[1].name}.{stub.parent.name}" for stubs in inner for stub in sorted(stubs)]
-    return ["sionna_radar", *(f"sionna_radar.{room}" for room in rooms)]
+    top = Path(sionna_radar.__file__).parent
+    return [".".join(stub.parent.relative_to(top.parent).parts) for stub in sorted(top.rglob("__init__.pyi"))]
 
 
 def public_imports(code: str) -> list[tuple[str, str]]:
@@ -68,7 +65,7 @@ def test_an_inner_name_is_noticed():
 
 def test_there_are_about_thirty_names_and_one_of_each_study_and_dir_lists_them():
     stub = (Path(sionna_radar.__file__).with_suffix(".pyi")).read_text(encoding="utf-8")
-    studies = re.findall(r"from \.studies\.(\w+) import", stub)
+    studies = re.findall(r"from \.studies\.(\w+)\.\w+ import", stub)
     assert sorted(studies) == [
         path.parent.name for path in sorted(Path(sionna_radar.__file__).parent.glob("studies/*/study.py"))
     ]
@@ -101,14 +98,14 @@ def test_a_public_name_says_what_it_is_with_an_example(name):
 
 # Rooms of the core, whose functions take and return numbers with units and shapes.
 CORE = (
-    *("foundation", "elevation", "weather", "scenario", "surfaces", "flight", "scene"),
+    *("foundation", "weather", "scenario", "surfaces", "flight", "scene"),
     *("radar", "tracing", "signal", "detection", "mapping", "accuracy", "survey"),
 )
 
 
 def public_functions():
-    """Return the public functions of the core by their full names."""
-    rooms = [importlib.import_module(f"sionna_radar.{room}") for room in CORE]
+    """Return the public functions of the package itself and of the core by their full names."""
+    rooms = [sionna_radar, *(importlib.import_module(f"sionna_radar.{room}") for room in CORE)]
     named = {f"{room.__name__}.{name}": getattr(room, name) for room in rooms for name in room.__all__}
     return {name: function for name, function in named.items() if inspect.isfunction(function)}
 

@@ -6,7 +6,7 @@ Keys and options are objects of Sphinx as functions are, so that the search list
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,14 +18,7 @@ from typer.cli import get_docs_for_click
 from written import write
 
 from sionna_radar.cli.app import app as commands
-from sionna_radar.scenario import reference
-
-# Rooms with names for scripts; the studies and the readers have a page each.
-ROOMS = (
-    *("foundation", "raytracer", "elevation", "weather", "scenario", "surfaces", "flight", "scene", "radar"),
-    *("tracing", "signal", "detection", "mapping", "accuracy", "survey", "report"),
-)
-HOUSES = ("studies", "readers")
+from sionna_radar.scenario.reference import reference
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -44,18 +37,16 @@ def make_pages(app: Sphinx) -> None:
     write(made / "commands.md.txt", commands_reference())
     top = importlib.import_module("sionna_radar")
     write(made / "api" / "sionna_radar.rst", package_page(top, set()))
-    for room in (*ROOMS, *rooms_of(HOUSES)):
-        package = importlib.import_module(f"sionna_radar.{room}")
-        write(made / "api" / f"{room.replace('.', '/')}.rst", package_page(package, set(top.__all__)))
+    for package in rooms_of(top):
+        path = package.__name__.removeprefix(f"{top.__name__}.").replace(".", "/")
+        write(made / "api" / f"{path}.rst", package_page(package, set(top.__all__)))
 
 
-def rooms_of(houses: Sequence[str]) -> Iterator[str]:
-    """Yield the packages inside others that export names, by their dotted names."""
-    for house in houses:
-        outer = importlib.import_module(f"sionna_radar.{house}")
-        for found in pkgutil.iter_modules(outer.__path__):
-            if found.ispkg and getattr(importlib.import_module(f"{outer.__name__}.{found.name}"), "__all__", ()):
-                yield f"{house}.{found.name}"
+def rooms_of(top: ModuleType) -> Iterator[ModuleType]:
+    """Yield the packages below another that export names."""
+    for found in pkgutil.walk_packages(top.__path__, f"{top.__name__}."):
+        if found.ispkg and getattr(package := importlib.import_module(found.name), "__all__", ()):
+            yield package
 
 
 def index_names(app: Sphinx, document: nodes.document) -> None:

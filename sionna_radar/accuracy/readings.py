@@ -77,7 +77,7 @@ class Readings:
         per_pulse = ("time_s", "reading_m", "true_m", "clearance_m", "cover")
         return {name: value for name, value in asdict(self).items() if name not in per_pulse}
 
-    def rows(self) -> dict[str, str]:
+    def described(self) -> dict[str, str]:
         """Return the statistics by their names, in words."""
         total = self.errors
         rows = {f"reading less {self.subject}": _words(total)}

@@ -19,7 +19,7 @@ from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.build import World
 from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.ground_cover import Overhang, overhang
 from sionna_radar.scene.raycast import truth_dem
@@ -106,12 +106,12 @@ def compare_dem(
 class GroundTruth:
     """The true surface under a survey.
 
-    built, buildings: the scene, and the scenario's buildings in it.
+    world, buildings: the scene, and the scenario's buildings in it.
     grid, max_gap_m: of the DEM.
     antenna: its main beam illuminates the ground; beams: those of an electronic scan, replacing it.
     """
 
-    built: BuiltScene
+    world: World
     buildings: tuple[Box, ...]
     grid: Grid
     max_gap_m: float
@@ -121,30 +121,30 @@ class GroundTruth:
     @cached_property
     def surface(self) -> Raster:
         """Height hit by a vertical ray from above at every cell centre."""
-        top_m = float(self.built.scene.bounds_m[1, 2]) + CLEAR_M
-        return truth_dem(self.built.caster, self.grid, top_m)
+        top_m = float(self.world.scene.bounds_m[1, 2]) + CLEAR_M
+        return truth_dem(self.world.caster, self.grid, top_m)
 
     @cached_property
     def overhang(self) -> Overhang | None:
         """Cells with more than one surface; None for scenes of ground and solid buildings only, without a count."""
-        if not self.built.may_overhang:
+        if not self.world.may_overhang:
             return None
-        return overhang(self.built.caster, self.grid, float(self.built.scene.bounds_m[0, 2]) - CLEAR_M)
+        return overhang(self.world.caster, self.grid, float(self.world.scene.bounds_m[0, 2]) - CLEAR_M)
 
     @cached_property
     def walls(self) -> Walls:
         """The walls within the map."""
-        scene, key = self.built.scene, (repr(self.grid), repr(self.buildings))
-        return self.built.caster.once("walls", key, lambda: walls_on(self.grid, scene, self.buildings))
+        scene, key = self.world.scene, (repr(self.grid), repr(self.buildings))
+        return self.world.caster.once("walls", key, lambda: walls_on(self.grid, scene, self.buildings))
 
     @cached_property
     def covers(self) -> dict[str, Bool[np.ndarray, "row column"]]:
         """Cells of each cover, seen from above; empty where all are the same."""
-        scene, centres_m = self.built.scene, self.grid.centres_m
+        scene, centres_m = self.world.scene, self.grid.centres_m
         if len({surface.material for surface in scene.surfaces}) == 1 and scene.vegetation is None:
             return {}
         above = np.column_stack([centres_m, np.full(len(centres_m), scene.bounds_m[1, 2] + CLEAR_M)])
-        hits = self.built.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
+        hits = self.world.caster.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
         name = scene.covers(hits.surface, centres_m).reshape(self.grid.shape)
         return {str(cover): name == cover for cover in np.unique(name[name != ""])}
 
@@ -256,4 +256,4 @@ class Tally:
 
     def _mask(self, cells: Illumination) -> Bool[np.ndarray, "row column"]:
         truth = self._truth
-        return cells.mask(truth.max_gap_m, truth.surface, truth.built.caster.visible)
+        return cells.mask(truth.max_gap_m, truth.surface, truth.world.caster.visible)

@@ -111,7 +111,7 @@ def _fly(
     record_as: str = "float64",
     heights: MeasuredHeights | None = None,
 ) -> None:
-    checked, heights = session.load_and_precompile(), heights or MeasuredHeights()
+    checked, heights = session.load(), heights or MeasuredHeights()
 
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates

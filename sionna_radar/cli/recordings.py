@@ -21,7 +21,7 @@ from sionna_radar.cli.session import (
     Session,
     command,
 )
-from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.staging import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 

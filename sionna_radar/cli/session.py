@@ -16,7 +16,8 @@ from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, ope
 from sionna_radar.foundation.errors import BackendError, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, regular_file, shown
 from sionna_radar.report.files.contents import PointsFile, Report
-from sionna_radar.report.files.folder import check_output, finished_as, note_run
+from sionna_radar.report.files.folder import check_output
+from sionna_radar.report.files.manifest import finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.execution.execution import Execution
@@ -139,14 +140,6 @@ class Session:
         from sionna_radar.scenario import load_scenario
 
         return load_scenario(self.scenario, self.overrides)
-
-    def load_and_precompile(self) -> "Scenario":
-        """Return the scenario; if the Numba cache is empty, start compiling survey functions in other processes."""
-        from sionna_radar.foundation import precompile
-
-        scenario = self.load()
-        precompile.start(scenario.dem.map_method)
-        return scenario
 
     def directory(self, suffix: str) -> Path:
         """Return the output folder; the default is the scenario's name with a suffix."""

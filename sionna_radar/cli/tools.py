@@ -36,7 +36,7 @@ def validate(
     with session.reach():
         prepared = prepare(checked)
     typer.echo(to_toml(checked, defaults=every), nl=False)
-    for key, box in placed_boxes(prepared.scene.scene.surfaces).items():
+    for key, box in placed_boxes(prepared.world.scene.surfaces).items():
         typer.echo(f"# {key} stands at {box}")
     grid, (start_s, end_s) = prepared.mapper.grid, prepared.flight.trajectory.cruise_s()
     warnings = f"{len(prepared.warnings)} warning{'s' if len(prepared.warnings) != 1 else ''}"
@@ -55,7 +55,7 @@ def scenes() -> None:
     """List the shipped scenarios."""
     import tomllib
 
-    from sionna_radar.scenario import shipped_scenarios
+    from sionna_radar.scenario.loading import shipped_scenarios
 
     for name, path in shipped_scenarios().items():
         typer.echo(f"{name:16}{tomllib.loads(path.read_text(encoding='utf-8')).get('description', '')}")

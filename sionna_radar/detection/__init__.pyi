@@ -1,5 +1,3 @@
-from .build import register_range_estimator as register_range_estimator
-from .detector import Detector as Detector
 from .echoes import Echoes as Echoes
 from .echoes import Profiles as Profiles
 from .ranging.estimators import EchoSpans as EchoSpans

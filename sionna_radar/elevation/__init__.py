@@ -1,5 +1,1 @@
 """Elevation files: reading, reprojecting, cutting out, and interpolating heights."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,19 +1,13 @@
-"""Checkpoints of a long run, from which `--resume` continues, and staging folders of unfinished output.
+"""Checkpoints of a long run, from which `--resume` continues.
 
 A checkpoint is a file named by its key, in a folder inside the output folder of its run. It is written to a
 temporary name and renamed, so it is complete or absent. The folder records which run its checkpoints belong to;
 those of another run are refused. The operating system releases its lock when the process ends for any reason. Once
 the results are written, the checkpoints are removed.
-
-A staging folder contains a file that its process keeps locked. The system releases the lock when the process ends,
-however it ends, so an unlocked staging folder is an abandoned one.
 """
 
-import errno
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,53 +17,8 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from sionna_radar.execution.staging import remedy_of
 from sionna_radar.foundation.errors import InputFileError, OutputError, PluginError, ScenarioError
-
-PREFIX = ".sionna-radar-"
-STAGING_LOCK, OWNER = "lock", "owner"
-OWNER_TEXT = "Unfinished results of sionna-radar; removed by the next run if the run that wrote them has ended.\n"
-
-
-def remedy_of(error: OSError) -> str:
-    """Return the remedy for a folder or file that cannot be written."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "free some space"
-    if error.errno == errno.ENOENT:
-        return "it was removed during the run; run the command again and leave the folder in place"
-    return "check its permissions, or name another folder"
-
-
-@contextmanager
-def staged(parent: Path) -> Iterator[Path]:
-    """Yield a new staging folder inside a folder, and remove it afterwards with all its contents."""
-    folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
-    lock = FileLock(folder / STAGING_LOCK)
-    try:
-        with lock:
-            # Written under the lock: a staging folder with this file but no lock is abandoned.
-            (folder / OWNER).write_text(OWNER_TEXT, encoding="utf-8")
-            yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def abandoned(parent: Path) -> Iterator[Path]:
-    """Yield the staging folders inside a folder whose processes have ended; each is removed afterwards."""
-    for folder in sorted(parent.glob(f"{PREFIX}*")):
-        try:
-            if folder.is_symlink() or not (folder / OWNER).is_file():
-                continue
-            with FileLock(folder / STAGING_LOCK, blocking=False):
-                yield folder
-        except (Timeout, PermissionError):
-            continue  # in use, or another user's
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def in_use(path: Path) -> bool:
-    """Return True if a path is a staging folder; once `abandoned` is exhausted, one of a live run."""
-    return path.name.startswith(PREFIX) and (path / OWNER).is_file()
-
 
 FOLDER = ".sionna-radar-parts"
 RUN, LOCK, UNFINISHED = "run.json", "lock", ".unfinished"

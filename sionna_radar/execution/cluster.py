@@ -6,6 +6,7 @@ Only module-level functions (by name), JSON text and bytes are sent. Dask is imp
 import json
 import logging
 import os
+import platform
 import queue
 import signal
 import socket
@@ -23,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.staging import abandoned, staged
 from sionna_radar.execution.workers import (
     SHARED,
     Failure,
@@ -70,13 +71,16 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
 
+    Returns
+    -------
+    A context manager of the workers, which end with it.
+
     Raises
     ------
     ScenarioError
         `count` and `scheduler` are both given, or `count` is less than 1.
     WorkerError
-        Dask is not installed, no cluster answers at the address, or the versions of its workers differ from this
-        process.
+        Dask is not installed, or no cluster answers at the address. Versions are compared with each task.
 
     Examples
     --------
@@ -101,9 +105,7 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
         logging.getLogger(name).setLevel(logging.CRITICAL)
     opened = _local_client(count) if count is not None else _remote_client(str(scheduler))
     with opened as client:
-        workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
-        workers.check()
-        yield workers
+        yield DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
 
 
 @contextmanager
@@ -244,19 +246,6 @@ class DaskWorkers:
         except OSError as error:
             raise WorkersLostError("the dask scheduler is gone") from error
 
-    def check(self) -> None:
-        """Raise WorkerError unless all workers have the required package versions."""
-        if self.local:
-            return
-        try:
-            replies = self.client.run(differences, dict(self.program))
-        except Exception as error:
-            message = f"--scheduler: its workers cannot run this program ({error}); install the same version there"
-            raise WorkerError(message) from error
-        for address, different in replies.items():
-            if different:
-                raise WorkerError(_other_program(address, different))
-
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result or failure of each task as it finishes; dask retries a task whose worker has died."""
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
@@ -339,13 +328,13 @@ def _result(future: "Future") -> bytes | Failure:
         if isinstance(error, KilledWorker):
             text = f"its worker died {error.allowed_failures + 1} times; is there memory enough?"
             return Failure(kind=WorkersLostError.__name__, text=text)
+        if isinstance(error, WorkerError):
+            raise error
         message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
         raise WorkerError(message) from error
     reply = future.result()
     for level, text in reply["log"]:
         logger.log(level, "%s", text)
-    if reply["different"]:
-        raise WorkerError(_other_program(reply["host"], reply["different"]))
     failure = reply["failure"]
     return reply["result"] if failure is None else Failure.of_document(failure)
 
@@ -355,28 +344,26 @@ def _itself(shared: bytes) -> bytes:
 
 
 def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
-    """Run a task in a worker; return its result or failure, and the warnings logged during it."""
+    """Run a task in a worker; return its result or failure, and the warnings logged during it.
+
+    Raises WorkerError if the versions of this worker are not those that the task needs.
+    """
     settings, log = json.loads(given), _Log()
-    different = differences(settings["program"])
-    reply: dict[str, Any] = {"result": None, "failure": None, "log": log.records, "different": different, "host": ""}
-    if different:
-        return reply | {"host": os.uname().nodename if hasattr(os, "uname") else "a worker"}
+    if settings["program"]:
+        _check_versions(settings["program"])
     with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():
         found = attempt(named(settings["name"]), {**json.loads(task), SHARED: shared})
     if isinstance(found, Failure):
-        return reply | {"failure": found.document()}
-    return reply | {"result": found}
+        return {"result": None, "failure": found.document(), "log": log.records}
+    return {"result": found, "failure": None, "log": log.records}
 
 
-def differences(program: dict[str, Any]) -> dict[str, list[Any]]:
-    """Return package versions that differ in this worker, as [required, installed]."""
-    there = versions() if program else {}
-    return {name: [wanted, there.get(name)] for name, wanted in program.items() if there.get(name) != wanted}
-
-
-def _other_program(where: str, different: Mapping[str, Sequence[Any]]) -> str:
-    named = ", ".join(f"{name} {there} in place of {wanted}" for name, (wanted, there) in different.items())
-    return f"--scheduler: the worker at {where} has {named}; install the same versions there"
+def _check_versions(program: Mapping[str, Any]) -> None:
+    here = versions()
+    different = [f"{name} {here[name]} in place of {program[name]}" for name in program if here[name] != program[name]]
+    if different:
+        message = f"the worker at {platform.node()} has {', '.join(different)}; install the same versions there"
+        raise WorkerError(f"--scheduler: {message}")
 
 
 class _Log(logging.Handler):

@@ -5,7 +5,6 @@ anything heavy is imported costs a millisecond. The parent forwards SIGTERM and 
 parent.
 """
 
-import atexit
 import os
 import signal
 import sys
@@ -24,7 +23,7 @@ ADVICE = (
 def supervised(program: Callable[[], None]) -> None:
     """Run a program in a child process and exit with its code; with 1 and a message if it was killed.
 
-    Neither process returns from this function. On systems other than Linux the program runs in this process.
+    Only the child returns from this function. On systems other than Linux the program runs in this process.
     """
     if not sys.platform.startswith("linux"):
         program()
@@ -36,32 +35,10 @@ def supervised(program: Callable[[], None]) -> None:
     if child == 0:
         _die_with(parent)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _run_and_leave(program)
+        program()
         return
     # Still blocked here, so that a signal that comes after the child's end leaves its exit code as it is.
     sys.exit(_code(_watch(child, watched)))
-
-
-def _run_and_leave(program: Callable[[], None]) -> None:
-    """Run a program and exit without the interpreter's teardown."""
-    try:
-        program()
-        code = 0
-    except SystemExit as leaving:
-        if isinstance(leaving.code, str):  # a message, which the interpreter prints
-            raise
-        code = leaving.code or 0
-    # In the interpreter's order: threads, atexit handlers, output streams.
-    import threading
-
-    threading._shutdown()  # type: ignore[attr-defined]
-    atexit._run_exitfuncs()
-    try:
-        sys.stdout.flush()
-        sys.stderr.flush()
-    except OSError:  # closed pipe: let the interpreter report it
-        sys.exit(code)
-    os._exit(code)
 
 
 def _watch(child: int, watched: set[signal.Signals]) -> int:

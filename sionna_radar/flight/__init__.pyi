@@ -1,9 +1,4 @@
-from .build import register_navigation as register_navigation
-from .build import register_scan as register_scan
-from .frames import conical_from_antenna as conical_from_antenna
 from .frames import whisk_broom_from_antenna as whisk_broom_from_antenna
-from .frames import world_from_body as world_from_body
-from .log import FlightLog as FlightLog
 from .pulses import Navigation as Navigation
 from .pulses import Pose as Pose
 from .pulses import Pulses as Pulses

@@ -89,18 +89,6 @@ class SharedCache(FunctionCache):
             self._held.release()
             self._held = None
 
-    def is_claimed(self) -> bool:
-        """Return True if another process is compiling the function."""
-        if self._held is not None:
-            return False
-        lock = self._new_lock()
-        try:
-            lock.acquire(blocking=False)
-        except Timeout:
-            return True
-        lock.release()
-        return False
-
     def _new_lock(self) -> FileLock:
         # Not one for the life of the cache: a lock made before a fork cannot be taken in the child.
         return FileLock(f"{self._cache_file._index_path}.lock")

@@ -3,15 +3,8 @@ from .antenna import Cut as Cut
 from .antenna import antenna_of as antenna_of
 from .antenna import measured_cut as measured_cut
 from .array_antenna import taylor_cut as taylor_cut
-from .array_pattern import ArrayPattern as ArrayPattern
-from .array_pattern import ElementPattern as ElementPattern
-from .array_pattern import array_factor as array_factor
 from .array_pattern import steered as steered
 from .build import build_antenna as build_antenna
 from .build import build_chirp as build_chirp
-from .build import build_sweeps as build_sweeps
-from .build import register_antenna as register_antenna
 from .chirp import Chirp as Chirp
-from .equation import plane_echo as plane_echo
-from .pattern import ProductPattern as ProductPattern
 from .pattern import SphericalPattern as SphericalPattern

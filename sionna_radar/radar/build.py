@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
+from sionna_radar.foundation.build_cache import BuildCache
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.randomness import Stream, pulse_generator
@@ -18,11 +19,12 @@ from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array
 from sionna_radar.radar.chirp import Chirp, used
 from sionna_radar.radar.mimo_array import UNAMBIGUOUS, MimoArray, code_of, difference_pattern, receiver_mixing
 from sionna_radar.scenario.bases import AntennaParameters
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, PatternAntennaTable, RadarTable
 from sionna_radar.scenario.readers import ANTENNA_FREQUENCY, ANTENNA_PATTERN
-from sionna_radar.scenario.receiver import ArrayTable
-from sionna_radar.scenario.registry import Builder, registers
+from sionna_radar.scenario.receiver import ArrayTable, SecondReceiverTable
+from sionna_radar.scenario.registry import PACKAGE, Builder, registers
 
 logger = logging.getLogger("sionna_radar")
 
@@ -46,19 +48,21 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
     ...     return Antenna(cut, cut, parameters.polarization, parameters.receive_polarization)
     >>> antenna = {"kind": "horn", "exponent": 500.0}
     >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
-    >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
+    >>> bool(np.rad2deg(prepared.instrument.antenna.beamwidths_rad[0]) > 5)
     True
     """
     return ANTENNAS.register(name, parameters)
 
 
-def build_antenna(table: AntennaParameters) -> Antenna:
+def build_antenna(table: AntennaParameters, cache: BuildCache | None = None) -> Antenna:
     """Return the antenna of a scenario.
 
     Parameters
     ----------
     table:
         Table `[radar.antenna]`.
+    cache:
+        Of an earlier survey, for the same antenna in this one.
 
     Returns
     -------
@@ -69,7 +73,8 @@ def build_antenna(table: AntennaParameters) -> Antenna:
     ScenarioError, InputFileError
         The antenna cannot be built from its table or its pattern file.
     """
-    return ANTENNAS.build(table.kind, Antenna, table)
+    key = content_key({"antenna": table}) if ANTENNAS.entry(table.kind).origin == PACKAGE else None
+    return (cache or BuildCache()).once("antenna", key, lambda: ANTENNAS.build(table.kind, Antenna, table))
 
 
 # Share of a pattern's frequency by which the carrier may differ; the beamwidth differs by as much.
@@ -129,13 +134,16 @@ AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
 SCATTER_RAD = 0.25
 
 
-def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
+def build_receivers(
+    table: SecondReceiverTable | None, antenna: Antenna, chirp: Chirp, period_s: float
+) -> MimoArray | None:
     """Return the array of a scenario's `second_receiver`: the first receiver and those beside it; None without one.
+
+    period_s: from chirp to chirp.
 
     Raises ScenarioError for a baseline so long that the phase wraps inside the main lobe, or halves of an antenna
     without two cuts.
     """
-    table, chirp = radar.second_receiver, build_chirp(radar)
     if table is None:
         return None
     axes, wavelength_m = AXES[table.axis], chirp.wavelength_m
@@ -171,7 +179,7 @@ def build_receivers(radar: RadarTable, antenna: Antenna) -> MimoArray | None:
         true_receiver_m=np.array(place_m) + np.array(error_m),
         code=code_of("tdm", 1),
         blocks=1,
-        period_s=1 / radar.chirp_rate_hz,
+        period_s=period_s,
         wavelength_m=wavelength_m,
         direction=chirp.direction,
         mixing=np.diag(error),

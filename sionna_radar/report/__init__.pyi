@@ -5,11 +5,4 @@ from .drawing import finish_map as finish_map
 from .drawing import show_raster as show_raster
 from .files.contents import PointsFile as PointsFile
 from .files.contents import Report as Report
-from .page.show import show_page as show_page
-from .survey.figures import draw_chirp as draw_chirp
 from .survey.figures import draw_dem as draw_dem
-from .survey.figures import draw_environment as draw_environment
-from .survey.figures import draw_error as draw_error
-from .survey.figures import draw_power as draw_power
-from .survey.page import survey_page as survey_page
-from .survey.products import write_survey as write_survey

@@ -72,7 +72,7 @@ def scenario_schema() -> dict[str, Any]:
 
     Examples
     --------
-    >>> from sionna_radar.scenario import scenario_schema
+    >>> from sionna_radar.scenario.reference import scenario_schema
     >>> "platform" in scenario_schema()["required"]
     True
     """
@@ -166,7 +166,7 @@ def reference() -> str:
 
     Examples
     --------
-    >>> from sionna_radar.scenario import reference
+    >>> from sionna_radar.scenario.reference import reference
     >>> "## `[platform]`" in reference()
     True
     """

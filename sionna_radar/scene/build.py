@@ -9,11 +9,11 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
+from sionna_radar.foundation.build_cache import BuildCache
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.world import World
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.objects import Building, PointTarget, RotorTable, TargetMesh
@@ -30,16 +30,17 @@ from sionna_radar.scene.terrains.build import build_landscape, landscape_of_rast
 from sionna_radar.scene.vegetation import Stand, vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
+from sionna_radar.surfaces.radar_material import as_radar_material
 
-# Progress steps reported by `build_scene`.
+# Progress steps reported by `build_world`.
 BUILDING_STEPS = 3
 # What stands on the ground is no taller, m: its units were misread.
 TALLEST_M = 10_000.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class BuiltScene:
-    """A scene and its derived quantities for a survey.
+class World:
+    """What there is to see: a scene, the ground under it, and rays against it.
 
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
@@ -54,30 +55,30 @@ class BuiltScene:
     posting_m: float | None = None
 
 
-def build_scene(
+def build_world(
     scenario: Scenario,
     window_m: tuple[float, float, float, float],
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     materials: Mapping[str, Backscatter] | None = None,
-    world: World | None = None,
-) -> BuiltScene:
-    """Build the scene of a scenario.
+    cache: BuildCache | None = None,
+) -> World:
+    """Build the world of a scenario.
 
     scenario: the scenario.
     window_m: extent visible to the survey (west, south, east, north); files are read only within it.
     terrain, materials: a custom terrain and custom materials instead of the scenario's.
-    world: of an earlier survey, for what is the same in this one.
+    cache: of an earlier survey, for what is the same in this one.
 
     Raises ScenarioError, InputFileError if a building or target is beyond the terrain; a material is undefined at the
-        carrier; an input file cannot be used.
+        carrier; nothing in it reflects a second bounce; an input file cannot be used.
     """
     radar = scenario.radar
     inputs = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
-    world = world or World()
-    materials_key = None if materials else _materials_key(scenario)
-    scene_materials = world.once("materials", materials_key, lambda: _materials(scenario, materials or {}))
+    cache = cache or BuildCache()
+    materials_key = None if materials else _materials_key(scenario, inputs)
+    scene_materials = cache.once("materials", materials_key, lambda: _materials(scenario, materials or {}))
     ground_key = None if terrain is not None or materials else _ground_key(scenario, inputs)
-    ground = world.once("ground", ground_key, lambda: build_ground(scenario, inputs, terrain))
+    ground = cache.once("ground", ground_key, lambda: build_ground(scenario, inputs, terrain))
     land = ground.land
     _check_materials(land, scene_materials)
     advance()
@@ -103,10 +104,11 @@ def build_scene(
 
     window = repr((window_m if scenario.vegetation else (), motions))
     keys = (ground_key, materials_key, contents_key)
-    scene = world.once("scene", None if None in keys else (*keys, window), build)
+    scene = cache.once("scene", None if None in keys else (*keys, window), build)
+    _check_bounces(scenario, scene)
     advance()
     advance()
-    return BuiltScene(
+    return World(
         scene=scene,
         ground_m=land.ground_m,
         caster=ground.caster,
@@ -128,12 +130,12 @@ def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[st
     return {**build_materials(tables, scenario.radar), **custom}
 
 
-def _materials_key(scenario: Scenario) -> str | None:
+def _materials_key(scenario: Scenario, inputs: TerrainInputs) -> str | None:
     """Return the content that the materials are built from; None for custom models, whose inputs are unknown."""
-    tables, radar = scenario.all_materials, scenario.radar
+    tables = scenario.all_materials
     if any(MATERIALS.entry(table.model).origin != PACKAGE for table in tables.values()):
         return None
-    return content_key({"materials": tables, "carrier": radar.carrier_hz, "channel": channel_of(radar)})
+    return content_key({"materials": tables, "carrier": inputs.carrier_hz, "channel": inputs.channel})
 
 
 def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> None:
@@ -141,6 +143,21 @@ def _check_materials(land: Landscape, defined: Mapping[str, Backscatter]) -> Non
     missing = sorted(used - set(defined) - set(land.materials))
     if missing:
         raise ScenarioError.of("terrain", f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]")
+
+
+def _check_bounces(scenario: Scenario, scene: Scene) -> None:
+    """Raise ScenarioError for second bounces without mirrors in the scene, or with vegetation."""
+    if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
+        return
+    if scene.vegetation is not None:
+        raise ScenarioError.of("tracing.bounces", "2 is not traced through [[vegetation]]; set 1, or remove the plants")
+    used = {surface.material for surface in scene.surfaces}
+    if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
+        message = (
+            "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
+            f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
+        )
+        raise ScenarioError.of("tracing.bounces", message)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

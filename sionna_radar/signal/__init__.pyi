@@ -1,8 +1,6 @@
 from .beat import SampleGrid as SampleGrid
 from .beat import synthesise as synthesise
 from .build import StageInputs as StageInputs
-from .build import register_receiver_stage as register_receiver_stage
-from .receiver import Receiver as Receiver
 from .receiver import add_noise as add_noise
 from .stages import Received as Received
 from .stages import ReceiverStage as ReceiverStage

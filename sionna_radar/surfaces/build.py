@@ -157,12 +157,12 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
     InputFileError
         A table cannot be read.
     """
-    built, problems = {}, []
+    channel, built, problems = channel_of(radar), {}, []
     for name, table in tables.items():
         try:
-            model = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
+            model = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel)
             check_backscatter(model, f"materials.{name}: {MATERIALS.entry(table.model)}")
-            built[name] = as_radar_material(model, channel_of(radar))
+            built[name] = as_radar_material(model, channel)
         except RadarError:
             raise
         except ValueError as error:

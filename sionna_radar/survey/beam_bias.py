@@ -16,7 +16,7 @@ from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import RotatingScan, SideLookingScan
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_samples
-from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.build import World
 
 logger = logging.getLogger("sionna_radar")
 
@@ -41,7 +41,7 @@ class BeamBias:
         return float(np.median(np.abs(self.height_m))) if len(self.height_m) else 0.0
 
 
-def beam_bias(schedule: PulseSchedule, built: BuiltScene, beam: BeamNodes) -> BeamBias:
+def beam_bias(schedule: PulseSchedule, world: World, beam: BeamNodes) -> BeamBias:
     """Return the biases of beams spread over a survey, over ground of one gamma = sigma0 / cos(incidence).
 
     Rays weigh by the two-way gain over the square of the range: a ray of the solid angle dw meets r^2 dw / cos(theta)
@@ -50,12 +50,12 @@ def beam_bias(schedule: PulseSchedule, built: BuiltScene, beam: BeamNodes) -> Be
     pose = schedule.sample(BEAMS).true
     inner, weight = beam_samples(beam, RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
-    hits = built.caster.cast(np.repeat(pose.position_m, len(inner), axis=0), direction)
+    hits = world.caster.cast(np.repeat(pose.position_m, len(inner), axis=0), direction)
     range_m = hits.distance_m.reshape(len(pose), -1)
     met = np.isfinite(range_m)
     power = np.where(met, weight / np.where(met, range_m, 1.0) ** 2, 0.0)
     total = power.sum(axis=1)
-    axis_m = built.caster.cast(pose.position_m, pose.boresight).distance_m
+    axis_m = world.caster.cast(pose.position_m, pose.boresight).distance_m
     lit = np.isfinite(axis_m) & (total > 0)
     mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[lit] / total[lit]
     ahead = pose.boresight[lit]

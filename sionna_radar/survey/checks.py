@@ -1,13 +1,7 @@
-"""Checks of a survey that need the terrain and the flight, and limits on its pulses, samples and paths.
-
-Memory is estimated before any is allocated. The limits keep every array of a block of pulses, and every table that
-grows with the survey, within a few gigabytes. Cells of terrain and DEM and numbers of scatterers are limited where
-the scene is built.
-"""
+"""Checks of a flight over a world, by where its beams meet it."""
 
 import logging
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,24 +9,19 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import PulseSchedule
-from sionna_radar.flight.route import Route
-from sionna_radar.flight.scan import RotatingScan, Scan
+from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.mapping.mapper import Extent
-from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.tracing import MAX_PATHS_PER_PULSE
-from sionna_radar.scene.build import BuiltScene
-from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.scene.build import World
+from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.survey.instrument import Instrument
 
 logger = logging.getLogger("sionna_radar")
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
-# Largest phase error of a point over a chirp beyond uniform motion, rad.
-MAX_BEND_RAD = 0.5
 # Smallest sigma0 that counts as a return.
 MIN_SIGMA0 = 1e-20
 # Share of pulses with echoes outside the searched ranges above which a warning is given.
@@ -63,16 +52,16 @@ class BoresightHits:
         return float(west), float(south), float(east), float(north)
 
 
-def boresight_hits(schedule: PulseSchedule, built: BuiltScene) -> BoresightHits:
+def boresight_hits(schedule: PulseSchedule, world: World) -> BoresightHits:
     """Return the boresights of pulses spread over a survey."""
     pose = schedule.sample(SAMPLED_PULSES).true
-    hits = built.caster.cast(pose.position_m, pose.boresight)
+    hits = world.caster.cast(pose.position_m, pose.boresight)
     return BoresightHits(pose.position_m, pose.boresight, hits.distance_m, pose.boresight_range_rate_mps)
 
 
-def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:
+def check_nominal_range(instrument: Instrument, altitude_m: float, duration_s: float) -> None:
     """Raise ScenarioError if the scan looks farther over level ground than the radar's range."""
-    pointing = scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
+    chirp, pointing = instrument.chirp, instrument.scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
     down = pointing.R_mount_antenna[pointing.active, 2, 0]
     down = down[down > 0]
     slant_m = altitude_m / float(down.min()) if len(down) else 0.0
@@ -85,69 +74,25 @@ def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s:
         raise ScenarioError.of("radar.samples_per_chirp", message)
 
 
-def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
+def check_pulses(schedule: PulseSchedule, chirp_rate_hz: float) -> None:
     """Refuse a flight without a pulse."""
     if len(schedule) == 0:
         start, end = schedule.trajectory.cruise_s()
         message = (
             f"no pulse falls into the sector during the {end - start:.3g} s of cruise at "
-            f"{scenario.radar.chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
+            f"{chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
         )
         raise ScenarioError.of("radar.scan", message)
 
 
-def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
-    """Raise ScenarioError for rotors whose blades do not move uniformly during a chirp.
+def check_reference(scenario: Scenario, name: str, ground: Backscatter, incidence_rad: float) -> None:
+    """Raise ScenarioError if `snr_db` refers to ground without backscatter, such as calm water off nadir.
 
-    The residual phase at the ends of the chirp is 4 pi / wavelength times half the acceleration times the square of
-    half the duration.
+    name, ground: of the material of the ground.
     """
-    problems = []
-    for number, target in enumerate(scenario.targets):
-        for index, rotor in enumerate(target.rotors):
-            acceleration = (2 * np.pi * rotor.rotation_rpm / 60) ** 2 * rotor.radius_m
-            bend_rad = np.pi / (2 * chirp.wavelength_m) * acceleration * chirp.duration_s**2
-            if bend_rad > MAX_BEND_RAD:
-                needed_hz = chirp.rate_hz * np.sqrt(bend_rad / MAX_BEND_RAD)
-                message = (
-                    f"{rotor.rotation_rpm:g} bends the echo of its tips by {bend_rad:.3g} rad in a chirp; lower it, or "
-                    f"raise radar.chirp_rate_hz to {needed_hz:.3g} or more"
-                )
-                problems.append(Problem(f"targets.{number}.rotors.{index}.rotation_rpm", message))
-    if problems:
-        raise ScenarioError(problems)
-
-
-def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
-    """Raise ScenarioError for vegetation with a polarization whose vegetation echo is not modelled."""
-    if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
-        message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
-        raise ScenarioError.of("radar.antenna.polarization", message)
-
-
-def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
-    """Raise ScenarioError for second bounces without mirrors in the scene, or with vegetation."""
-    if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
-        return
-    scene = built.scene
-    if scene.vegetation is not None:
-        raise ScenarioError.of("tracing.bounces", "2 is not traced through [[vegetation]]; set 1, or remove the plants")
-    used = {surface.material for surface in scene.surfaces}
-    if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
-        message = (
-            "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
-            f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
-        )
-        raise ScenarioError.of("tracing.bounces", message)
-
-
-def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float) -> None:
-    """Raise ScenarioError if `snr_db` refers to ground without backscatter, such as calm water off nadir."""
     if scenario.radar.snr_db is None or scenario.sensor == "lidar":
         return
-    name = built.scene.ground_material
-    sigma0 = float(as_radar_material(built.scene.materials[name]).co_polar.sigma0(np.array([incidence_rad]))[0])
-    if sigma0 < MIN_SIGMA0:
+    if float(ground.sigma0(np.array([incidence_rad]))[0]) < MIN_SIGMA0:
         message = (
             f"counts from the echo of {name!r} at {np.rad2deg(incidence_rad):.0f} deg of incidence, which returns "
             "nothing there; give radar.transmit_power_dbm and radar.noise_figure_db instead"
@@ -155,13 +100,13 @@ def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float)
         raise ScenarioError.of("radar.snr_db", message)
 
 
-def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:
+def check_geometry(hits: BoresightHits, world: World, chirp: Chirp) -> None:
     """Raise ScenarioError for a flight inside the terrain, beams that leave it, or ground out of range."""
-    low, high = built.scene.bounds_m
+    low, high = world.scene.bounds_m
     problems = []
     origin_m = hits.origin_m
     top = float(max(high[2], origin_m[:, 2].max())) + 10.0
-    surface = built.caster.from_above(origin_m[:, :2], top)
+    surface = world.caster.from_above(origin_m[:, :2], top)
     clearance = origin_m[:, 2] - np.where(np.isnan(surface), -np.inf, surface)
     if clearance.min() <= 0:
         x, y, z = origin_m[np.argmin(clearance)]
@@ -170,7 +115,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
             "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("platform.altitude_m", message))
-    problems += _among_plants(origin_m, built)
+    problems += _among_plants(origin_m, world)
     in_hole = np.isinf(hits.range_m) & _over_hole(hits, low, high)
     missed = np.isinf(hits.range_m) & ~in_hole
     if missed.any():
@@ -210,11 +155,11 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
         raise ScenarioError(problems)
 
 
-def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> list[Problem]:
+def _among_plants(origin_m: Float[np.ndarray, "look 3"], world: World) -> list[Problem]:
     """Return the problem of a flight path inside [[vegetation]], if any."""
-    if built.scene.vegetation is None:
+    if world.scene.vegetation is None:
         return []
-    under_m = built.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
+    under_m = world.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
     deepest = int(np.argmax(under_m))
     if under_m[deepest] < 0:
         return []
@@ -236,154 +181,6 @@ def _over_hole(
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
 
 
-# Of a flight; in the map an echo of each that is in the sector of the scan takes half a kilobyte of memory.
-MAX_CHIRPS = 100_000_000
-# Samples times zero-padding: the length of the Fourier transform of a chirp.
-MAX_SPECTRUM = 2**18
-# Most powers that an ordered-statistic CFAR sorts per spectrum.
-MAX_RANKED = 4_000_000
-MAX_FOLLOWING_STEPS = 1_000_000
-# Beyond this, float32 rays and millimetre point clouds lose precision, m.
-FARTHEST_M = 100_000.0
-
-
-def check_limits(
-    scenario: Scenario, chirp: Chirp, route: Route, beamwidths_rad: tuple[float, float], incidence_rad: float
-) -> None:
-    """Raise ScenarioError with every reason for which a survey would not fit into memory.
-
-    scenario, chirp: the survey and its sweep.
-    route: where it flies.
-    beamwidths_rad, incidence_rad: of the antenna in azimuth and elevation, and of the scan from nadir.
-
-    Raises ScenarioError with the field, its value and a value that works.
-    """
-    problems = [
-        *_flight_limits(scenario, chirp, route),
-        *_sweep_limits(chirp),
-        *processing_limits(scenario.processing, chirp),
-    ]
-    if route.altitude_m is not None:
-        area_m2 = footprint_m2(scenario, chirp, route.altitude_m, beamwidths_rad, incidence_rad)
-        problems += _path_limits(scenario, area_m2)
-    if problems:
-        raise ScenarioError(problems)
-
-
-def check_paths(
-    scenario: Scenario, chirp: Chirp, height_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
-) -> None:
-    """Raise ScenarioError if a flight with terrain-relative heights needs too many persistent scatterers."""
-    problems = list(_path_limits(scenario, footprint_m2(scenario, chirp, height_m, beamwidths_rad, incidence_rad)))
-    if problems:
-        raise ScenarioError(problems)
-
-
-def _flight_limits(scenario: Scenario, chirp: Chirp, route: Route) -> Iterator[Problem]:
-    """Yield the problems of a flight of too many chirps or steps, or too fast for its sweeps."""
-    platform, rate_hz, track_m, speed_mps = scenario.platform, chirp.rate_hz, route.length_m, route.speed_mps
-    chirps = route.duration_s * scenario.radar.chirp_rate_hz
-    taken = f"{chirps:.3g} chirps at {scenario.radar.chirp_rate_hz:g} Hz, more than {MAX_CHIRPS:,}"
-    if chirps > MAX_CHIRPS and platform.log is not None:
-        message = (
-            f"{route.duration_s:.0f} s of the log take {taken}; choose a shorter part, or lower radar.chirp_rate_hz"
-        )
-        yield Problem("platform.log_stop_s", message)
-    elif chirps > MAX_CHIRPS:
-        message = (
-            f"{speed_mps:g} m/s over {track_m:g} m takes {taken}; raise it to "
-            f"{1.01 * track_m * scenario.radar.chirp_rate_hz / MAX_CHIRPS:.3g}, shorten the track, or lower "
-            "radar.chirp_rate_hz"
-        )
-        yield Problem("platform.speed_mps", message)
-    key, per_m = ("height_response_s", speed_mps) if platform.height == "sensed" else ("follow_length_m", 1.0)
-    value = getattr(platform, key)
-    steps = 10 * track_m / (value * per_m)
-    if platform.height != "level" and steps > MAX_FOLLOWING_STEPS:
-        message = (
-            f"{value:g} divides a track of {track_m:g} m into {steps:.3g} steps, more than "
-            f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / per_m / MAX_FOLLOWING_STEPS:.3g}"
-        )
-        yield Problem(f"platform.{key}", message)
-    shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * rate_hz)
-    if shift_m > chirp.max_range_m:
-        message = (
-            f"{rate_hz:g} Hz lets {speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than the "
-            f"{chirp.max_range_m:.3g} m of unambiguous range; raise it to "
-            f"{1.01 * rate_hz * shift_m / chirp.max_range_m:.3g}"
-        )
-        yield Problem("radar.chirp_rate_hz", message)
-
-
-def processing_limits(processing: ProcessingTable, chirp: Chirp) -> Iterator[Problem]:
-    """Yield the problems of too long spectra, too many ranked cells, and ranges that are all too near."""
-    samples = chirp.samples
-    bins = samples * processing.zero_padding
-    if bins > MAX_SPECTRUM:
-        message = (
-            f"{processing.zero_padding} times {samples:,} samples make spectra of {bins:,} bins, more than "
-            f"{MAX_SPECTRUM:,}; lower it to {MAX_SPECTRUM // samples}, or radar.samples_per_chirp"
-        )
-        yield Problem("processing.zero_padding", message)
-    cfar = processing.cfar
-    tested = bins // (2 if chirp.sampling == "real" else 1)
-    _, training = cfar.sides(chirp.range_cells)
-    if cfar.kind == "OS" and 2 * training * tested > MAX_RANKED:
-        message = (
-            f"{training} cells on each side of {tested:,} bins are too many to sort; "
-            f"lower it to {max(1, MAX_RANKED // (2 * tested))}, or set processing.cfar.kind = 'CA'"
-        )
-        yield Problem("processing.cfar.training", message)
-    # The detector tests cells from the nearest range on, and not the last one.
-    nearest_m, last_m = processing.min_range_m, chirp.max_range_m - 2 * chirp.range_resolution_m
-    if nearest_m > last_m:
-        message = f"{nearest_m:g} m is beyond the last tested range cell, at {last_m:.4g} m; lower it"
-        yield Problem("processing.min_range_m", message)
-
-
-def _sweep_limits(chirp: Chirp) -> Iterator[Problem]:
-    """Yield the problem of a sweep that reaches too far."""
-    if chirp.max_range_m > FARTHEST_M:
-        message = (
-            f"{chirp.bandwidth_hz:g} and {chirp.samples} samples reach {chirp.max_range_m:.3g} m, farther than "
-            f"{FARTHEST_M:g}; raise it to {1.01 * chirp.bandwidth_hz * chirp.max_range_m / FARTHEST_M:.3g}"
-        )
-        yield Problem("radar.bandwidth_hz", message)
-
-
-def _path_limits(scenario: Scenario, area_m2: float) -> Iterator[Problem]:
-    """Yield the problem of more persistent scatterers in the main lobe than fit into a block of pulses."""
-    tracing = scenario.tracing
-    if tracing.engine != "sionna" or tracing.speckle != "persistent" or tracing.scatterers_per_m2 is None:
-        return
-    paths = tracing.scatterers_per_m2 * area_m2
-    if paths > MAX_PATHS_PER_PULSE:
-        message = (
-            f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than "
-            f"{MAX_PATHS_PER_PULSE:,}; lower it to {0.99 * MAX_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's "
-            "beam"
-        )
-        yield Problem("tracing.scatterers_per_m2", message)
-
-
-def footprint_m2(
-    scenario: Scenario, chirp: Chirp, height: float, beamwidths_rad: tuple[float, float], incidence_rad: float
-) -> float:
-    """Return the area of level ground within a half-power width of the axis on each side, as far as the radar reaches.
-
-    height: of the radar over it, m. Less than a thousandth of the two-way power falls outside the area. The ground is
-    no larger than a terrain of given size.
-    """
-    azimuth, elevation = beamwidths_rad
-    incidence = incidence_rad
-    horizon = math.acos(min(height / chirp.max_range_m, 1.0))
-    far, near = min(incidence + elevation, horizon), max(incidence - elevation, -horizon)
-    along = height * max(math.tan(far) - math.tan(near), 0.0)
-    across = 2 * height / math.cos(min(incidence, horizon)) * math.tan(min(azimuth, horizon))
-    whole = math.prod(getattr(scenario.terrain, "size_m", (math.inf,)))
-    return min(along * across, math.pi * chirp.max_range_m**2, whole)
-
-
 def warn_of_posting(
     posting_m: float | None, range_m: Float[np.ndarray, " look"], beamwidths_rad: tuple[float, float]
 ) -> None:
@@ -398,14 +195,7 @@ def warn_of_posting(
         )
 
 
-def warn_of_repeated_angles(
-    scan: Scan,
-    altitude_m: float,
-    speed_mps: float,
-    chirp_rate_hz: float,
-    stagger: float,
-    beamwidths_rad: tuple[float, float],
-) -> None:
+def warn_of_repeated_angles(instrument: Instrument, altitude_m: float, speed_mps: float, stagger: float) -> None:
     """Warn of a turning beam that returns to the same angles while it passes over its footprint, and leaves gaps.
 
     A place stays within the half-power footprint, h / cos^2(incidence) times the elevation width along the track, for
@@ -413,12 +203,11 @@ def warn_of_repeated_angles(
     the last one shifted by e steps of 2 pi / n (of staggered chirps, which repeat in pairs, the number must be even).
     While e shifts do not make up a step, 1 - (turns - 1) e of every step is not visited, and stays dark if the beam,
     which turns by its azimuth width / cos(incidence) (conical: sin) to move by its width, does not reach across.
-
-    chirp_rate_hz: without the pauses of `stagger`.
     """
+    scan, chirp_rate_hz = instrument.scan, instrument.pulse_rate_hz
     if not isinstance(scan, RotatingScan) or scan.rotation_rad_s == 0:
         return
-    azimuth_rad, elevation_rad = beamwidths_rad
+    azimuth_rad, elevation_rad = instrument.antenna.beamwidths_rad
     down, side = np.cos(scan.incidence_rad), np.sin(scan.incidence_rad)
     arm = side if scan.mode == "conical" else down
     if min(arm, down) <= 0:

@@ -6,11 +6,9 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.readings import Readings, readings_of
 from sionna_radar.accuracy.truth import CLEAR_M
-from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import Points
-from sionna_radar.scene.terrains.build import map_frame
 from sionna_radar.survey.preparation import Prepared
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -26,16 +24,16 @@ def survey_readings(prepared: Prepared, points: Points) -> Readings | None:
     its axis.
     """
     scan = prepared.flight.scan
-    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s != 0 or prepared.local.sensor == "mimo":
+    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s != 0 or prepared.instrument.frames is not None:
         return None
     pulses = prepared.flight.pulses(np.arange(len(prepared)))
-    pose, caster = pulses.true, prepared.scene.caster
+    pose, caster = pulses.true, prepared.world.caster
     reading_m = np.full(len(prepared), np.nan)
     weakest_first = np.argsort(points.power, kind="stable")
     reading_m[points.pulse[weakest_first]] = points.range_m[weakest_first]
-    vertical = scan.incidence_rad <= prepared.antenna.beamwidths_rad[1] / 2
+    vertical = scan.incidence_rad <= prepared.instrument.antenna.beamwidths_rad[1] / 2
     if vertical:
-        true_m = pose.position_m[:, 2] - prepared.scene.ground_m(pose.position_m[:, :2])
+        true_m = pose.position_m[:, 2] - prepared.world.ground_m(pose.position_m[:, :2])
     else:
         distance_m = caster.cast(pose.position_m, pose.boresight).distance_m
         true_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
@@ -56,8 +54,8 @@ def survey_readings(prepared: Prepared, points: Points) -> Readings | None:
 
 def _clearance_m(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Return the heights of places over what is straight below them; NaN beyond the terrain."""
-    scene = prepared.scene.scene
-    top_m = prepared.scene.caster.from_above(position_m[:, :2], float(scene.bounds_m[1, 2]) + CLEAR_M)
+    scene = prepared.world.scene
+    top_m = prepared.world.caster.from_above(position_m[:, :2], float(scene.bounds_m[1, 2]) + CLEAR_M)
     if scene.vegetation is not None:
         top_m = np.fmax(top_m, scene.vegetation.tops_m(position_m[:, :2]))
     return position_m[:, 2] - top_m
@@ -65,8 +63,8 @@ def _clearance_m(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> Fl
 
 def _covers(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> tuple[str, ...]:
     """Return what is straight below some places: plants, or the material of the surface."""
-    scene = prepared.scene.scene
-    hits = prepared.scene.caster.cast(position_m, np.broadcast_to(DOWN, position_m.shape))
+    scene = prepared.world.scene
+    hits = prepared.world.caster.cast(position_m, np.broadcast_to(DOWN, position_m.shape))
     names = np.array([surface.material for surface in scene.surfaces] + ["none"])[hits.surface]
     if scene.vegetation is not None:
         names = np.where(np.isfinite(scene.vegetation.at(position_m[:, :2])), PLANTS, names)
@@ -77,12 +75,11 @@ def _clearance_by_readings_m(
     prepared: Prepared, position_m: Float[np.ndarray, "n 3"], reading_m: Float[np.ndarray, " n"]
 ) -> float | None:
     """Return the lowest clearance of the same flight over the ground as it was read; None for one that it refuses."""
-    local, place = prepared.local, prepared.scene.scene.georeference
+    local, place = prepared.local, prepared.world.scene.georeference
     read = np.isfinite(reading_m)
     nearest, ground_m = KDTree(position_m[read, :2]), position_m[read, 2] - reading_m[read]
-    route = plan_route(local.platform, lambda: map_frame(local.terrain))
     try:
-        flown = route.fly(
+        flown = prepared.plan.route.fly(
             lambda place_m: ground_m[nearest.query(place_m)[1]], local.seed, place.origin_m[2] if place else 0.0
         )
     except ScenarioError:

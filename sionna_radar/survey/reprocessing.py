@@ -47,8 +47,8 @@ from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.build import build_high_pass
-from sionna_radar.survey.checks import processing_limits
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
+from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe
 from sionna_radar.survey.placement import place
@@ -456,7 +456,10 @@ def _angle_estimator(
     """
     channels = () if isinstance(file, DescribedRanges) else file.channels
     if settings.processing.angle != "off":
-        array = build_receivers(settings.radar, antenna) if isinstance(settings, Scenario) else None
+        array = None
+        if isinstance(settings, Scenario):
+            radar = settings.radar
+            array = build_receivers(radar.second_receiver, antenna, detector.analyser.chirp, 1 / radar.chirp_rate_hz)
         if array is None or channels != (1, len(array.receiver_m)):
             message = f"{settings.processing.angle!r} needs all receivers, which the recording does not have; set 'off'"
             raise ScenarioError.of("processing.angle", message, source)

@@ -149,7 +149,7 @@ class Survey(_ComparedWithReference, Comparison):
     @property
     def georeference(self) -> Georeference | None:
         """The place of the local frame on the Earth; None for a survey without one."""
-        return self.prepared.scene.scene.georeference
+        return self.prepared.world.scene.georeference
 
     @property
     def replaced(self) -> dict[str, str]:
@@ -188,7 +188,7 @@ class Survey(_ComparedWithReference, Comparison):
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:
         """Height of the DEM within vegetation; computed on first use; None without vegetation."""
-        vegetation = self.prepared.scene.scene.vegetation
+        vegetation = self.prepared.world.scene.vegetation
         if vegetation is None:
             return None
         return read_canopy(self.error, vegetation.over(self.truth.grid))

@@ -76,7 +76,7 @@ def planned_swath(prepared: Prepared) -> tuple[Grid, Bool[np.ndarray, "row colum
     """
     schedule, mapper = prepared.flight, prepared.mapper
     spacing_m = mapper.grid.spacing_m * max(1.0, np.sqrt(mapper.grid.rows * mapper.grid.columns / MOST_RAYS))
-    pointings = sector(schedule.scan, prepared.flown.altitude_m, spacing_m)
+    pointings = sector(schedule.scan, prepared.plan.flown.altitude_m, spacing_m)
     if pointings is None or isinstance(schedule, MeasuredPoseSchedule):
         return None
     directions = np.concatenate([pointings @ ray for ray in _rays_of_beam(prepared, spacing_m)])
@@ -89,7 +89,7 @@ def planned_swath(prepared: Prepared) -> tuple[Grid, Bool[np.ndarray, "row colum
     row, column, _ = grid.cell_of(hit_m)
     cells = np.zeros(grid.shape, dtype=bool)
     cells[row, column] = True
-    beams_m = schedule.scan.spacing_m(prepared.flown.altitude_m, 0.0, 1.0)
+    beams_m = schedule.scan.spacing_m(prepared.plan.flown.altitude_m, 0.0, 1.0)
     gap_m = max(2 * spacing_m, beams_m) if isinstance(schedule.scan, ElectronicScan) else 2 * spacing_m
     return grid, closed(cells, gap_m, grid.spacing_m)
 
@@ -102,13 +102,13 @@ def _rays_of_beam(prepared: Prepared, spacing_m: float) -> list[Float[np.ndarray
     scan, axis = prepared.flight.scan, np.array([1.0, 0.0, 0.0])
     if prepared.local.sensor == "lidar" or (isinstance(scan, RotatingScan) and scan.rotation_rad_s != 0):
         return [axis]
-    azimuth_rad, elevation_rad = prepared.antenna.beamwidths_rad
-    array = prepared.local.radar.array
-    if prepared.local.sensor == "mimo" and array is not None:
-        azimuth_rad = 2 * np.deg2rad(array.half_view_deg)
+    azimuth_rad, elevation_rad = prepared.instrument.antenna.beamwidths_rad
+    frames = prepared.instrument.frames
+    if frames is not None:
+        azimuth_rad = 2 * np.deg2rad(frames.half_view_deg)
     if isinstance(scan, ElectronicScan):
         azimuth_rad = 0.0
-    slant_m = prepared.flown.altitude_m / max(np.cos(scan.incidence_rad), 1e-3)
+    slant_m = prepared.plan.flown.altitude_m / max(np.cos(scan.incidence_rad), 1e-3)
     rays = [axis]
     for width_rad, turned in ((azimuth_rad, [0.0, 1.0, 0.0]), (elevation_rad, [0.0, 0.0, 1.0])):
         off_rad = np.linspace(-width_rad / 2, width_rad / 2, 2 + int(slant_m * width_rad / spacing_m))
@@ -120,7 +120,7 @@ def _hits(
     prepared: Prepared, directions: Float[np.ndarray, "ray 3"], spacing_m: float
 ) -> Iterator[Float[np.ndarray, "hit 2"]]:
     """Yield where rays along directions of the mount meet the scene, from places of the track `spacing_m` apart."""
-    schedule, flown = prepared.flight, prepared.flown
+    schedule, flown = prepared.flight, prepared.plan.flown
     yield np.zeros((0, 2))
     for start, end in _transmitting(schedule):
         time_s = np.linspace(start, end, 2 + int((end - start) * flown.speed_mps / spacing_m))
@@ -128,6 +128,6 @@ def _hits(
             position_m, _, R_world_mount = schedule.mount(chunk)
             toward = np.einsum("pij,rj->pri", R_world_mount, directions).reshape(-1, 3)
             origin_m = np.repeat(position_m, len(directions), axis=0)
-            distance_m = prepared.scene.caster.cast(origin_m, toward).distance_m
+            distance_m = prepared.world.caster.cast(origin_m, toward).distance_m
             met = distance_m < prepared.receiver.chirp.max_range_m
             yield (origin_m[met] + distance_m[met, None] * toward[met])[:, :2]

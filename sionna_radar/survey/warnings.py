@@ -225,7 +225,7 @@ def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | No
 
 def _burst_warnings(prepared: Prepared) -> Iterator[str]:
     """Yield the warning about beams that turn while the chirps of a pulse are averaged."""
-    chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.antenna.beamwidths_rad)
+    chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.instrument.antenna.beamwidths_rad)
     if chirps == 1 or len(prepared) < 2:
         return
     here = prepared.flight.sample(WARNED_PULSES).index
@@ -353,7 +353,7 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
 
     beams: of pulses spread over the survey.
     """
-    scene, beam = prepared.scene.scene, prepared.mapper.beam
+    scene, beam = prepared.world.scene, prepared.mapper.beam
     materials = sorted({surface.material for surface in scene.surfaces})
     if beam is None or len(materials) == 1 or prepared.angle is not None:
         return None
@@ -361,14 +361,14 @@ def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | 
     inner, weight = beam_samples(beam, COVER_RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     origin_m = np.repeat(pose.position_m, len(inner), axis=0)
-    hits = prepared.scene.caster.cast(origin_m, direction)
+    hits = prepared.world.caster.cast(origin_m, direction)
     place_m = origin_m + np.where(hits.hit, hits.distance_m, np.nan)[:, None] * direction
     terrain = np.array([surface.name.startswith("terrain-") and not surface.divided for surface in scene.surfaces])
     lies = hits.hit & terrain[hits.surface]
     # Of anything else what is low, and has nothing high right behind it as the foot of a wall has.
     other = np.flatnonzero(hits.hit & ~lies)
-    ground_m, behind_m = prepared.scene.ground_m, place_m[other, :2] + BEHIND_M * direction[other, :2]
-    top_m = prepared.scene.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
+    ground_m, behind_m = prepared.world.ground_m, place_m[other, :2] + BEHIND_M * direction[other, :2]
+    top_m = prepared.world.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
     above_m = np.maximum(np.abs(place_m[other, 2] - ground_m(place_m[other, :2])), np.abs(top_m - ground_m(behind_m)))
     lies[other] = above_m < prepared.receiver.chirp.range_resolution_m
     lies = lies.reshape(len(pose), -1)
@@ -440,7 +440,7 @@ def survey_warnings(
 ) -> tuple[str, ...]:
     """Return the warnings about a survey's result, and log those not logged during preparation."""
     local, mapper, angle, echoes = prepared.local, prepared.mapper, prepared.angle, len(observed.echoes)
-    warnings = list(prepared.flown.warnings)
+    warnings = list(prepared.plan.flown.warnings)
     if echoes > 0 or not isinstance(angle, AngleEstimator):  # which says more than that there is no echo
         warnings += warnings_of(
             echoes,
@@ -448,7 +448,7 @@ def survey_warnings(
             observed.lost,
             len(prepared),
             local.weather.falling or "air",
-            None if prepared.expected_ground is None else "processing.expected_ground",
+            None if prepared.plan.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
             louder=_keys_that_raise_echoes(prepared),
         )
@@ -459,9 +459,9 @@ def survey_warnings(
         warnings += array_warnings(
             angle.array,
             angle.half_view_rad,
-            prepared.antenna.beamwidths_rad[1],
-            prepared.flown.speed_mps,
-            prepared.flown.altitude_m,
+            prepared.instrument.antenna.beamwidths_rad[1],
+            prepared.plan.flown.speed_mps,
+            prepared.plan.flown.altitude_m,
             prepared.receiver.chirp.range_resolution_m,
             local.weather.falling,
         )
@@ -473,7 +473,7 @@ def survey_warnings(
     )
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
-    warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
+    warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
     warnings += lidar_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
@@ -490,7 +490,7 @@ def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     mapper = prepared.mapper
     placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
-        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.scene, mapper.beam), estimate.sigma)
+        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.world, mapper.beam), estimate.sigma)
 
 
 def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:

@@ -1,13 +1,9 @@
 from .build import EngineInputs as EngineInputs
-from .build import build_engine as build_engine
-from .build import build_tracer as build_tracer
 from .build import build_weather as build_weather
 from .build import rain_map_of as rain_map_of
 from .build import rcs_of_mesh as rcs_of_mesh
-from .build import register_engine as register_engine
 from .paths import BOUNCED as BOUNCED
 from .paths import TARGET as TARGET
 from .paths import VOLUME as VOLUME
 from .paths import Engine as Engine
 from .paths import Paths as Paths
-from .tracer import Tracer as Tracer

@@ -113,8 +113,8 @@ def flown(scene: str, changes: dict[str, object]) -> Cells:
     cells = survey.lit & survey.error.filled
     place = grid.centres_m[cells.ravel()]
     aside = (np.arange(5) - 2) / 5 * grid.spacing_m
-    top_m = float(truth.built.scene.bounds_m[1, 2]) + 10.0
-    within = np.stack([truth.built.caster.from_above(place + np.array([x, y]), top_m) for x in aside for y in aside])
+    top_m = float(truth.world.scene.bounds_m[1, 2]) + 10.0
+    within = np.stack([truth.world.caster.from_above(place + np.array([x, y]), top_m) for x in aside for y in aside])
     return Cells(
         error_m=survey.error.height_m[cells],
         sigma_m=survey.dem_sigma.height_m[cells],

@@ -60,7 +60,7 @@ def test_statistics_drop_outs_and_clearance_are_those_of_each_cover():
     assert (found.errors.pulses, found.errors.drop_outs) == (100, 7)
     assert found.longest_drop_out_s == pytest.approx(0.4)
     assert found.latency_s is None
-    assert "17.50 m over 'trees'" in found.rows()["lowest clearance flown"]
+    assert "17.50 m over 'trees'" in found.described()["lowest clearance flown"]
 
 
 def test_a_flight_without_any_reading_is_all_drop_outs():
@@ -68,5 +68,5 @@ def test_a_flight_without_any_reading_is_all_drop_outs():
     found = readings_of("vertical", np.arange(80) * 0.1, nothing, flown, flown, ("soil",) * 80)
     assert found.errors.drop_outs == 80
     assert found.longest_drop_out_s == pytest.approx(8.0)
-    assert found.rows()["drop-outs"] == "80 of 80 pulses (100.0%), the longest 8 s"
-    assert "no reading" in found.rows().values()
+    assert found.described()["drop-outs"] == "80 of 80 pulses (100.0%), the longest 8 s"
+    assert "no reading" in found.described().values()

@@ -165,7 +165,7 @@ def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
 
 
 def _chain(prepared: Prepared, paths: Paths, pulses: Pulses) -> None:
-    echoes = prepared.detector.detect(prepared.receiver.beat(paths, pulses), pulses.index, pulses.measured)
+    echoes = prepared.instrument.detector.detect(prepared.receiver.beat(paths, pulses), pulses.index, pulses.measured)
     locate(echoes, pulses.index, pulses.measured)
 
 

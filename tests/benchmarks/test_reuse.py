@@ -11,7 +11,7 @@ def test_a_study_shares_its_scene(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def run(scenario):
         survey = flown(scenario)
-        casters.add(id(survey.prepared.scene.caster))
+        casters.add(id(survey.prepared.world.caster))
         return survey
 
     monkeypatch.setattr(benchmark_cases, "run", run)

@@ -151,7 +151,7 @@ def in_rain():
     ready = prepare(load_scenario("hills", SHORT | {"weather.rain_rate_mm_per_h": 4.0}))
     sensor = Radar(ready.sensor_inputs())
     pulses = ready.flight.pulses(np.arange(len(ready.flight)))
-    power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
+    power = ready.instrument.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
     return ready, sensor.sweeps.through[0], pulses, power
 
 
@@ -160,7 +160,7 @@ def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
     free = through.find(power, pulses, ready.receiver.chirp).echoes
     assert len(free) == len(pulses)
     # A bird 50 dB over the rain and 25 m in front of the ground, in one pulse after another.
-    stride = ready.detector.analyser.zero_padding
+    stride = ready.instrument.detector.analyser.zero_padding
     bird_m = free.range_m - 25.0
     cell = np.rint(bird_m / ready.receiver.chirp.range_resolution_m).astype(int)
     struck = power.copy()
@@ -197,7 +197,7 @@ def test_a_survey_without_ground_where_it_is_expected_says_so(small, tmp_path, r
 
 def test_an_altimeter_s_window_around_the_ground_changes_nothing():
     ready, through, pulses, power = in_rain()
-    window = expected(ready.antenna, tolerance_m=20.0).window_m(pulses, ready.receiver.chirp)
+    window = expected(ready.instrument.antenna, tolerance_m=20.0).window_m(pulses, ready.receiver.chirp)
     assert np.all(np.isfinite(window))
     free, told = (through.find(power, pulses, ready.receiver.chirp, one).echoes for one in (None, window))
     np.testing.assert_array_equal(told.pulse, free.pulse)

@@ -54,27 +54,6 @@ def test_exit_codes_are_those_of_the_program(code):
     assert (process.returncode, said) == (code, "")
 
 
-def test_what_is_left_to_do_at_the_exit_is_done():
-    """Threads end first, then what modules have registered, and all that was printed arrives."""
-    late = "threading.Thread(target=lambda: (time.sleep(0.3), print('thread', flush=True))).start()"
-    registered = "import atexit, threading; atexit.register(print, 'at exit', end='')"
-    printed, said = (process := begin(f"{registered}; {late}; print('program'); sys.exit(3)")).communicate(timeout=30)
-    assert (process.returncode, said) == (3, "")
-    assert printed.splitlines()[1:] == ["program", "thread", "at exit"]
-
-
-def test_a_program_whose_output_nobody_reads_ends_without_a_traceback():
-    closed = "import select; output = select.poll(); output.register(1, 0); output.poll()"
-    process = begin(f"{closed}; print('lost')")
-    process.stdout.readline()
-    process.stdout.close()
-    with process.stderr:
-        said = process.stderr.read()
-    # The interpreter's own code for it.
-    assert process.wait(timeout=30) == 120
-    assert "Traceback" not in said
-
-
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.parametrize("to_all", [False, True])
 def test_signals_are_passed_on(number, code, to_all):

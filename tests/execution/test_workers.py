@@ -167,8 +167,11 @@ def test_a_cluster_that_is_there_must_have_the_same_program(pair, monkeypatch):
         assert workers.count >= 1  # another test may just have ended one of the two
         assert [seen(found)["x"] for _, found in workers.each(look, TASKS[:1])] == [0.1]
     monkeypatch.setattr("sionna_radar.execution.cluster.versions", lambda: {"numpy": "0.1"})
-    with pytest.raises(WorkerError, match=r"has numpy .* in place of 0\.1"), open_workers(None, address):
-        pass
+    with (
+        pytest.raises(WorkerError, match=r"has numpy .* in place of 0\.1"),
+        open_workers(None, address) as workers,
+    ):
+        next(workers.each(look, TASKS[:1]))
 
 
 @pytest.mark.parametrize("text", ["0", "many", "-1", ""])

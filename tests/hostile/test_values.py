@@ -13,7 +13,7 @@ from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioE
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.overrides import parse_overrides
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 from sionna_radar.studies.planning.study import Wanted
 from sionna_radar.studies.planning.study import plan as plan_flight
 from sionna_radar.survey.chain import run
@@ -156,7 +156,7 @@ def test_polygons_take_no_more_than_their_own_vertices():
         for y in range(-100, 101, 20)
     ]
     terrain = {"terrain.spacing_m": 2.0, "terrain.cover": cover}
-    scene = build_scene(parse_scenario(with_keys(BASE, terrain)), (-150.0, -150.0, 150.0, 150.0)).scene
+    scene = build_world(parse_scenario(with_keys(BASE, terrain)), (-150.0, -150.0, 150.0, 150.0)).scene
     assert len(scene.surfaces) == 1 + len(cover)
     vertices = sum(len(surface.vertices_m) for surface in scene.surfaces)
     assert vertices < 2 * 151**2

@@ -6,7 +6,7 @@ import pytest
 from beams import make_antenna
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import Cut, antenna_of, two_way_spread
-from sionna_radar.radar.build import build_receivers
+from sionna_radar.radar.build import build_chirp, build_receivers
 from sionna_radar.radar.mimo_array import difference_pattern
 from sionna_radar.radar.pattern import SphericalPattern
 from sionna_radar.scenario.radar import RadarTable
@@ -17,7 +17,7 @@ WAVELENGTH_M = 299792458 / 77e9
 
 def built(antenna=WIDE, **table):
     radar = RadarTable(snr_db=30.0, second_receiver=table or None)
-    return build_receivers(radar, antenna)
+    return build_receivers(radar.second_receiver, antenna, build_chirp(radar), 1 / radar.chirp_rate_hz)
 
 
 def test_halves_of_a_uniform_aperture_have_a_ratio_of_the_tangent():

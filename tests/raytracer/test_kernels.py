@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.raytracer.backend import VECTOR_BYTES, aligned, aligned_room, load_mitsuba
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.gradients import sensitivities
+from sionna_radar.studies.gradients.study import sensitivities
 from sionna_radar.survey.preparation import prepare
 
 # The first blocks evaluate tables, which goes into their kernels.

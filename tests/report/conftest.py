@@ -25,14 +25,14 @@ def survey() -> Survey:
 @pytest.fixture(scope="session")
 def georeferenced(survey: Survey) -> Survey:
     place = Georeference(crs_wkt=CRS.from_epsg(32616).to_wkt(), origin_m=(747_000.0, 4_035_000.0, 400.0))
-    built = survey.prepared.scene
-    built = replace(built, scene=replace(built.scene, georeference=place))
+    world = survey.prepared.world
+    world = replace(world, scene=replace(world.scene, georeference=place))
     placed = {
         name: replace(raster, grid=replace(raster.grid, georeference=place))
         for name, raster in vars(survey).items()
         if isinstance(raster, Raster)
     }
-    return replace(survey, prepared=replace(survey.prepared, scene=built), **placed)
+    return replace(survey, prepared=replace(survey.prepared, world=world), **placed)
 
 
 @pytest.fixture(scope="session")

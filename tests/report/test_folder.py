@@ -12,7 +12,8 @@ import pytest
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report.files import folder
-from sionna_radar.report.files.folder import MANIFEST, check_output, finished_as, note_run, read_manifest, write_folder
+from sionna_radar.report.files.folder import check_output, write_folder
+from sionna_radar.report.files.manifest import MANIFEST, finished_as, note_run, read_manifest
 from sionna_radar.report.page.show import PAGE_FILE
 from sionna_radar.studies.planning.document import PLAN_FILE
 
@@ -174,7 +175,7 @@ def test_a_folder_filled_during_the_flight_is_left_alone(tmp_path: Path) -> None
 
 
 KILLED = """
-import os, signal, sys
+import os, shutil, signal, sys
 from pathlib import Path
 from sionna_radar.report.files.folder import write_folder
 
@@ -190,6 +191,8 @@ def counted(self, target):
     return replace(self, target)
 
 Path.replace = counted
+# The staging folder is removed last.
+shutil.rmtree = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)
 
 def fill(into):
     (into / "figures").mkdir()
@@ -203,25 +206,35 @@ write_folder(out, "summary.json", fill)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a system without SIGKILL")
-@pytest.mark.parametrize("moves", [-1, 0, 1, 3, 5, 6, 8])
-def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
-    out: Path, tmp_path: Path, moves: int
-) -> None:
-    before = files(out)
+@pytest.mark.parametrize("moves", range(-1, 10))
+def test_a_killed_run_leaves_the_earlier_result_or_the_new_one(out: Path, tmp_path: Path, moves: int) -> None:
+    """The next run clears away what is left of it; the new result is there after the last of nine moves."""
+    expected = {"a.txt": "2", "figures/c.txt": "2", "e.txt": "2"} if moves == 9 else files(out)
     (out / "mine.txt").write_text("mine")
     done = subprocess.run([sys.executable, "-c", KILLED, str(out), str(moves)], check=False)
     assert done.returncode == -signal.SIGKILL
     assert list(out.glob(".sionna-radar-*"))
     check_output(out, MARKER)
-    assert files(out) == {**before, "mine.txt": "mine"}
+    assert files(out) == {**expected, "mine.txt": "mine"}
     assert not list(out.glob(".sionna-radar-*"))
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a system without SIGKILL")
+def test_what_the_user_edits_after_a_killed_run_is_the_user_s(out: Path) -> None:
+    before = files(out)
+    subprocess.run([sys.executable, "-c", KILLED, str(out), "6"], check=False)
+    assert (out / "a.txt").read_text() == "2"
+    (out / "a.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"changed since \(a\.txt\)"):
+        check_output(out, MARKER)
+    assert files(out) == {**before, "a.txt": "mine"}
 
 
 HOLDING = """
 import sys, time
 from pathlib import Path
-from sionna_radar.execution.checkpoints import staged
+from sionna_radar.execution.staging import staged
 
 with staged(Path(sys.argv[1])) as folder:
     print(folder, flush=True)

@@ -15,11 +15,11 @@ from traitlets.config import Config
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar.foundation import progress, progress_bars
 from sionna_radar.notebook import _records, html_of, register_with_ipython
-from sionna_radar.studies.budget import navigation_budget as run_budget
+from sionna_radar.studies.budget.study import navigation_budget as run_budget
 from sionna_radar.studies.budget.study import navigation_errors
-from sionna_radar.studies.crosscheck import crosscheck as run_crosscheck
-from sionna_radar.studies.images import image as run_images
-from sionna_radar.studies.link import link_budget
+from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
+from sionna_radar.studies.images.study import image as run_images
+from sionna_radar.studies.link.study import link_budget
 from sionna_radar.studies.sweep import plan_sweep, run_sweep
 from sionna_radar.survey.result import Survey
 

@@ -12,9 +12,8 @@ import pytest
 from pydantic import BaseModel, Field
 
 from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
-from sionna_radar.scenario import reference, scenario_schema
 from sionna_radar.scenario.recorded import DescribedRecording, RecordedRadar
-from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, meanings, sections
+from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, meanings, reference, scenario_schema, sections
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import unit_of
 

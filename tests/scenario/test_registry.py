@@ -7,9 +7,10 @@ import pytest
 from pydantic import BaseModel, Field
 
 from sionna_radar.foundation.errors import PluginError, ScenarioError
-from sionna_radar.scenario import Parameters, ScanParameters, load_scenario, to_toml
+from sionna_radar.scenario import ScanParameters, load_scenario, to_toml
 from sionna_radar.scenario.parts import ALL, DEM_METHODS, RANGE_ESTIMATORS, SCANS
 from sionna_radar.scenario.registry import Entry, Registry
+from sionna_radar.scenario.table import Parameters
 
 
 class Gate(Parameters):

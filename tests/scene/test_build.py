@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 
 WINDOW = (-500.0, -500.0, 500.0, 500.0)
 FLAT = {"kind": "flat", "size_m": [200.0, 100.0], "spacing_m": 5.0}
@@ -15,7 +15,7 @@ HILLS = {"kind": "hills", "size_m": [120.0, 120.0], "spacing_m": 1.0, "filter_si
 def build(terrain=None, **tables):
     platform = {"altitude_m": 50.0, "speed_mps": 10.0}
     data = {"terrain": terrain or FLAT, "platform": platform, "radar": {"snr_db": 30.0}}
-    return build_scene(parse_scenario(data | tables), WINDOW)
+    return build_world(parse_scenario(data | tables), WINDOW)
 
 
 def test_flat_ground():

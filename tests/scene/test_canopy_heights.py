@@ -47,7 +47,7 @@ def forest(cloud, **stand):
 @pytest.mark.parametrize("epsg", [32632, None])
 def test_trees_stand_where_their_points_are(tmp_path, epsg):
     file = write(tmp_path / "wood.laz", epsg)
-    vegetation = prepare(forest(file)).scene.scene.vegetation
+    vegetation = prepare(forest(file)).world.scene.vegetation
     plant, east = vegetation.plant_m, np.tile(vegetation.grid.x_m, (vegetation.grid.rows, 1))
     north = np.tile(vegetation.grid.y_m[:, None], (1, vegetation.grid.columns))
     inside = (np.abs(north) < 40) & (np.abs(east) < 40)

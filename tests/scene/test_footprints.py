@@ -10,7 +10,7 @@ from pyproj import Transformer
 from sionna_radar.elevation.local_frame import frame_at
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 from sionna_radar.scene.footprints import OutlineFile, build_footprints, height_of
 from vector_files import rectangle, write_by_gdal, write_geojson
 
@@ -195,7 +195,7 @@ def test_a_scenario_stands_its_footprints_among_its_other_things(tmp_path):
         "footprints": [{"path": str(path), "height_m": 8.0}],
         "buildings": [{"position_m": [0.0, 0.0], "size_m": [4.0, 4.0, 4.0]}],
     }
-    built = build_scene(parse_scenario(tables), WINDOW)
+    built = build_world(parse_scenario(tables), WINDOW)
     assert [s.name for s in built.scene.surfaces] == ["terrain-0", "footprints-0", "building-0"]
     seen = built.caster.from_above(np.array([[20.0, 15.0], [0.0, 0.0], [40.0, 15.0]]), 50.0)
     np.testing.assert_allclose(seen, [8, 4, 0], atol=1e-5)

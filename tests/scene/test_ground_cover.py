@@ -9,7 +9,7 @@ import pytest
 from elevation_files import from_origin, write_heights
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 from sionna_radar.scene.ground_cover import NO_CLASS, ClassRaster, classes_at
 from sionna_radar.survey.preparation import prepare
 from worlds import load_ground
@@ -36,9 +36,9 @@ def test_a_polygon_lies_over_any_terrain(name):
     corners = [[-40.0, -30.0], [60.0, -30.0], [60.0, 50.0]]
     changes = {"terrain.cover": [{"polygon_m": corners, "material": "forest"}], **FOREST}
     scenario = load_scenario(name, changes | ({"terrain.spacing_m": 5.0} if name == "jacksboro" else {}))
-    surfaces = build_scene(scenario, EVERYWHERE).scene.surfaces
+    surfaces = build_world(scenario, EVERYWHERE).scene.surfaces
     assert area_of(surfaces, "forest") == pytest.approx(100 * 80 / 2, rel=0.05)
-    whole = build_scene(load_scenario(name, {k: v for k, v in changes.items() if "cover" not in k}), EVERYWHERE)
+    whole = build_world(load_scenario(name, {k: v for k, v in changes.items() if "cover" not in k}), EVERYWHERE)
     assert sum(len(s.faces) for s in surfaces) >= sum(len(s.faces) for s in whole.scene.surfaces)
 
 
@@ -47,7 +47,7 @@ def test_later_polygons_lie_over_earlier_ones():
     inner = [[x / 2, y / 2] for x, y in square]
     cover = [{"polygon_m": square, "material": "forest"}, {"polygon_m": inner, "material": "building"}]
     scenario = load_scenario("hills", {"terrain.kind": "flat", "terrain": {"kind": "flat", "cover": cover}, **FOREST})
-    surfaces = build_scene(scenario, EVERYWHERE).scene.surfaces
+    surfaces = build_world(scenario, EVERYWHERE).scene.surfaces
     assert area_of(surfaces, "building") == pytest.approx(2500)
     assert area_of(surfaces, "forest") == pytest.approx(7500)
     assert area_of(surfaces, "ground") == pytest.approx(300 * 300 - 10_000)
@@ -59,7 +59,7 @@ def test_a_class_raster_over_synthetic_ground(tmp_path):
     path = write_classes(tmp_path / "classes.tif", values, from_origin(-100.0, 100.0, 20.0, 20.0))
     raster = {"path": str(path), "classes": {"7": "forest"}}
     scenario = load_scenario("hills", {"terrain": {"kind": "flat", "cover_raster": raster}, **FOREST})
-    surfaces = build_scene(scenario, EVERYWHERE).scene.surfaces
+    surfaces = build_world(scenario, EVERYWHERE).scene.surfaces
     assert area_of(surfaces, "forest") == pytest.approx(200 * 100)
     forest = next(s for s in surfaces if s.material == "forest")
     assert forest.vertices_m[forest.faces][:, :, 1].min() >= 0.0
@@ -97,7 +97,7 @@ def test_rasters_that_cannot_be_placed_are_refused(tmp_path):
 
     def build(name, path):
         raster = {"path": str(path), "classes": {"1": "forest"}}
-        build_scene(load_scenario(name, {"terrain.cover_raster": raster, **FOREST}), EVERYWHERE)
+        build_world(load_scenario(name, {"terrain.cover_raster": raster, **FOREST}), EVERYWHERE)
 
     for name, path, error, words in (
         ("hills", placed, ScenarioError, "terrain.cover_raster.path: .*remove the"),

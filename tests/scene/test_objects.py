@@ -11,7 +11,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene import objects
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 from sionna_radar.scene.ground_cover import overhang
 from sionna_radar.scene.mesh_files.reader import read_mesh
 from sionna_radar.scene.terrains.build import map_frame
@@ -29,7 +29,7 @@ def scenario(terrain=None, **tables):
 
 
 def build(terrain=None, **tables):
-    return build_scene(in_local_frame(scenario(terrain, **tables)), WINDOW)
+    return build_world(in_local_frame(scenario(terrain, **tables)), WINDOW)
 
 
 def write(path, *boxes):

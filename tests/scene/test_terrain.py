@@ -10,7 +10,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.model import mesh_of
-from sionna_radar.survey import prepare
+from sionna_radar.survey.preparation import prepare
 from worlds import load_ground
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)
@@ -139,7 +139,7 @@ def test_meshes_cover_exactly_the_squares_between_filled_cells(rows, columns, se
 def test_synthetic_ground_may_have_a_place_on_the_map() -> None:
     overrides = {"terrain.centre_lonlat_deg": [11.0, 47.0], "platform.length_m": 10.0}
     placed = prepare(load_scenario("hills", {**overrides, "coordinates": "lonlat", "platform.start_m": [11.0, 47.0]}))
-    georeference = placed.scene.scene.georeference
+    georeference = placed.world.scene.georeference
     assert georeference is not None
     assert CRS.from_wkt(georeference.crs_wkt).to_epsg() == 32632
     to_map = Transformer.from_crs(4326, 32632, always_xy=True)

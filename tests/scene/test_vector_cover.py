@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.build import build_world
 from sionna_radar.scene.ground_cover import ClassPolygons, vector_classes_at
 from vector_files import rectangle, write_geojson
 
@@ -59,7 +59,7 @@ def test_a_scenario_lays_them_under_its_polygons(plan):
         "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
         "radar": {"snr_db": 30.0},
     }
-    built = build_scene(parse_scenario(tables), (-500.0, -500.0, 500.0, 500.0))
+    built = build_world(parse_scenario(tables), (-500.0, -500.0, 500.0, 500.0))
     faces = {s.material: s.vertices_m[s.faces].mean(axis=1) for s in built.scene.surfaces}
     assert set(faces) == {"ground", "forest", "water", "field"}
     for material, number in {"ground": -1, "forest": 0, "water": 1}.items():

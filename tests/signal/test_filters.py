@@ -158,7 +158,7 @@ def test_it_spares_the_converter_and_changes_no_calibrated_spectrum():
         for name, seen in (("rain", paths), ("leakage", Paths.concatenate([leak, paths]))):
             beat = ready.receiver.beat(seen, pulses)
             spread[name, order] = np.max(np.abs(beat)) / np.sqrt(ready.receiver.noise_power_w)
-            spectra[name, order] = ready.detector.analyser.power(beat)
+            spectra[name, order] = ready.instrument.detector.analyser.power(beat)
     gained_db = {name: 20 * np.log10(spread[name, 0] / spread[name, 2]) for name in ("rain", "leakage")}
     assert gained_db["rain"] > 10
     assert gained_db["leakage"] > 20

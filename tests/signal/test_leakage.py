@@ -57,7 +57,7 @@ def test_what_is_still_is_subtracted():
     ready = prepare(load_scenario("hills", keys))
     sensor, pulses = ready.build_sensor(), ready.flight.pulses(np.arange(0, len(ready), 3))
     paths = sensor.tracer.trace(pulses)
-    power = ready.detector.analyser.power
+    power = ready.instrument.detector.analyser.power
     kept = power(ready.receiver.beat(paths, pulses)).mean(axis=0)
     clean = power(replace(ready.receiver, chain=None).beat(paths, pulses)).mean(axis=0)
     subtracted = np.mean([one.power for one in sensor.record_chirps(pulses)], axis=0)

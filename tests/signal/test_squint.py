@@ -18,8 +18,8 @@ from sionna_radar.radar.build import build_antenna, build_sweeps, squinting
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.build import build_chain
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.studies.gradients import sensitivities
-from sionna_radar.studies.link import link_budget as run_link_budget
+from sionna_radar.studies.gradients.study import sensitivities
+from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.sensors.device_radar import DeviceRadar
 from sionna_radar.tracing.paths import Paths

@@ -5,8 +5,7 @@ import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare
 from sionna_radar.radar.equation import plane_echo_contributions
-from sionna_radar.studies.gradients import sensitivities
-from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state
+from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state, sensitivities
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.engines.beam.rays import wide_beam_rays
 
@@ -119,8 +118,8 @@ def plane_derivatives(beamwidth_deg, tilt_rad, height_m):
     ends = []
     for width_deg in (beamwidth_deg - 0.01, beamwidth_deg + 0.01):
         ready = fixed_beam(width_deg)
-        ground = as_radar_material(ready.scene.scene.materials[ready.scene.scene.ground_material]).co_polar
-        echo = plane_echo_contributions(ready.antenna, ground, 0.0039, height_m, tilt_rad)
+        ground = as_radar_material(ready.world.scene.materials[ready.world.scene.ground_material]).co_polar
+        echo = plane_echo_contributions(ready.instrument.antenna, ground, 0.0039, height_m, tilt_rad)
         ends.append((np.log(echo.power.sum()), np.sum(echo.power * echo.range_m) / echo.power.sum()))
     return np.diff(ends, axis=0)[0] / 0.02
 
@@ -147,7 +146,9 @@ def test_derivatives_by_the_beamwidth_scatter_about_those_of_the_integral_as_sta
         # Student's t of seven degrees of freedom has a variance of 7 / 5.
         assert 0.5 < np.sqrt(np.mean(((rate - truth) / error) ** 2)) < 2.0
         assert np.mean(rate) == pytest.approx(truth, abs=4 * np.sqrt(np.mean(error**2) / len(rate)))
-    alone = _frozen(_state(ready, PULSES), wide_beam_rays(ready.antenna), _range_cells(ready), fixed=False, draws=1)[0]
+    alone = _frozen(
+        _state(ready, PULSES), wide_beam_rays(ready.instrument.antenna), _range_cells(ready), fixed=False, draws=1
+    )[0]
     low, high = (_state(fixed_beam(beamwidth_deg + step), PULSES) for step in (-0.01, 0.01))
     pulse = [
         (

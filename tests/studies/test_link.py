@@ -14,7 +14,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link.document import DOCUMENT
 from sionna_radar.studies.link.study import _survey_reach_m
 from sionna_radar.studies.link.study import link_budget as run_link_budget
-from sionna_radar.survey import run
+from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from surveys import WEAK
 

@@ -4,14 +4,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-import cluster_tasks
-import processes
 from sionna_radar.execution.checkpoints import FOLDER, open_checkpoints
 from sionna_radar.execution.cluster import DaskWorkers, open_workers
 from sionna_radar.execution.execution import Execution
@@ -25,7 +22,6 @@ from sionna_radar.studies.budget.study import GRADES, navigation_errors
 from sionna_radar.studies.budget.study import navigation_budget as run_budget
 from sionna_radar.studies.crosscheck.study import CrossCheck
 from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
-from sionna_radar.studies.sweep import study as sweep_module
 from sionna_radar.studies.sweep.document import DOCUMENT
 from sionna_radar.studies.sweep.settings import parse_design
 from sionna_radar.studies.sweep.study import SweepPlan, plan_sweep, run_sweep
@@ -141,37 +137,6 @@ def test_a_worker_that_is_killed_is_replaced_and_its_survey_flown_again(pair, sm
 
     there = run_sweep(plan, execution=Execution(workers=pair, progress=progress))
     assert strict_json(DOCUMENT.content(there)) == strict_json(DOCUMENT.content(run_sweep(plan)))
-
-
-@pytest.mark.study
-def test_surveys_that_end_their_worker_are_rows_with_their_reason(pair, plan, monkeypatch):
-    """`pytest -m study -k end_their_worker`, half a minute."""
-    monkeypatch.setattr(sweep_module, "trial_task", cluster_tasks.fly_or_die)
-    found = run_sweep(plan, execution=Execution(workers=pair))
-    assert [len(case.trials) for case in found.cases] == [1, 0]
-    assert found.cases[1].reason == "seed 5: WorkersLostError: its worker died 3 times; is there memory enough?"
-
-
-@pytest.mark.study
-def test_a_signal_ends_a_sweep_and_its_workers(small, tmp_path):
-    """`pytest -m study -k signal`, half a minute."""
-    command = [sys.executable, "-m", "sionna_radar", "sweep", str(small), "--vary", f"{BEAM}=2,3,4,5,6"]
-    out = tmp_path / "out"
-    with subprocess.Popen(
-        [*command, "--repeat", "20", "--workers", "2", "-o", out],
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        while not list(out.glob(f"{FOLDER}/*.part")):
-            assert process.poll() is None
-            time.sleep(0.05)
-        process.terminate()
-        said = process.stderr.read()
-        assert process.wait() == 143
-    assert said.splitlines()[-1].endswith("continue with the same command and --resume")
-    assert "Traceback" not in said
-    assert processes.all_ended(process.pid)
 
 
 def bits(check: CrossCheck) -> list[bytes]:

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.files.folder import lasting_columns
+from sionna_radar.report.files.manifest import lasting_columns
 from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
 from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
 

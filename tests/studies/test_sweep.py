@@ -17,7 +17,7 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.notebook import html_of
 from sionna_radar.report.drawing import BLUE
 from sionna_radar.report.files.contents import strict_json
-from sionna_radar.report.files.folder import lasting_columns
+from sionna_radar.report.files.manifest import lasting_columns
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.sweep.document import DOCUMENT, abscissa, errors
 from sionna_radar.studies.sweep.ranking import Ranking, ranked

@@ -46,13 +46,13 @@ def test_the_flash_is_the_radars_image_and_nothing_comes_back_aside():
     prepared = prepare(load_scenario("buildings", {**OVER_POND, **nadir, "platform.length_m": 60.0}))
     tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(len(prepared)))
     paths = tracer.trace(pulses)
-    position, antenna = pulses.true.position_m, prepared.antenna
+    position, antenna = pulses.true.position_m, prepared.instrument.antenna
     over = Outline(POND).contains_points(position[:, :2], radius=-3.0)
     # Pulses straight above the pond, whose axis is within a tenth of a degree of the plumb line.
     down = -pulses.true.boresight[:, 2]
     straight = int(np.flatnonzero(over)[np.argmax(down[over])])
     wavelength = C / 77e9
-    water = prepared.scene.scene.materials["water"].mirror.permittivity
+    water = prepared.world.scene.materials["water"].mirror.permittivity
     reflection = abs(fresnel_reflection(water, np.ones(1), "H")[0])
     plumb = (pulses.true.R_world_antenna[straight].T @ [0.0, 0.0, -1.0])[None]
     image = antenna.gain(plumb)[0] * reflection * wavelength / (4 * np.pi * 2 * position[straight, 2])
@@ -63,7 +63,7 @@ def test_the_flash_is_the_radars_image_and_nothing_comes_back_aside():
     # The diffuse echo of the same water, 20 to 30 deg aside, is far under the noise after pulse compression.
     noise = prepared.receiver.noise_power_w / prepared.receiver.transmit_power_w / 1024
     aside = over & (down < np.cos(np.deg2rad(20.0)))
-    names = np.array([surface.material for surface in prepared.scene.scene.surfaces])
+    names = np.array([surface.material for surface in prepared.world.scene.surfaces])
     on_water = (paths.surface >= 0) & (names[paths.surface] == "water") & (paths.incidence_rad > np.deg2rad(10.0))
     diffuse = np.abs(paths.gain[on_water & np.isin(paths.pulse, pulses.index[aside])]) ** 2
     assert aside.sum() > 10

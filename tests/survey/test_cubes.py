@@ -122,7 +122,7 @@ def test_netcdf_holds_the_same_frames_and_the_array(flown):
     with h5py.File(folder / "b.nc") as file:
         beat = file["beat_i"][:] + 1j * file["beat_q"][:]
         assert beat.shape == (2, 48, 4, 256)
-        assert file["transmitter_place"][:] == pytest.approx(survey.prepared.module.transmitter_m)
+        assert file["transmitter_place"][:] == pytest.approx(survey.prepared.instrument.module.transmitter_m)
         assert file["code_real"][:].tolist() == np.eye(3).tolist()
         assert file["measured_position"].shape == (2, 3)
     frames = read_frames(folder / "a.bin")

@@ -9,7 +9,7 @@ import pytest
 from sionna_radar import CustomParts, load_scenario, prepare, run
 from sionna_radar.detection.ranging.estimators import PeakRange
 from sionna_radar.flight.scan import RotatingScan
-from sionna_radar.foundation import RadarError
+from sionna_radar.foundation.errors import RadarError
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario.tracing import TracingTable

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sionna_radar import Raster, load_scenario, prepare
-from sionna_radar.survey import CustomParts
+from sionna_radar.survey.custom_parts import CustomParts
 
 LINE = np.load(Path(__file__).parents[2] / "examples" / "data" / "altimeter_trees.npz")
 READINGS, CHIRPS, SPACING_M = slice(800, 860), 8, 10.0

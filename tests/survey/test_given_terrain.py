@@ -28,7 +28,7 @@ def file(tmp_path: Path) -> Path:
 
 def slope_of(terrain: Any) -> np.ndarray:
     """Return the heights of the ground that was built, 60 m south, at, and 60 m north of the local origin."""
-    ground_m = prepare(SCENARIO, CustomParts(terrain=terrain)).scene.ground_m
+    ground_m = prepare(SCENARIO, CustomParts(terrain=terrain)).world.ground_m
     return ground_m(np.array([[0.0, -60.0], [0.0, 0.0], [0.0, 60.0]]))
 
 
@@ -78,7 +78,7 @@ def test_material_and_covers_stay_those_of_the_scenario(file: Path) -> None:
     square = [(-90.0, -90.0), (90.0, -90.0), (90.0, 90.0), (-90.0, 90.0)]
     covered = SCENARIO.replace({"terrain.cover": [{"polygon_m": square, "material": "building"}]})
     for terrain in ((HEIGHT_M, SPACING_M), file):
-        built = prepare(covered, CustomParts(terrain=terrain)).scene.scene
+        built = prepare(covered, CustomParts(terrain=terrain)).world.scene
         assert {surface.material for surface in built.surfaces} == {"ground", "building"}
 
 

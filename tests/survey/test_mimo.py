@@ -25,7 +25,7 @@ def survey():
 
 
 def heights_at(prepared, place_m):
-    return prepared.scene.caster.from_above(place_m[:, :2], float(prepared.scene.scene.bounds_m[1, 2]) + 10.0)
+    return prepared.world.caster.from_above(place_m[:, :2], float(prepared.world.scene.bounds_m[1, 2]) + 10.0)
 
 
 def test_a_fixed_module_maps_a_swath(survey):
@@ -103,7 +103,7 @@ def test_the_same_errors_are_those_of_one_module():
         prepare(load_scenario("hills", LOW | {"radar": LOW["radar"] | {"array": errors}, "seed": seed}))
         for seed in (1, 1, 2)
     ]
-    codes = [p.module.sent_code for p in prepared]
+    codes = [p.instrument.module.sent_code for p in prepared]
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(codes[0], codes[2])
     # What processing knows is what calibration left.

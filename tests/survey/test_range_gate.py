@@ -15,8 +15,8 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.studies.gradients import sensitivities
-from sionna_radar.studies.link import link_budget as run_link_budget
+from sionna_radar.studies.gradients.study import sensitivities
+from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey.result import Survey
 
 CELLS, BANDWIDTH_HZ = 100, 500e6

@@ -35,7 +35,9 @@ def test_a_logged_flight_is_surveyed(survey):
     assert survey.pulses == pytest.approx(4 * 360 * 100 / 360, abs=70)  # 100 of 360 deg are in the sector
     pulses = survey.schedule.sample(50)
     np.testing.assert_allclose(pulses.true.position_m, flown(pulses.time_s).place, atol=1e-4)
-    assert survey.prepared.flown.altitude_m == pytest.approx(np.median(flown(regular(20.0, 4.0)).place[:, 2]), abs=0.2)
+    assert survey.prepared.plan.flown.altitude_m == pytest.approx(
+        np.median(flown(regular(20.0, 4.0)).place[:, 2]), abs=0.2
+    )
     # 0.3 m of error in each axis, nearly constant over 4 s: the echoes are that far off, and no more.
     off = np.linalg.norm(pulses.measured.position_m - pulses.true.position_m, axis=1)
     assert 0.05 < off.mean() < 1.5
@@ -64,7 +66,7 @@ def test_blocks_of_a_logged_flight_are_the_same_bits(survey):
 
 
 def test_radar_and_log_must_fit(log, tmp_path, monkeypatch):
-    monkeypatch.setattr("sionna_radar.survey.checks.MAX_CHIRPS", 30_000_000)
+    monkeypatch.setattr("sionna_radar.survey.limits.MAX_CHIRPS", 30_000_000)
     with pytest.raises(ScenarioError, match=r"platform\.log_stop_s: 4 s of the log take"):
         prepare(load_scenario("hills", QUICK | {"platform.log": str(log), "radar.chirp_rate_hz": 1e7}))
     high = flown(regular(20.0, 4.0))

@@ -275,7 +275,7 @@ def test_the_place_on_the_map_is_recorded(tmp_path):
     prepared = prepare(load_scenario("jacksboro", overrides))
     run(prepared, recordings={"signals": tmp_path / "a.nc"})
     again = process(tmp_path / "a.nc")
-    assert again.georeference == prepared.scene.scene.georeference
+    assert again.georeference == prepared.world.scene.georeference
     with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf", decode_coords="all") as file:
         assert "crs" in file.coords
         survey = again.comparison.truth

@@ -127,7 +127,7 @@ def test_a_lidar_without_an_echo_names_its_own_keys():
 
 
 def test_the_lidar_is_exact_and_shows_what_the_beam_costs(exact, lidar):
-    ground = prepare(hills()).scene.ground_m(lidar.points.position_m[:, :2])
+    ground = prepare(hills()).world.ground_m(lidar.points.position_m[:, :2])
     np.testing.assert_allclose(lidar.points.position_m[:, 2], ground, atol=0.03)  # facets against bilinear heights
     assert len(lidar.points) == lidar.pulses == exact.pulses
     assert lidar.chirp is None

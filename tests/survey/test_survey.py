@@ -94,7 +94,7 @@ def test_progress_tells_every_stage_and_counts_every_pulse():
 
 
 def test_points_lie_near_the_ground(survey):
-    ground = prepare(hills()).scene.ground_m(survey.points.position_m[:, :2])
+    ground = prepare(hills()).world.ground_m(survey.points.position_m[:, :2])
     off = survey.points.position_m[:, 2] - ground
     assert np.median(np.abs(off)) < 0.5
     assert survey.dem_error.count > 500
@@ -134,7 +134,7 @@ def test_the_truth_is_not_the_estimate():
     beat = ready.receiver.beat(ready.sensor_inputs().tracer().trace(pulses), pulses)
     points = []
     for seen in (pulses, replace(pulses, true=spoilt(pulses.true))):
-        echoes = ready.detector.detect(beat, seen.index, seen.measured)
+        echoes = ready.instrument.detector.detect(beat, seen.index, seen.measured)
         points.append(locate(echoes, seen.index, seen.measured))
     assert points[0].sha256() == points[1].sha256()
     # The synthesis, too, knows the flight through the paths alone.
@@ -269,7 +269,7 @@ def test_iq_sampling_reaches_twice_as_far():
 
 def test_the_reference_echo_sets_the_noise():
     ready = prepare(hills(terrain={"kind": "flat", "size_m": [400.0, 400.0]}))
-    echo = plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
+    echo = plane_power(ready.instrument.antenna, 50.0, 45.0, gamma=1.32e-3)
     assert 10 * np.log10(echo / ready.receiver.noise_power_w) == pytest.approx(30.0, abs=0.02)
 
 
@@ -280,7 +280,7 @@ def test_the_received_level_is_that_of_the_transmitter():
     ready = prepare(hills(radar=radar, **keys))
     pulses = ready.flight.pulses(np.arange(len(ready.flight)))
     beat = ready.receiver.beat(ready.sensor_inputs().tracer().trace(pulses), pulses)
-    echo = 0.01 * plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
+    echo = 0.01 * plane_power(ready.instrument.antenna, 50.0, 45.0, gamma=1.32e-3)
     noise = 10 ** ((-173.975 + 15 - 30) / 10) * 1024 * 360 / 2
     # Speckle: 1080 pulses of fluctuating power leave 3 %.
     assert np.mean(beat**2) == pytest.approx(echo + noise, rel=0.12)

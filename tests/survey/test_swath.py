@@ -39,7 +39,10 @@ def test_the_planned_swath_over_level_ground_is_that_of_the_closed_form(changed)
     width_m, length_m = quantities_of(prepared.scenario, None, ["swath_m"])["swath_m"], way_flown_m(prepared.flight)
     assert length_m == pytest.approx(prepared.scenario.platform.length_m)
     area_m2 = cells.sum() * grid.spacing_m**2
-    depth_m = 1.5 * prepared.flown.altitude_m * np.tan(np.max(prepared.antenna.beamwidths_rad)) + 2 * grid.spacing_m
+    depth_m = (
+        1.5 * prepared.plan.flown.altitude_m * np.tan(np.max(prepared.instrument.antenna.beamwidths_rad))
+        + 2 * grid.spacing_m
+    )
     fixed = prepared.scenario.radar.scan.mode == "fixed"
     assert width_m * length_m * 0.98 < area_m2
     assert area_m2 < (width_m + 2 * grid.spacing_m) * (length_m + (depth_m if fixed else 2 * grid.spacing_m))
@@ -74,10 +77,10 @@ def dark_share(prepared):
 
     A place of level ground in the middle of the scan is looked at while it is within half a footprint of the beam.
     """
-    scan, (azimuth_rad, elevation_rad) = prepared.flight.scan, prepared.antenna.beamwidths_rad
+    scan, (azimuth_rad, elevation_rad) = prepared.flight.scan, prepared.instrument.antenna.beamwidths_rad
     down = np.cos(scan.incidence_rad)
     width_rad = azimuth_rad / (np.sin(scan.incidence_rad) if scan.mode == "conical" else down)
-    seconds = prepared.flown.altitude_m / down**2 * elevation_rad / prepared.flown.speed_mps
+    seconds = prepared.plan.flown.altitude_m / down**2 * elevation_rad / prepared.plan.flown.speed_mps
     turns = int(seconds * scan.rotation_rad_s / (2 * np.pi))
     pulses = prepared.flight.pulses(np.arange(len(prepared)))
     first = int(pulses.scan_number.min()) + 1

@@ -22,8 +22,8 @@ def test_the_bias_over_level_ground_is_that_of_the_closed_form(beam_deg, inciden
     """
     over = {"radar.antenna.beamwidth_deg": beam_deg, "radar.scan.incidence_deg": incidence_deg}
     prepared = prepare(load_scenario("hills", LEVEL | NARROW | over))
-    bias = beam_bias(prepared.flight, prepared.scene, prepared.mapper.beam)
-    across, along = two_way_spread(prepared.antenna)
+    bias = beam_bias(prepared.flight, prepared.world, prepared.mapper.beam)
+    across, along = two_way_spread(prepared.instrument.antenna)
     tan = np.tan(np.deg2rad(incidence_deg))
     # A side ray of direction (1, s, 0) is longer by half of s^2 and meets the ground as far down: r = r0 (1 + s^2 / 2).
     excess = along**2 * (0.5 - tan**2) + across**2 / 2

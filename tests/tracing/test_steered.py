@@ -8,7 +8,7 @@ import pytest
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import in_main_lobe
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import prepare
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.warnings import steered_warnings
 from sionna_radar.tracing.build import build_steered_tracer
 
@@ -32,7 +32,7 @@ def test_every_pulse_has_the_antenna_of_its_beam(prepared):
     pulses = prepared.flight.pulses(np.arange(9))
     paths = prepared.sensor_inputs().tracer().trace(pulses)
     assert np.all(np.diff(paths.pulse) >= 0)
-    for number, beam in enumerate(prepared.beams):
+    for number, beam in enumerate(prepared.instrument.beams):
         own = pulses.rows(np.flatnonzero(pulses.beam == number))
         inputs = prepared.sensor_inputs()
         alone = replace(inputs, engine=replace(inputs.engine, antenna=beam, beams=())).tracer().trace(own)
@@ -68,7 +68,7 @@ def test_most_power_comes_from_the_beam_itself(prepared):
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     ahead = np.einsum("nij,ni->nj", pulses.true.R_world_antenna[row], away)
     power = np.abs(paths.gain.astype(complex)) ** 2
-    for number, beam in enumerate(prepared.beams):
+    for number, beam in enumerate(prepared.instrument.beams):
         own = pulses.beam[row] == number
         assert power[own & in_main_lobe(beam, ahead)].sum() > 0.7 * power[own].sum()
 

@@ -324,14 +324,14 @@ class Beams:
 def cast_beams(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> Beams:
     """Return the beams of some pulses of a survey, cast against its scene; for a lidar the axes only."""
     pulses = prepared.flight.pulses(index)
-    steered = bool(prepared.beams) and pulses.beam is not None
-    antennas = prepared.beams if steered else (prepared.antenna,)
+    steered = bool(prepared.instrument.beams) and pulses.beam is not None
+    antennas = prepared.instrument.beams if steered else (prepared.instrument.antenna,)
     fans = (AXIS,) * len(antennas) if prepared.scenario.sensor == "lidar" else tuple(map(fan_of, antennas))
     fan = np.asarray(pulses.beam if steered else np.zeros(len(pulses)), dtype=np.int64)
     local = np.stack([entry.direction for entry in fans])[fan]
     direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
     origin = np.broadcast_to(pulses.true.position_m[:, None], direction.shape)
-    range_m = prepared.scene.caster.cast(origin.reshape(-1, 3), direction.reshape(-1, 3)).distance_m
+    range_m = prepared.world.caster.cast(origin.reshape(-1, 3), direction.reshape(-1, 3)).distance_m
     # Hits beyond the sampled ranges give no echo.
     in_range = range_m <= prepared.receiver.chirp.max_range_m
     distance_m = np.where(in_range, range_m, np.nan).reshape(fan.size, -1)
@@ -375,7 +375,7 @@ ABOVE_M = 0.01
 
 def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row column"]:
     """Return sigma0 in dB of the cells of a surface, NaN where undefined; `survey.html` explains it."""
-    scene, caster = prepared.scene.scene, prepared.scene.caster
+    scene, caster = prepared.world.scene, prepared.world.caster
     pose = prepared.flight.sample(LOOKS).true
     range_m = caster.cast(pose.position_m, pose.boresight).distance_m
     met = np.isfinite(range_m)
@@ -416,7 +416,7 @@ def box_of(prepared: Prepared) -> tuple[float, float, float, float]:
     (left, low), (right, top) = track[:, :2].min(axis=0), track[:, :2].max(axis=0)
     west, east, south, north = min(west, left), max(east, right), min(south, low), max(north, top)
     pad = MARGIN * max(east - west, north - south)
-    (left, low, _), (right, top, _) = prepared.scene.scene.bounds_m
+    (left, low, _), (right, top, _) = prepared.world.scene.bounds_m
     return (
         float(max(west - pad, left)),
         float(min(east + pad, right)),
@@ -455,8 +455,8 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
         "Ground": scenario.terrain.kind,
         "Things on it": _things(prepared),
         "Weather": scenario.weather.falling or "clear",
-        "Height above ground": f"{prepared.flown.altitude_m:.4g} m",
-        "Speed": f"{prepared.flown.speed_mps:.4g} m/s",
+        "Height above ground": f"{prepared.plan.flown.altitude_m:.4g} m",
+        "Speed": f"{prepared.plan.flown.speed_mps:.4g} m/s",
         "Time in the air": f"{end - start:.1f} s, {len(prepared.flight):,} pulses",
         "Sensor": scenario.sensor,
         "Scan": f"{scenario.radar.scan.mode.replace('_', ' ')}, {tilt_deg:.3g} deg from nadir",
@@ -481,11 +481,11 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
 
 def _rates(prepared: Prepared) -> dict[str, str]:
     """Return the rate of pulses; of an array, of frames and of the chirps that they consist of."""
-    radar, averaged = prepared.local.radar, prepared.local.processing.average.chirps
-    if prepared.local.sensor == "mimo" and radar.array is not None:
-        chirps = f"{radar.array.chirps_per_frame:,} chirps, {radar.chirp_rate_hz / 1e3:.4g} kHz"
-        return {"Frame rate": f"{radar.array.frame_rate_hz:.4g} Hz", "Chirps of a frame": chirps}
-    return {"Pulse rate": f"{radar.mean_rate_hz / averaged:.4g} Hz"}
+    frames, rate = prepared.instrument.frames, f"{prepared.instrument.mean_rate_hz:.4g} Hz"
+    if frames is None:
+        return {"Pulse rate": rate}
+    chirps = f"{frames.chirps_per_frame:,} chirps, {prepared.local.radar.chirp_rate_hz / 1e3:.4g} kHz"
+    return {"Frame rate": rate, "Chirps of a frame": chirps}
 
 
 def _things(prepared: Prepared) -> str:
@@ -494,14 +494,14 @@ def _things(prepared: Prepared) -> str:
         "buildings": len(scenario.buildings),
         "objects": len(scenario.objects),
         "files of footprints": len(scenario.footprints),
-        "point targets": len(prepared.scene.scene.targets),
+        "point targets": len(prepared.world.scene.targets),
     }
     return ", ".join(f"{name}: {count:,}" for name, count in counts.items() if count)
 
 
 def _beam(prepared: Prepared) -> str:
-    azimuth, elevation = np.rad2deg(prepared.antenna.beamwidths_rad)
-    steered = f", steered to {len(prepared.beams)} places" if prepared.beams else ""
+    azimuth, elevation = np.rad2deg(prepared.instrument.antenna.beamwidths_rad)
+    steered = f", steered to {len(prepared.instrument.beams)} places" if prepared.instrument.beams else ""
     return f"{azimuth:.3g} x {elevation:.3g} deg{steered}"
 
 

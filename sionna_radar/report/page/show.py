@@ -11,7 +11,8 @@ from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.files.contents import write_text
-from sionna_radar.report.files.folder import SignedFile, write_folder
+from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.files.signed_file import SignedFile
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     Beams,
@@ -31,7 +32,7 @@ from sionna_radar.report.page.sections import colour_scales, frame_of_page
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.survey.checks import BoresightHits, boresight_hits
+from sionna_radar.survey.checks import BoresightHits
 from sionna_radar.survey.preparation import Prepared
 
 PULSES, FOOTPRINTS = 240, 60
@@ -55,10 +56,10 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     OutputError
         The page would be too large, or plotly is not installed.
     """
-    frame, pack = frame_of(prepared.scene.scene.georeference, coordinates), Pack()
+    frame, pack = frame_of(prepared.world.scene.georeference, coordinates), Pack()
     index = spread_indices(PULSES, len(prepared))
-    beams, hits = cast_beams(prepared, index), boresight_hits(prepared.flight, prepared.scene)
-    solids = solids_within(prepared.scene.scene, prepared.scenario.terrain.kind, box_of(prepared))
+    beams, hits = cast_beams(prepared, index), prepared.plan.hits
+    solids = solids_within(prepared.world.scene, prepared.scenario.terrain.kind, box_of(prepared))
     ground = _ground(prepared, solids)
     numbers = {
         "frame": frame_of_page(frame),
@@ -71,7 +72,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
         pack.text(numbers),
         ("world.js",),
         title=prepared.scenario.description or name,
-        warnings=prepared.warnings + prepared.flown.warnings,
+        warnings=prepared.warnings + prepared.plan.flown.warnings,
         tiles=_tiles(prepared, beams, hits),
         solids=solids,
         pulses=len(index),
@@ -83,11 +84,11 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
 
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
     """Return the ground below the solids; without solids the highest surface."""
-    built, box = prepared.scene, box_of(prepared)
-    lying = [surface for surface in built.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
+    world, box = prepared.world, box_of(prepared)
+    lying = [surface for surface in world.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
     if solids is None or not lying:
-        return surroundings(built.caster, built.scene, box, MAX_CELLS)
-    return surroundings(RayCaster(lying), built.scene, box, MAX_CELLS)
+        return surroundings(world.caster, world.scene, box, MAX_CELLS)
+    return surroundings(RayCaster(lying), world.scene, box, MAX_CELLS)
 
 
 def _world(
@@ -125,7 +126,7 @@ def _edge_of_dem(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
     corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
     sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
     edge = np.concatenate([*sides, corners[:1]])
-    height_m = prepared.scene.caster.from_above(edge, float(prepared.scene.scene.bounds_m[1, 2]) + CLEAR_M)
+    height_m = prepared.world.caster.from_above(edge, float(prepared.world.scene.bounds_m[1, 2]) + CLEAR_M)
     return np.column_stack([edge, height_m + 0.1])
 
 

@@ -113,8 +113,8 @@ def _surface_within(survey: Survey, bounds_m: tuple[float, float, float, float])
         columns=before[0] + 1 + int(np.floor((east - grid.west_m) / spacing_m)),
         rows=before[1] + 1 + int(np.floor((north - grid.south_m) / spacing_m)),
     )
-    scene = survey.prepared.scene
-    return truth_dem(scene.caster, wider, float(scene.scene.bounds_m[1][2]) + 1.0)
+    world = survey.prepared.world
+    return truth_dem(world.caster, wider, float(world.scene.bounds_m[1][2]) + 1.0)
 
 
 def _draw_profile(axes: Axes, survey: Survey, surface: Raster, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:
@@ -191,7 +191,7 @@ def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
 
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
     """Return the intersections of the beam axes with the scene, m; NaN without one."""
-    distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
+    distance_m = survey.prepared.world.caster.cast(pose.position_m, pose.boresight).distance_m
     distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     return pose.position_m + distance_m[:, None] * pose.boresight
 

@@ -122,7 +122,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         replaced=survey.replaced,
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
-        readings=survey.readings.rows() if survey.readings else {},
+        readings=survey.readings.described() if survey.readings else {},
         readings_of=survey.readings.subject if survey.readings else "",
         **(
             errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared))
@@ -158,7 +158,7 @@ def _world(
     prepared = survey.prepared
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
-    around = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
+    around = surroundings(prepared.world.caster, prepared.world.scene, box_of(prepared), AROUND_CELLS, thin.cells)
     drawn = points_to_draw(len(survey.points))
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MAX_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)

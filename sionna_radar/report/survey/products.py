@@ -69,6 +69,10 @@ def write_survey(
     recordings:
         Finished recordings by kind, which are moved to the results as KIND.nc.
 
+    Returns
+    -------
+    The files written, sorted.
+
     Raises
     ------
     OutputError

@@ -73,7 +73,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "seed": survey.scenario.seed,
         "crs": crs_name(survey.georeference),
         "georeference": georeference(survey.georeference),
-        "flight_log": survey.prepared.flown.record,
+        "flight_log": survey.prepared.plan.flown.record,
         "engine": survey.scenario.tracing.engine,
         "pulses": survey.pulses,
         "paths": survey.paths,
@@ -160,7 +160,7 @@ def reference_for(prepared: Prepared) -> tuple[dict[str, dict[str, float]], str]
     if not _flown_alike(prepared):
         return {}, ""
     scenario = prepared.scenario
-    beam = float(np.rad2deg(np.mean(prepared.antenna.beamwidths_rad)))
+    beam = float(np.rad2deg(np.mean(prepared.instrument.antenna.beamwidths_rad)))
     over_buildings = scenario.buildings and scenario.terrain.kind == "flat"
     if over_buildings and abs(beam - BUILDINGS_BEAM_DEG) < 0.05 * BUILDINGS_BEAM_DEG:
         rows = {
@@ -180,8 +180,8 @@ def _flown_alike(prepared: Prepared) -> bool:
     scenario, radar, scan = prepared.scenario, prepared.scenario.radar, prepared.scenario.radar.scan
     tilt_deg = float(np.rad2deg(prepared.flight.scan.incidence_rad))
     flown = {
-        (prepared.flown.altitude_m, 50.0),
-        (prepared.flown.speed_mps, 10.0),
+        (prepared.plan.flown.altitude_m, 50.0),
+        (prepared.plan.flown.speed_mps, 10.0),
         (tilt_deg, 45.0),
         (radar.carrier_hz, 77e9),
         (radar.bandwidth_hz, 500e6),
@@ -228,7 +228,7 @@ def survey_table(survey: Survey) -> Table:
 
 def _accuracy(survey: Survey) -> dict[str, str]:
     """Return the errors of the map, or of readings that make none."""
-    return _errors(survey) if survey.readings is None else survey.readings.rows()
+    return _errors(survey) if survey.readings is None else survey.readings.described()
 
 
 def _flown(survey: Survey) -> dict[str, str]:
@@ -318,7 +318,7 @@ def _notes(survey: Survey) -> dict[str, str]:
         )
     if survey.reference is not None:
         rows |= reference_rows(survey.reference)
-    record = survey.prepared.flown.record
+    record = survey.prepared.plan.flown.record
     if record is not None:
         rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"
     rows["coordinates"] = crs_name(survey.georeference)

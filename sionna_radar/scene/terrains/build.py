@@ -253,7 +253,7 @@ def register_terrain(
     ...     height_m = parameters.height_m * np.cos(grid.centres_m[:, 0] / 10).reshape(grid.shape)
     ...     return landscape_of_heights(Raster(grid=grid, height_m=height_m), parameters)
     >>> prepared = prepare(load_scenario("hills", {"terrain": {"kind": "dunes"}, "platform.length_m": 10.0}))
-    >>> float(prepared.scene.scene.bounds_m[1, 2])
+    >>> float(prepared.world.scene.bounds_m[1, 2])
     3.0
     """
     return TERRAINS.register(name, parameters, Facts(uses=tuple(uses), frame=frame))

@@ -32,7 +32,7 @@ def budget(
     from sionna_radar.studies.budget.study import navigation_budget as run_budget
 
     limit_m = None if limit is None else _rms_limit(limit)
-    checked = session.load_and_precompile()
+    checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
 
     asked = identity_of(checked, GROWTH, repeat, known) | ({} if limit_m is None else {"limit": limit_m})

@@ -260,6 +260,10 @@ def navigation_budget(
     execution:
         As for `sionna_radar.run`; the rows of the table are a stage after those of the survey.
 
+    Returns
+    -------
+    The limit of each error in the unit of its key, the RMS of each grade, and the RMS with the exact pose, in metres.
+
     Raises
     ------
     ScenarioError, InputFileError

@@ -1,3 +1,2 @@
 from .document import DOCUMENT as DOCUMENT
 from .study import Calibration as Calibration
-from .study import calibrate as calibrate

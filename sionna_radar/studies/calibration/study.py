@@ -198,6 +198,10 @@ def calibrate(
     overrides:
         Values of `processing` and `dem` by dotted keys.
 
+    Returns
+    -------
+    The errors with their posterior standard deviations, in the units of their keys.
+
     Raises
     ------
     InputFileError, ScenarioError

@@ -93,6 +93,10 @@ def compare(folders: Sequence[str | Path]) -> ResultsComparison:
     folders:
         Folders that `run` or `process` wrote.
 
+    Returns
+    -------
+    The results side by side: errors in metres over each map and over the area common to all.
+
     Raises
     ------
     InputFileError

@@ -21,7 +21,7 @@ def crosscheck(
     from sionna_radar.studies.crosscheck.document import DOCUMENT
     from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 
-    checked = session.load_and_precompile()
+    checked = session.load()
 
     def fly(keep: "OpenCheckpoints") -> "CrossCheck":
         with session.execution(keep, identity(checked, BLOCK_SIZE)) as execution:

@@ -313,6 +313,10 @@ def crosscheck(
     execution:
         As for `sionna_radar.run`; the four runs are one stage.
 
+    Returns
+    -------
+    The runs of both engines; `verdict` compares their differences with the tolerances.
+
     Raises
     ------
     ScenarioError, InputFileError
@@ -341,9 +345,9 @@ def crosscheck(
 def _correlation_m(prepared: Prepared) -> float:
     """Return the correlation length of DEM errors, m: a footprint, or half the largest filled gap."""
     pose = prepared.flight.sample(1000).true
-    clearance = float(np.median(pose.position_m[:, 2] - prepared.scene.ground_m(pose.position_m[:, :2])))
+    clearance = float(np.median(pose.position_m[:, 2] - prepared.world.ground_m(pose.position_m[:, :2])))
     incidence_rad = prepared.flight.scan.incidence_rad
-    footprint = clearance * max(prepared.antenna.beamwidths_rad) / np.cos(incidence_rad) ** 2
+    footprint = clearance * max(prepared.instrument.antenna.beamwidths_rad) / np.cos(incidence_rad) ** 2
     return max(float(footprint), prepared.mapper.max_gap_m / 2)
 
 

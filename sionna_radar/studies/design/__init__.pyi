@@ -4,4 +4,3 @@ from .document import draw_slices as draw_slices
 from .plan import DesignPlan as DesignPlan
 from .plan import RadarDesign as RadarDesign
 from .plan import plan_design as plan_design
-from .study import run_design as run_design

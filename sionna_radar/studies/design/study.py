@@ -75,6 +75,10 @@ def run_design(plan: DesignPlan, *, execution: Execution | None = None) -> Radar
     execution:
         As for `sionna_radar.run`; each survey is a task.
 
+    Returns
+    -------
+    The best design, whether it meets its requirements, and the other designs that were checked.
+
     Raises
     ------
     ScenarioError

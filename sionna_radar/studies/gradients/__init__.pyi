@@ -1,2 +1,1 @@
 from .study import Sensitivities as Sensitivities
-from .study import sensitivities as sensitivities

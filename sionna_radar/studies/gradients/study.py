@@ -121,6 +121,10 @@ def sensitivities(
     retraced:
         Also trace surveys anew on both sides of each parameter, for what rays of one tracing leave out.
 
+    Returns
+    -------
+    Quantities by pulse, and their derivatives per unit of each parameter (dB for keys in dB), of the same shape.
+
     Raises
     ------
     ScenarioError
@@ -147,7 +151,7 @@ def sensitivities(
     to_sides = partial(_sides, prepared, here, index, fixed)
     sides = {name: to_sides(name) for name in to}
     directions = [_direction(name, here, *side) for name, side in sides.items()]
-    trace = partial(_frozen, rays=wide_beam_rays(prepared.antenna), cells=cells, fixed=fixed, draws=draws)
+    trace = partial(_frozen, rays=wide_beam_rays(prepared.instrument.antenna), cells=cells, fixed=fixed, draws=draws)
     frozen = trace(here)
     values = _evaluated(frozen, here, of)
     found = [[f.derivatives(here.engine.sionna, here.pulses.true, directions, of) for f in pair] for pair in frozen]
@@ -185,7 +189,7 @@ def sensitivities(
 
 
 def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
-    if prepared.beams:
+    if prepared.instrument.beams:
         message = "an electronic scan has an antenna for each beam; take a survey with one"
         raise ScenarioError.of("radar.scan.mode", message)
     from sionna_radar.tracing.engines.beam.beam import BeamEngine
@@ -207,7 +211,7 @@ def _range_cells(prepared: Prepared) -> "RangeCells":
     """Return the cells of the spectrum, and the amplitude of a target in them."""
     from sionna_radar.tracing.engines.beam.frozen import STEPS_PER_CELL, RangeCells
 
-    analyser = prepared.detector.analyser
+    analyser = prepared.instrument.detector.analyser
     step = np.arange(-RESPONSE_CELLS * STEPS_PER_CELL, RESPONSE_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL
     sample = np.arange(analyser.chirp.samples) - analyser.chirp.samples // 2
     response = np.cos(2 * np.pi * np.outer(step, sample) / analyser.chirp.samples) @ analyser.window
@@ -262,7 +266,7 @@ def _sides(
     step *= steps
     ends = [prepare(prepared.scenario.replace({name: value + sign * step}), prepared.custom) for sign in (-1, 1)]
     for end in ends:
-        surfaces = zip(prepared.scene.scene.surfaces, end.scene.scene.surfaces, strict=False)
+        surfaces = zip(prepared.world.scene.surfaces, end.world.scene.surfaces, strict=False)
         if not all(ours is theirs or np.array_equal(ours.vertices_m, theirs.vertices_m) for ours, theirs in surfaces):
             message = (
                 "moves the ground or a building, which rays have met; give a material's, antenna's or flight's key"

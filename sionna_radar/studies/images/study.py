@@ -143,6 +143,10 @@ def image(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    The images with their resolutions in metres; the focused one only with speckle that persists from pulse to pulse.
+
     Raises
     ------
     ScenarioError, InputFileError
@@ -163,13 +167,13 @@ def image(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
             settings=prepared.scenario,
             flight=prepared.flight,
             chirp=prepared.receiver.chirp,
-            antenna=prepared.antenna,
+            antenna=prepared.instrument.antenna,
             high_pass=prepared.receiver.high_pass,
             strip=_strip(prepared),
-            spacing_m=prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz,
+            spacing_m=prepared.plan.flown.speed_mps / prepared.local.radar.chirp_rate_hz,
             coherent=prepared.local.tracing.speckle == "persistent",
-            targets=prepared.scene.scene.targets,
-            georeference=prepared.scene.scene.georeference,
+            targets=prepared.world.scene.targets,
+            georeference=prepared.world.scene.georeference,
         )
         return _imaged(view, Radar(prepared.sensor_inputs()).beat, execution)
 
@@ -433,9 +437,9 @@ def _strip(prepared: Prepared) -> Strip:
     return lit_strip(
         prepared.flight.pulses(ends).measured,
         scan.side,
-        prepared.flown.altitude_m,
+        prepared.plan.flown.altitude_m,
         scan.incidence_rad,
-        prepared.antenna.beamwidths_rad[1],
+        prepared.instrument.antenna.beamwidths_rad[1],
         prepared.receiver.chirp.max_range_m,
     )
 

@@ -272,7 +272,7 @@ class GroundCase:
     def terms(self) -> dict[str, Float[np.ndarray, " bin"]]:
         """Mean powers in the bins of the calibrated spectrum without any echo, by source."""
         prepared = self.prepared
-        floors = floors_of(prepared.local.radar, prepared.receiver, prepared.detector.analyser)
+        floors = floors_of(prepared.local.radar, prepared.receiver, prepared.instrument.detector.analyser)
         if prepared.local.processing.leakage == "subtract":
             floors.pop(LEAKAGE, None)
         return floors
@@ -300,21 +300,21 @@ class GroundCase:
     @cached_property
     def _loss_db_per_km(self) -> float:
         """One-way specific attenuation along the beam."""
-        air = build_atmosphere(self.weather, self.prepared.antenna, self.prepared.receiver.chirp, 0)
+        air = build_atmosphere(self.weather, self.prepared.instrument.antenna, self.prepared.receiver.chirp, 0)
         return float(air.attenuation_db_per_km(self._pose)[0])
 
     @cached_property
     def _from_one_metre(self) -> PlaneEcho:
         """The echo of the plane without attenuation, from a height of one metre."""
-        prepared, backscatter = self.prepared, self.prepared.scene.scene.materials[self.material]
+        prepared, backscatter = self.prepared, self.prepared.world.scene.materials[self.material]
         wavelength_m, tilt_rad = prepared.receiver.chirp.wavelength_m, float(np.deg2rad(self.incidence_deg))
         return plane_echo_contributions(
-            prepared.antenna, as_radar_material(backscatter).co_polar, wavelength_m, 1.0, tilt_rad
+            prepared.instrument.antenna, as_radar_material(backscatter).co_polar, wavelength_m, 1.0, tilt_rad
         )
 
     def expected(self, range_m: float) -> "Expected":
         """Return the mean spectrum of ground at a range on the beam's axis, and of the volume clutter before it."""
-        prepared, analyser = self.prepared, self.prepared.detector.analyser
+        prepared, analyser = self.prepared, self.prepared.instrument.detector.analyser
         # From a height h the ranges are h times those from one metre, and the powers over h^2.
         echo, height_m = self._from_one_metre, range_m * float(np.cos(np.deg2rad(self.incidence_deg)))
         part_m = echo.range_m * height_m
@@ -330,7 +330,7 @@ class GroundCase:
     @cached_property
     def built(self) -> BuiltReceiver:
         """The receiver."""
-        return BuiltReceiver(self.prepared.receiver, self.prepared.detector.analyser)
+        return BuiltReceiver(self.prepared.receiver, self.prepared.instrument.detector.analyser)
 
     def _sampled(self, power: Float[np.ndarray, " reach"]) -> Float[np.ndarray, " bin"]:
         """Return the measured spectrum of echoes, which have no beats below zero."""
@@ -346,12 +346,12 @@ class GroundCase:
         boresight, quantile = self._pose.boresight[0], (np.arange(FALL_SPEEDS) + 0.5) / FALL_SPEEDS
         fall_mps = volume.fall_mps(np.zeros((FALL_SPEEDS, 2)), quantile)
         receding_mps = -boresight[2] * fall_mps + boresight @ np.array(self._weather.wind_mps)
-        return VolumeEcho(volume, self.prepared.antenna, self.prepared.receiver.chirp, 0), receding_mps
+        return VolumeEcho(volume, self.prepared.instrument.antenna, self.prepared.receiver.chirp, 0), receding_mps
 
     @cached_property
     def response(self) -> Float[np.ndarray, " step"]:
         """Response of the window in fine steps of range, with unit peak."""
-        analyser = self.prepared.detector.analyser
+        analyser = self.prepared.instrument.detector.analyser
         per_cell = analyser.zero_padding * STEPS_PER_BIN
         response = analyser.response(FOLLOWED_CELLS * per_cell, per_cell)
         return response / response.max()
@@ -394,7 +394,9 @@ class GroundCase:
         Its scatter is assumed to be that of noise; in uniform noise the level of means is that noise, for each kind of
         CFAR.
         """
-        level, _ = self.prepared.detector.cfar.noise_level((expected.ground + expected.clutter + self.floor)[None])
+        level, _ = self.prepared.instrument.detector.cfar.noise_level(
+            (expected.ground + expected.clutter + self.floor)[None]
+        )
         return float(max(level[0, expected.peak], np.finfo(float).tiny))
 
     def over_plane(self, range_m: float, pulses: int) -> Prepared:

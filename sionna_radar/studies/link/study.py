@@ -271,6 +271,10 @@ def link_budget(
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    A link for each material, and the powers of a sample: in watts, or relative to the transmitted power.
+
     Raises
     ------
     ScenarioError
@@ -284,10 +288,10 @@ def link_budget(
     """
     _check(scenario, incidences_deg, rains_mm_per_h)
     prepared = prepare(scenario)
-    if prepared.antenna.circular or prepared.antenna.receives != "co":
+    if prepared.instrument.antenna.circular or prepared.instrument.antenna.receives != "co":
         message = "the closed form covers linear co-polar echoes only; set polarization = 'V'"
         raise ScenarioError.of("radar.antenna.polarization", message)
-    materials = dict.fromkeys(surface.material for surface in prepared.scene.scene.surfaces)
+    materials = dict.fromkeys(surface.material for surface in prepared.world.scene.surfaces)
     cases = [
         GroundCase(prepared=prepared, material=material, incidence_deg=incidence_deg, rain_mm_per_h=rain)
         for material in materials
@@ -296,11 +300,11 @@ def link_budget(
     ]
     nominal = GroundCase(
         prepared=prepared,
-        material=prepared.scene.scene.ground_material,
+        material=prepared.world.scene.ground_material,
         incidence_deg=float(np.rad2deg(prepared.flight.scan.incidence_rad)),
         rain_mm_per_h=prepared.local.weather.rain_rate_mm_per_h,
     )
-    detected = _detection(prepared.detector.cfar)
+    detected = _detection(prepared.instrument.detector.cfar)
     with (execution or Execution()).reported(), stage("link", len(cases) * len(SIMULATED)):
         return LinkBudget(
             scenario=scenario,
@@ -335,7 +339,7 @@ def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: 
 
 def _link(case: GroundCase, detected: Detected, pulses: int) -> Link:
     """Return the link budget of a case over range, with its simulations."""
-    chirp, training = case.prepared.receiver.chirp, case.prepared.detector.cfar
+    chirp, training = case.prepared.receiver.chirp, case.prepared.instrument.detector.cfar
     margin_cells = training.guard + training.training + SPARE_CELLS
     farthest_m = (chirp.max_range_m - margin_cells * chirp.range_resolution_m) / case.built.scale
     range_m = np.geomspace(min(NEAREST * chirp.max_range_m, farthest_m / 2), farthest_m, RANGES)
@@ -395,8 +399,8 @@ def _ground(case: GroundCase, expected: Expected, detected: Detected) -> GroundL
 def _floors(case: GroundCase, pulses: int) -> Floors:
     """Return the floors under the echo of this case from the survey's height, with a simulated spectrum."""
     prepared = case.prepared
-    range_m = float(prepared.flown.altitude_m / np.cos(np.deg2rad(case.incidence_deg)))
-    expected, analyser = case.expected(range_m), prepared.detector.analyser
+    range_m = float(prepared.plan.flown.altitude_m / np.cos(np.deg2rad(case.incidence_deg)))
+    expected, analyser = case.expected(range_m), prepared.instrument.detector.analyser
     terms = dict(case.terms)
     if prepared.local.radar.receiver.oscillator.levels_dbc_hz:
         # Tones of ground and air: their spectrum, normalised by the window's response.
@@ -430,7 +434,7 @@ def _simulated(case: GroundCase, range_m: float, detected: Detected, pulses: int
     # Fit the echo's strength to all of its cells within 3 dB, which scatter less than the strongest alone.
     strength = float((power[echo_bins] - noise[echo_bins]).sum() / total[echo_bins].sum())
     expected_ratio = float(total[peak] / noise[peak])
-    cells = max(1.0, len(echo_bins) / case.prepared.detector.analyser.zero_padding)
+    cells = max(1.0, len(echo_bins) / case.prepared.instrument.detector.analyser.zero_padding)
     advance()
     return Simulated(
         range_m=range_m,
@@ -448,7 +452,7 @@ def _flown(
 ) -> tuple[Float[np.ndarray, " bin"], float, float]:
     """Return the mean spectrum of simulated pulses, and the shares with a passing peak and a passing echo."""
     prepared, beat_of = _hovering(case, range_m, pulses)
-    detector = prepared.detector
+    detector = prepared.instrument.detector
     total, cell_passes, echo_passes = np.zeros(len(detector.analyser.range_m)), 0, 0
     for start in range(0, pulses, PULSES_AT_ONCE):
         block = prepared.flight.pulses(np.arange(start, min(start + PULSES_AT_ONCE, pulses)))
@@ -484,7 +488,7 @@ def _survey_detection(case: GroundCase, range_m: float, pulses: int) -> float:
     count = min(pulses, SURVEY_PULSES)
     prepared, beat_of = _hovering(case, range_m, count)
     sweeps = SweepDetector(
-        detector=prepared.detector,
+        detector=prepared.instrument.detector,
         sweeps=(prepared.receiver.chirp,),
         schedule=prepared.flight,
         expected_ground=None,
@@ -497,7 +501,7 @@ def _survey_detection(case: GroundCase, range_m: float, pulses: int) -> float:
     if echoes.direction is not None:
         toward = np.einsum("eij,ej->ei", pose.R_world_antenna[row], echoes.direction)
     ground_m = case.built.scale * pose.position_m[row, 2] / np.maximum(-toward[:, 2], SMALLEST)
-    width_m = prepared.detector.analyser.bin_m * np.ptp(case.expected(range_m).half_power)
+    width_m = prepared.instrument.detector.analyser.bin_m * np.ptp(case.expected(range_m).half_power)
     around_m = np.maximum(3 * echoes.range_sigma_m, prepared.receiver.chirp.range_resolution_m)
     own = np.abs(echoes.range_m - ground_m) <= width_m / 2 + around_m
     return len(np.unique(row[own])) / count

@@ -79,6 +79,10 @@ def inspect_log(
     crs:
         As `platform.log_crs`.
 
+    Returns
+    -------
+    Positions in metres, findings against flying the log, and its longest flyable parts in seconds.
+
     Raises
     ------
     InputFileError, ScenarioError

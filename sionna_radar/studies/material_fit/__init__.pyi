@@ -1,4 +1,3 @@
 from .document import DOCUMENT as DOCUMENT
 from .study import MaterialFit as MaterialFit
-from .study import fit_materials as fit_materials
 from .study import measure_levels as measure_levels

@@ -190,6 +190,10 @@ def fit_materials(
     level_sigma_db:
         Standard deviation of each level by itself, beside speckle.
 
+    Returns
+    -------
+    The estimates in the units of their keys, with standard deviations and the goodness of the fit.
+
     Raises
     ------
     ScenarioError
@@ -584,7 +588,7 @@ def _looks(survey: Prepared, uniform: Prepared, index: Int[np.ndarray, " pulse"]
     row = np.searchsorted(index, flat.pulse)
     # Of a constant gamma of 1, sigma0 is the cosine.
     weight = np.abs(flat.gain.astype(np.complex128)) ** 2 / np.maximum(np.cos(flat.incidence_rad), 1e-9)
-    covers, kind = np.unique([surface.material for surface in survey.scene.scene.surfaces], return_inverse=True)
+    covers, kind = np.unique([surface.material for surface in survey.world.scene.surfaces], return_inverse=True)
     share = np.zeros((len(index), len(covers)))
     np.add.at(share, (row, kind[flat.surface]), weight)
     total = share.sum(axis=1)

@@ -2,7 +2,7 @@
 
 import math
 
-from sionna_radar.report.files.folder import SignedFile
+from sionna_radar.report.files.signed_file import SignedFile
 from sionna_radar.report.terminal import console, say, table_of_values
 from sionna_radar.studies.planning.study import FlightPlan, PlanCheck
 

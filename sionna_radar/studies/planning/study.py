@@ -30,7 +30,7 @@ from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.scenario.terrain import FlatTerrain
-from sionna_radar.survey.checks import MAX_CHIRPS
+from sionna_radar.survey.limits import MAX_CHIRPS
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import trace_boresights
@@ -124,6 +124,10 @@ def plan(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
         The area and its sampling.
     base:
         Scenario with the antenna, sweep and sampling of the radar; without one, the defaults.
+
+    Returns
+    -------
+    Lines, height and speed of the flight; lengths in metres, angles in radians.
 
     Raises
     ------
@@ -386,7 +390,7 @@ def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
     echoes = []
     with stage("checking", len(prepared.flight)):
         for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
-            paths = trace_boresights(pulses, prepared.scene.caster)
+            paths = trace_boresights(pulses, prepared.world.caster)
             in_range = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
             echoes.append(paths.hit_m[in_range, :2])
             advance(len(pulses))

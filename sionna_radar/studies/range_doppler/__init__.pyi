@@ -1,10 +1,4 @@
 from .cfar import ClutterMap as ClutterMap
 from .cfar import RingCfar as RingCfar
 from .document import DOCUMENT as DOCUMENT
-from .frames import RangeDoppler as RangeDoppler
-from .frames import RangeDopplerMap as RangeDopplerMap
-from .movers import Movers as Movers
-from .movers import StaggeredRangeDoppler as StaggeredRangeDoppler
-from .movers import find_movers as find_movers
 from .study import Frames as Frames
-from .study import range_doppler as range_doppler

@@ -90,6 +90,10 @@ def range_doppler(
     execution:
         As for `sionna_radar.run`.
 
+    Returns
+    -------
+    Maps of power by range and range rate, the cells detected in the last of them, and the movers.
+
     Raises
     ------
     ScenarioError, InputFileError
@@ -197,7 +201,7 @@ def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
     """Raise ScenarioError for a frame within which the beam turns too far, even if it returns."""
     boresight = prepared.flight.pulses(frame).true.boresight
     turned = float(np.arccos(np.clip(boresight @ boresight[0], -1.0, 1.0)).max())
-    if turned > MAX_TURN * min(prepared.antenna.beamwidths_rad):
+    if turned > MAX_TURN * min(prepared.instrument.antenna.beamwidths_rad):
         message = (
             f"{len(frame)} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, "
             "raise radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
@@ -220,7 +224,7 @@ def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> No
 
 def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:
     """Return the change of range rate in a frame, in cells: squared speed across the ray over the range."""
-    range_m = float(prepared.scene.caster.cast(middle.position_m, middle.boresight).distance_m[0])
+    range_m = float(prepared.world.caster.cast(middle.position_m, middle.boresight).distance_m[0])
     across = np.linalg.norm(np.cross(middle.velocity_mps[0], middle.boresight[0]))
     return float(across**2 / range_m * analyser.duration_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
 
@@ -250,7 +254,7 @@ def _targets(
     A body may return an echo from any of its points.
     """
     targets = []
-    for number, target in enumerate(prepared.scene.scene.targets):
+    for number, target in enumerate(prepared.world.scene.targets):
         place, velocity = np.array(target.position_m), np.zeros(3)
         if target.way is not None:
             place, velocity = (column[0] for column in target.way.at(middle.time_s))

@@ -388,6 +388,10 @@ def sweep(
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
+    Returns
+    -------
+    The results of each setting with each seed; errors in metres.
+
     Raises
     ------
     ScenarioError, InputFileError

@@ -1,3 +1,2 @@
 from .document import DOCUMENT as DOCUMENT
 from .study import Twin as Twin
-from .study import twin as twin

@@ -127,6 +127,10 @@ def twin(
     overrides:
         Values by dotted key: `processing` and `dem` apply to both sides, all others to the simulation.
 
+    Returns
+    -------
+    Rows that compare what was measured with what was simulated, and the mean profiles of both.
+
     Raises
     ------
     InputFileError, ScenarioError
@@ -241,12 +245,12 @@ class _Observed:
 
 def _look(source: RecordingSource, prepared: Prepared) -> Look:
     pose = prepared.measured(np.arange(len(prepared)))
-    hits = prepared.scene.caster.cast(pose.position_m, pose.boresight)
+    hits = prepared.world.caster.cast(pose.position_m, pose.boresight)
     incidence_rad = np.arccos(np.clip(np.abs(hits.cosine), 0.0, 1.0))
     analyser = source.detector.analyser
     shift_m = analyser.chirp.doppler_range_m(pose.boresight_range_rate_mps)
     hit = hits.hit
-    beam_rad = max(prepared.antenna.beamwidths_rad)
+    beam_rad = max(prepared.instrument.antenna.beamwidths_rad)
     spread_m = np.median(
         hits.distance_m[hit] * beam_rad * np.tan(np.minimum(incidence_rad[hit], np.deg2rad(STEEPEST_DEG)))
     )
@@ -256,7 +260,7 @@ def _look(source: RecordingSource, prepared: Prepared) -> Look:
         range_m=distance_m,
         bin=(distance_m + shift_m) / analyser.bin_m - analyser.first_bin,
         incidence_deg=np.where(hit, np.rad2deg(incidence_rad), np.nan),
-        cover=prepared.scene.scene.covers(hits.surface, place_m[:, :2]),
+        cover=prepared.world.scene.covers(hits.surface, place_m[:, :2]),
         echo_m=ECHO_CELLS * analyser.chirp.range_resolution_m + ECHO_SPREADS * float(spread_m),
     )
 
@@ -361,7 +365,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
     if count < (least := MIN_TILE_PULSES << MIN_HALVINGS):
         raise InputFileError(f"{source.path}: has {count} pulses; {least} at least can be compared")
     look = _look(source, prepared)
-    block = _tiles(look, recorded.measured, max(prepared.antenna.beamwidths_rad))
+    block = _tiles(look, recorded.measured, max(prepared.instrument.antenna.beamwidths_rad))
     blocks, readings = int(block.max()) + 1, isinstance(source.file, DescribedRanges)
     measured, simulated = (_readings if readings else _signals)(source, prepared, look)
     analyser = source.detector.analyser
@@ -373,7 +377,7 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
         scan=source.flight.scan_numbers,
         bin_m=analyser.bin_m,
         chirp=analyser.chirp,
-        beam_rad=max(prepared.antenna.beamwidths_rad),
+        beam_rad=max(prepared.instrument.antenna.beamwidths_rad),
         levels_known=isinstance(source.settings, Scenario),
     )
     statistics = ([] if readings else [*power_rows(pair), *shape_rows(pair)]) + range_rows(pair)
@@ -459,11 +463,11 @@ def _reference_heights(source: RecordingSource, prepared: Prepared, dem: Raster)
     x, y = np.meshgrid(dem.grid.x_m, dem.grid.y_m)
     nothing = np.zeros((x.size, 3))
     place = np.column_stack([x.ravel(), y.ravel(), nothing[:, 0]])
-    ours, theirs = source.file.georeference, prepared.scene.scene.georeference
+    ours, theirs = source.file.georeference, prepared.world.scene.georeference
     there = _moved(
         Pose(position_m=place, velocity_mps=nothing, R_world_antenna=np.zeros((len(place), 3, 3))), ours, theirs
     )
     rise_m = 0.0 if ours is None or theirs is None else theirs.origin_m[2] - ours.origin_m[2]
-    top_m = float(prepared.scene.scene.bounds_m[1][2]) + 10.0
-    heights: Float[np.ndarray, " cell"] = prepared.scene.caster.from_above(there.position_m[:, :2], top_m)
+    top_m = float(prepared.world.scene.bounds_m[1][2]) + 10.0
+    heights: Float[np.ndarray, " cell"] = prepared.world.caster.from_above(there.position_m[:, :2], top_m)
     return (heights + rise_m).reshape(x.shape)

@@ -18,7 +18,7 @@ from jaxtyping import Bool
 from pyproj import CRS
 
 from sionna_radar.accuracy.truth import Comparison
-from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.staging import abandoned, staged
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import OutputError, PluginError, ScenarioError
@@ -28,7 +28,7 @@ from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.readers import CAPTURE_WRITER
 from sionna_radar.survey.observation import Recorder, SampleType
-from sionna_radar.survey.preparation import Prepared, pulse_rate_hz
+from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT, files_of, is_capture
 from sionna_radar.survey.sensors.sensor import Observation
@@ -56,7 +56,7 @@ def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> Netc
         },
     )
     file.text("scenario", to_toml(scenario), "scenario with all values resolved, TOML")
-    _add_place(file, prepared.scene.scene.georeference)
+    _add_place(file, prepared.world.scene.georeference)
     _add_pulses(file, prepared)
     return file
 
@@ -147,12 +147,12 @@ class SignalRecorder:
     """
 
     def __init__(self, path: Path, prepared: Prepared, sample_type: SampleType = "float64") -> None:
-        array = prepared.module
+        array = prepared.instrument.module
         chirp, self._sweeps = prepared.receiver.chirp, len(prepared.receiver.sweeps)
         self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
         self._capture = None
         if array is not None and is_capture(path):
-            noise_w, rate_hz = prepared.receiver.noise_power_w / len(self._parts), pulse_rate_hz(prepared.local)
+            noise_w, rate_hz = prepared.receiver.noise_power_w / len(self._parts), prepared.instrument.pulse_rate_hz
             self._capture = CAPTURE_WRITER(path, noise_w, array, chirp, rate_hz, len(prepared))
             path = path.with_suffix(".nc")
         kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
@@ -217,7 +217,7 @@ class SignalRecorder:
 
         Attributes keep the local grid exactly.
         """
-        place, grid = self._prepared.scene.scene.georeference, truth.grid
+        place, grid = self._prepared.world.scene.georeference, truth.grid
         east_m, north_m, _ = place.origin_m if place else (0.0, 0.0, 0.0)
         for name, values, way in (("x", grid.x_m + east_m, "east"), ("y", grid.y_m + north_m, "north")):
             self._file.dimension(name, len(values))
@@ -281,9 +281,9 @@ class SignalRecorder:
             long_name="time of the sample from the middle of its sweep",
             units="s",
         )
-        flight, radar = prepared.flown, prepared.local.radar
-        rate_hz = pulse_rate_hz(prepared.local) if prepared.scenario.sensor == "mimo" else radar.mean_rate_hz
-        capture, array = self._capture, prepared.module
+        flight, radar = prepared.plan.flown, prepared.local.radar
+        rate_hz = prepared.instrument.mean_rate_hz
+        capture, array = self._capture, prepared.instrument.module
         file.variable(
             "radar",
             (),
@@ -307,7 +307,7 @@ class SignalRecorder:
             np.int32(0),
             long_name="what maps need of the flight, by attributes: the ground that is mapped (west, south, east, "
             "north), the height over it, and the widest spacing of neighbouring beams on level ground",
-            ground_extent_m=np.array(prepared.ground_extent_m),
+            ground_extent_m=np.array(prepared.plan.ground_extent_m),
             altitude_m=flight.altitude_m,
             beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, rate_hz),
         )
@@ -408,7 +408,7 @@ class PathRecorder(_Rows):
     def __init__(self, path: Path, prepared: Prepared) -> None:
         self._file = file = new_recording(path, prepared, "paths", "paths of a simulated FMCW radar")
         file.dimension("path")
-        names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.scene.scene.surfaces)]
+        names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.world.scene.surfaces)]
 
         column = partial(_add_column, file, ("path",))
         column("path_pulse", np.int64, "pulse of the path", "1", instance_dimension="pulse")

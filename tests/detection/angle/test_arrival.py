@@ -25,7 +25,8 @@ def estimator(angle: str, kind: str, **processing):
     radar = RadarTable(snr_db=30.0, second_receiver={"kind": kind})
     table = ProcessingTable(angle=angle, **processing)
     detector = build_detector(table, CHIRP, ANTENNA)
-    return build_angle_estimator(table, detector, ANTENNA, build_receivers(radar, ANTENNA))
+    array = build_receivers(radar.second_receiver, ANTENNA, CHIRP, 1 / radar.chirp_rate_hz)
+    return build_angle_estimator(table, detector, ANTENNA, array)
 
 
 def plane_echo(slope: float, seed: int = 1, count: int = 700) -> Paths:

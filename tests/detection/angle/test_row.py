@@ -35,8 +35,10 @@ UPPER, LOWER = 0.05, -0.045
 def estimator(angle, sweep="up", **receiver):
     radar = RadarTable(snr_db=30.0, sweep=sweep, second_receiver={"axis": "elevation", **receiver})
     table = ProcessingTable(angle=angle)
-    detector = build_detector(table, make_chirp(sweep=sweep), ANTENNA)
-    return build_angle_estimator(table, detector, ANTENNA, build_receivers(radar, ANTENNA))
+    chirp = make_chirp(sweep=sweep)
+    detector = build_detector(table, chirp, ANTENNA)
+    array = build_receivers(radar.second_receiver, ANTENNA, chirp, 1 / radar.chirp_rate_hz)
+    return build_angle_estimator(table, detector, ANTENNA, array)
 
 
 def row_of(receivers, spacing, **keys):

@@ -48,7 +48,7 @@ def through(rate):
 @pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.study), 25.0])
 def test_the_mean_of_rain_is_found_without_being_told(rate):
     ready, _, found = through(rate)
-    chirp, antenna, window = ready.receiver.chirp, ready.antenna, ready.detector.analyser.window
+    chirp, antenna, window = ready.receiver.chirp, ready.instrument.antenna, ready.instrument.detector.analyser.window
     weather = build_weather(ready.scenario.weather, chirp.carrier_hz)
     cells = np.arange(20, 200)
     # On the axis of the spectrum, where the platform's motion and the fall of the drops move it.
@@ -83,8 +83,8 @@ def test_clear_air_is_none_and_loses_no_bit():
     ready = prepare(rainy(0.0))
     pulses = ready.flight.sample(40)
     sensor = Radar(ready.sensor_inputs())
-    power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
-    assert not shows_volume(ready.detector, power)
+    power = ready.instrument.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
+    assert not shows_volume(ready.instrument.detector, power)
     off = run(rainy(0.0, processing__volume_clutter="off"))
     assert flown(0.0).points.sha256() == off.points.sha256()
 
@@ -104,7 +104,10 @@ def test_rain_without_ground_makes_no_echo():
     end, volume = found.end, found.volume
     rng = np.random.default_rng(2)
     beat = rng.normal(size=(400, 2, ready.receiver.chirp.samples)) / np.sqrt(2)
-    white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
+    white = (
+        np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.instrument.detector.analyser.window)[:, : end.cells])
+        ** 2
+    )
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
     evidence = end.evidence(end.over_volume(power, views.strength), views)[0]
@@ -163,7 +166,7 @@ def test_maps_under_the_track_have_no_bias_in_rain():
 def test_the_slope_of_the_ground_does_not_move_ranges():
     """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; it is 0.3 m beside it."""
     ready = prepare(load_scenario("ridges", {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 60.0, "seed": 9}))
-    points, caster = run(ready).points, ready.scene.caster
+    points, caster = run(ready).points, ready.world.caster
     pose = ready.flight.pulses(points.pulse).true
     toward = (points.position_m - points.origin_m) / points.range_m[:, None]
     hit = caster.intersect(caster.prepare(pose.position_m, toward))

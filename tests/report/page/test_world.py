@@ -48,9 +48,9 @@ def test_the_axis_and_the_outline_of_a_beam_meet_the_plane_where_geometry_says(l
     np.testing.assert_allclose(beams.distance_m[:, 0], expected, rtol=1e-5)
     assert np.abs(beams.hit_m[..., 2]).max() < 1e-3
     # Half power is half a beamwidth off the axis, in the two principal planes.
-    outline = fan_of(level.antenna).direction[1 : 1 + OUTLINE_RAYS]
+    outline = fan_of(level.instrument.antenna).direction[1 : 1 + OUTLINE_RAYS]
     off = np.arccos(outline[:: OUTLINE_RAYS // 4, 0])
-    half = np.array(level.antenna.beamwidths_rad) / 2
+    half = np.array(level.instrument.antenna.beamwidths_rad) / 2
     np.testing.assert_allclose(off, [half[0], half[1], half[0], half[1]], rtol=0.05)
 
 
@@ -64,9 +64,9 @@ def test_rays_stay_in_the_main_lobe_and_carry_its_gain():
 
 
 def test_sigma0_of_a_plane_is_that_of_its_material_at_the_incidence_of_the_nearest_axis(level):
-    materials = dict(level.scene.scene.materials)
-    materials[level.scene.scene.surfaces[0].material] = ConstantGammaBackscatter(0.01)
-    world = replace(level, scene=replace(level.scene, scene=replace(level.scene.scene, materials=materials)))
+    materials = dict(level.world.scene.materials)
+    materials[level.world.scene.surfaces[0].material] = ConstantGammaBackscatter(0.01)
+    world = replace(level, world=replace(level.world, scene=replace(level.world.scene, materials=materials)))
     grid = level.mapper.grid
     found = sigma0_db(world, Raster(grid=grid, height_m=np.zeros(grid.shape)))
     # The plain way for a few cells: every axis, the nearest hit, the angle at the cell.

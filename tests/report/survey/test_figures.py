@@ -128,8 +128,8 @@ def test_brightest_echo_survives_thinning(survey: Survey, monkeypatch: pytest.Mo
 
 def test_boresight_meets_a_slope_where_geometry_says(survey: Survey) -> None:
     slope = make_surface(lambda x, y: 0.1 * x, size_m=200.0)
-    scene = replace(survey.prepared.scene, caster=RayCaster((slope,)))
-    over_slope = replace(survey, prepared=replace(survey.prepared, scene=scene))
+    world = replace(survey.prepared.world, caster=RayCaster((slope,)))
+    over_slope = replace(survey, prepared=replace(survey.prepared, world=world))
     boresights = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]])
     boresights /= np.linalg.norm(boresights, axis=1)[:, None]
     turn = np.zeros((5, 3, 3))
@@ -220,5 +220,5 @@ def test_the_environment_has_ground_under_the_whole_flight(survey: Survey) -> No
     assert high >= north - spacing_m
     ground = profile.get_lines()[0]
     flown = survey.schedule.trajectory.position(np.linspace(0.0, survey.schedule.trajectory.end_s, 2000))
-    expected = survey.prepared.scene.caster.from_above(flown[:, :2], 1e3)
+    expected = survey.prepared.world.caster.from_above(flown[:, :2], 1e3)
     np.testing.assert_allclose(ground.get_ydata()[: len(flown)], expected, atol=0.5, equal_nan=True)

@@ -88,7 +88,7 @@ def test_a_straight_flight_is_flown_again_to_a_micrometre(tmp_path):
 
 
 def test_the_csv_has_the_map_and_what_was_measured(on_map, tmp_path):
-    place = on_map.scene.scene.georeference
+    place = on_map.world.scene.georeference
     path = tmp_path / "trajectory.csv"
     write_trajectory_csv(path, flown_track(on_map.flight), place)
     columns = columns_of(path)
@@ -106,7 +106,7 @@ def test_the_csv_has_the_map_and_what_was_measured(on_map, tmp_path):
 
 def test_the_gpx_is_the_same_flight(on_map, tmp_path):
     gpxpy = pytest.importorskip("gpxpy")
-    place = on_map.scene.scene.georeference
+    place = on_map.world.scene.georeference
     path = tmp_path / "trajectory.gpx"
     track = flown_track(on_map.flight, 0.2)
     write_gpx(path, track, place, 'A <valley> & "ridge" \0')
@@ -121,4 +121,4 @@ def test_the_gpx_is_the_same_flight(on_map, tmp_path):
     assert read.length_2d() == pytest.approx(60.0, rel=0.005)
     again = prepare(load_scenario("jacksboro", {"platform.log": str(path), "platform.log_height": "datum"}))
     at = track.time_s[1:-1]
-    np.testing.assert_allclose(again.flown.trajectory.position(at), track.position_m[1:-1], atol=2e-3)
+    np.testing.assert_allclose(again.plan.flown.trajectory.position(at), track.position_m[1:-1], atol=2e-3)

@@ -142,8 +142,8 @@ def test_a_corner_reflector_of_a_file_echoes_as_its_cross_section_at_its_apex(tm
             )
         )
         count = len(prepared)
-        block, scene = prepared.flight.pulses(np.array([count // 2 - 3, count // 2])), prepared.scene.scene
-        given = (block, prepared.antenna, prepared.receiver.chirp, prepared.scene.caster, 1)
+        block, scene = prepared.flight.pulses(np.array([count // 2 - 3, count // 2])), prepared.world.scene
+        given = (block, prepared.instrument.antenna, prepared.receiver.chirp, prepared.world.caster, 1)
         paths = trace_targets(scene.targets, *given)
         row, carrier_hz = block.row_of(paths.pulse), prepared.receiver.chirp.carrier_hz
         field = paths.gain * np.exp(-2j * np.pi * carrier_hz * paths.delay_s)

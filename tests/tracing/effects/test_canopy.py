@@ -63,7 +63,7 @@ def test_a_homogeneous_stand_is_a_water_cloud(speckle, incidence_deg):
         return weight * ETA * np.exp(-2 * KAPPA * (HEIGHT_M - height_m) / cosine) * (ground_m / range_m) ** 2
 
     volume = quad(returned, 0.0, HEIGHT_M)[0]
-    sigma0 = prepared.scene.scene.materials["ground"].co_polar.sigma0(np.array([np.deg2rad(incidence_deg)]))[0]
+    sigma0 = prepared.world.scene.materials["ground"].co_polar.sigma0(np.array([np.deg2rad(incidence_deg)]))[0]
     passed = np.exp(-2 * KAPPA * HEIGHT_M / cosine)
     assert power[plants].sum() / power[~plants].sum() == pytest.approx(volume / (sigma0 * passed), rel=0.02)
     middle = quad(lambda z: returned(z, z), 0.0, HEIGHT_M)[0] / volume
@@ -172,7 +172,7 @@ def test_a_vast_stand_is_no_coarser_than_a_small_one():
     """Only what the survey sees of it takes cells; a stand beyond that is none that is missing."""
     beyond = {"polygon_m": [[280, 280], [290, 280], [290, 290]], "height_m": 2.0, **DENSE}
     vast = {"polygon_m": [[-1e15, -5], [1e15, -5], [1e15, 5], [-1e15, 5]], "height_m": 3.0, **DENSE}
-    stand = prepare(over_stand(0.0, vegetation=[vast, beyond])).scene.scene.vegetation
+    stand = prepare(over_stand(0.0, vegetation=[vast, beyond])).world.scene.vegetation
     assert stand.grid.spacing_m == 0.25
     assert stand.highest_m == 3.0
 
@@ -193,7 +193,7 @@ def test_heights_come_from_a_raster(tmp_path, caplog):
     heights[0, :] = -9999.0
     write_heights(file, heights, place, None, nodata=-9999.0)
     stand = {"path": str(file), "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}
-    vegetation = prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation
+    vegetation = prepare(over_stand(0.0, vegetation=[stand])).world.scene.vegetation
     grid = Grid(west_m=-50.0, south_m=-50.0, spacing_m=10.0, columns=12, rows=12)
     found = vegetation.over(grid)
     east = np.tile(grid.x_m, (12, 1))
@@ -205,7 +205,7 @@ def test_heights_come_from_a_raster(tmp_path, caplog):
     assert "taken for that" not in caplog.text
     heights[40, 35:40] = 250.0
     write_heights(file, heights, place, None, nodata=-9999.0)
-    assert prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation.highest_m == 100.0
+    assert prepare(over_stand(0.0, vegetation=[stand])).world.scene.vegetation.highest_m == 100.0
     assert "cells are higher than 100 m, and taken for that" in caplog.text
     with pytest.raises(ScenarioError, match="either height_m or path"):
         over_stand(0.0, vegetation=[stand | {"height_m": 2.0}])

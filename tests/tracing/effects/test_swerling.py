@@ -92,17 +92,17 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     targets = [{"position_m": p.tolist(), "rcs_dbsm": 3.0} for p in place]
     ready = prepare(load_scenario(scene, {"targets": targets, "radar.antenna.beamwidth_deg": 40.0} | start))
     pulses = ready.flight.sample(30)
-    scene_targets = ready.scene.scene.targets
-    top = float(ready.scene.scene.bounds_m[1, 2]) + 10
-    surface = ready.scene.caster.from_above(place, top)
+    scene_targets = ready.world.scene.targets
+    top = float(ready.world.scene.bounds_m[1, 2]) + 10
+    surface = ready.world.caster.from_above(place, top)
     np.testing.assert_allclose([t.position_m[2] for t in scene_targets], surface, atol=0.02)
-    paths = trace_targets(scene_targets, pulses, ready.antenna, ready.receiver.chirp, ready.scene.caster)
+    paths = trace_targets(scene_targets, pulses, ready.instrument.antenna, ready.receiver.chirp, ready.world.caster)
     assert len(paths) > 0.9 * 40 * 30  # but for those in true shadow or behind the antenna
     row = np.searchsorted(pulses.index, paths.pulse)
     away = paths.hit_m - pulses.true.position_m[row]
     distance = np.linalg.norm(away, axis=1)
     local = np.einsum("nji,nj->ni", pulses.true.R_world_antenna[row], away / distance[:, None])
-    gain = ready.antenna.gain(local)
+    gain = ready.instrument.antenna.gain(local)
     expected = 10 * np.log10(gain**2 * (299_792_458.0 / 77e9) ** 2 * 10**0.3 / ((4 * np.pi) ** 3 * distance**4))
     np.testing.assert_allclose(20 * np.log10(np.abs(paths.gain)), expected, atol=0.05)
     np.testing.assert_allclose(paths.delay_s * 299_792_458.0 / 2, distance, atol=1e-6)

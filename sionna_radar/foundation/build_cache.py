@@ -10,7 +10,7 @@ Value = TypeVar("Value")
 logger = logging.getLogger("sionna_radar")
 
 
-class World:
+class BuildCache:
     """Cache of terrain, scene, materials and antenna of the latest survey; the next one reuses those that are equal.
 
     No survey changes a value that it reuses. Messages that were logged while it was built are logged again for each
@@ -18,10 +18,10 @@ class World:
 
     Examples
     --------
-    >>> world = World()
+    >>> cache = BuildCache()
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
-    >>> first, second = (prepare(scenario.replace({"seed": seed}), world=world) for seed in (1, 2))
-    >>> first.scene.caster is second.scene.caster
+    >>> first, second = (prepare(scenario.replace({"seed": seed}), cache=cache) for seed in (1, 2))
+    >>> first.world.caster is second.world.caster
     True
     """
 

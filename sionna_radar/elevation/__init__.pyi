@@ -1,1 +1,0 @@
-from .heightfield import Heightfield as Heightfield

@@ -1,1 +1,0 @@
-from .reader import read_log as read_log
