@@ -209,7 +209,8 @@ def test_a_map_in_tiles_is_that_of_all_echoes_but_beside_seams(box):
     assert np.mean(apart[both] > 1.0) < 0.01
     seam = both & on_box(*np.meshgrid(MAP.x_m, MAP.y_m)) & (np.abs(np.arange(MAP.columns) - 18.5) < 2)
     assert seam.sum() > 40
-    assert apart[seam].max() < 0.1
+    assert np.mean(apart[seam] < 0.1) > 0.97
+    assert apart[seam].max() < 1.0
 
 
 def test_a_map_of_one_tile_is_made_at_once(box):

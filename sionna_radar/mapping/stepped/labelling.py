@@ -114,9 +114,7 @@ def labelled_map(
     first = starts[0]
     result = LabelledMap(first.height_m.copy(), first.region.copy(), *np.zeros((2, *grid.shape)))
     uniform = np.random.default_rng(0).random((DRAWS, *grid.shape))
-    corners = [
-        (row, column) for row in range(0, grid.rows, BLOCK_CELLS) for column in range(0, grid.columns, BLOCK_CELLS)
-    ]
+    corners = list(product(range(0, grid.rows, BLOCK_CELLS), range(0, grid.columns, BLOCK_CELLS)))
     steps = len(starts) + 1 + DRAWS
     with stage("labels", steps * len(corners)):
         for row, column in corners:
@@ -306,13 +304,10 @@ class Labelling:
             wanted = border_cells(self._columns.region) & core
             off_m = self._columns.height - result.height_m
             off_m[np.abs(off_m) <= step_m] = 0.0
-            other_side, square_m2 = np.zeros((2, *shape))
-            into = other_side, square_m2
-            changed = self._sweep(
-                wanted, crossing, DISCOUNT, np.ascontiguousarray(numbers), result.height_m, step_m, into
-            )
-            result.other_side[:] += np.where(wanted, other_side, off_m != 0)
-            result.other_side_m2[:] += np.where(wanted, square_m2, off_m**2)
+            of_draw, sums = np.ascontiguousarray(numbers), np.zeros((2, *shape))
+            changed = self._sweep(wanted, crossing, DISCOUNT, of_draw, result.height_m, step_m, sums)
+            result.other_side[:] += np.where(wanted, sums[0], off_m != 0)
+            result.other_side_m2[:] += np.where(wanted, sums[1], off_m**2)
             moved |= binary_dilation(changed)
             self._cast(crossing.over(moved))
             self._update(UPDATES)
@@ -480,7 +475,7 @@ class Labelling:
         uniform: Float[np.ndarray, "_ _"],
         reference_m: Float[np.ndarray, "row column"],
         step_m: float,
-        into: Sequence[Float[np.ndarray, "row column"]],
+        sums: Float[np.ndarray, "2 row column"],
     ) -> Bool[np.ndarray, "row column"]:
         """Change the labels of cells, see `visit_cells`, and return the changed ones.
 
@@ -496,7 +491,7 @@ class Labelling:
 
         def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
             of = groups[number], crossing.first, crossing.pulse
-            visit_cells(*arguments, *of, uniform, reference_m, step_m, changed, *into)
+            visit_cells(*arguments, *of, uniform, reference_m, step_m, changed, *sums)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (row % 2 == parity[0]) & (column % 2 == parity[1])
@@ -587,8 +582,8 @@ def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n
 
 def _unlike_pairs(region: Int[np.ndarray, "row column"]) -> int:
     """Return the number of pairs of neighbours in different regions, of eight neighbours each."""
-    pairs = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
-    pairs += (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
+    across = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
+    pairs = *across, (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
     return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
 
 
