@@ -12,7 +12,6 @@ from sionna_radar.mapping.stepped.labelling import (
     DISCOUNT,
     Labelling,
     Start,
-    border_cells,
     labelled_map,
     nearest_echo_m,
 )
@@ -24,7 +23,7 @@ from sionna_radar.mapping.stepped.labelling_kernels import (
     cast,
 )
 from sionna_radar.mapping.stepped.planes import plane_of_echoes
-from sionna_radar.mapping.stepped.regions import distance_to_border_m, regions_of
+from sionna_radar.mapping.stepped.regions import border_cells, distance_to_border_m, regions_of
 from sionna_radar.mapping.stepped.uncertainty import sigma_after_reassignment
 
 ROOF_M = 8.0

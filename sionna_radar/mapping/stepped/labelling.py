@@ -25,31 +25,35 @@ walls: the likeliest ones given the map, found by the multiplicative updates for
 Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
-from scipy.ndimage import binary_dilation, find_objects, label, maximum_filter, minimum_filter
+from scipy.ndimage import binary_dilation, maximum_filter
 from scipy.spatial import KDTree
 
-from sionna_radar.detection.ranging.plane_fit import PEDESTAL
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
-from sionna_radar.mapping.echo_model.beam import beam_samples
-from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
-from sionna_radar.mapping.stepped.labelling_kernels import CellColumns, CellViews, PulseEchoes
+from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.stepped.labelling_arrays import echoes_of, slopes_within, views_of
+from sionna_radar.mapping.stepped.labelling_kernels import CellColumns
 from sionna_radar.mapping.stepped.planes import Plane
+from sionna_radar.mapping.stepped.regions import (
+    AROUND,
+    border_cells,
+    cells_beside,
+    connected_parts,
+    regions_beside,
+    unlike_pairs,
+    window_around,
+)
 from sionna_radar.mapping.stepped.uncertainty import doubt_of_rivals
 
-# Beam samples per map cell in the main lobe, and their lower and upper limit.
-SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 6, 150, 750
-# Reference range of reflectivities, m.
-UNIT_M = 50.0
 # Most sweeps that take the likeliest label of each cell, and sweeps that draw it.
 SWEEPS, DRAWS = 4, 10
 # Factor of log-likelihoods when labels are drawn: neighbouring pulses see the same speckle, and columns are a model.
@@ -64,7 +68,6 @@ PULSES_AT_ONCE = 64
 ENTRIES = 160
 # Side of the blocks processed one after another, and margin that their pulses reach, cells.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
-AROUND = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,7 @@ class Labelling:
         ceiling = maximum_filter(highest_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
         self._columns = CellColumns(
             height_m.copy(),
-            *_slopes(height_m, number, spacing),
+            *slopes_within(height_m, number, spacing),
             number,
             ceiling,
             float(ceiling.max()),
@@ -239,8 +242,8 @@ class Labelling:
         )
         self._pair_nepers = pair_nepers
         self._farthest = float(sightings.reach_m)
-        self._views = _views(sightings, spacing)
-        self._echoes = _echoes(sightings)
+        self._views = views_of(sightings, spacing)
+        self._echoes = echoes_of(sightings)
         until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
         self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
         # Cells that have changed since single cells, and since regions, were searched.
@@ -266,7 +269,7 @@ class Labelling:
         ratio = echoes.power / echoes.mean
         loss = np.minimum(ratio, MAX_SPECKLE) + np.log(np.maximum(ratio / MAX_SPECKLE, 1.0)) + np.log(echoes.mean)
         until = np.concatenate([[0.0], np.cumsum(loss)])[echoes.start]
-        return float(echoes.looks @ np.diff(until)) + self._pair_nepers * _unlike_pairs(region)
+        return float(echoes.looks @ np.diff(until)) + self._pair_nepers * unlike_pairs(region)
 
     def search(self, core: Bool[np.ndarray, "row column"]) -> None:
         """Lower the energy by changes of regions, then of cells, within a core."""
@@ -281,7 +284,7 @@ class Labelling:
         self._level = np.concatenate([self._level, rival._level])
         crossing = self._crossing()
         differs = np.abs(columns.height - other.height) > step_m
-        for cells in _connected(np.where(differs & core, other.region, -1)):
+        for cells in connected_parts(np.where(differs & core, other.region, -1)):
             row, column = np.divmod(cells, count)
             at = row, column
             region = self._continued(row, column, other.height[at], step_m)
@@ -339,11 +342,11 @@ class Labelling:
         size = np.bincount(columns.region.ravel(), minlength=len(self._numbers))
         changed = binary_dilation(self._unmerged, AROUND)
         self._unmerged[:] = False
-        for cells in _connected(np.where(core, columns.region, -1)):
+        for cells in connected_parts(np.where(core, columns.region, -1)):
             row, column = np.divmod(cells, core.shape[1])
             if not changed[row, column].any():
                 continue
-            for into in _regions_beside(columns.region, row, column):
+            for into in regions_beside(columns.region, row, column).tolist():
                 if size[into] >= len(cells) and self._join(row, column, into, crossing):
                     size[into] += len(cells)
                     break
@@ -356,7 +359,7 @@ class Labelling:
     ) -> bool:
         """Continue a region over some cells if that lowers the energy; return whether it did."""
         columns = self._columns
-        window = _around(row, column, columns.region.shape)
+        window = window_around(row, column, columns.region.shape)
         beside = np.argwhere(columns.region[window] == into) + np.array([window[0].start, window[1].start])
         nearest = beside[KDTree(beside).query(np.column_stack([row, column]))[1]]
         at = nearest[:, 0], nearest[:, 1]
@@ -373,7 +376,7 @@ class Labelling:
     ) -> int | None:
         """Return the region beside some cells that new heights of theirs continue; None without any."""
         columns = self._columns
-        beside_row, beside_column = _cells_beside(row, column, columns.region.shape)
+        beside_row, beside_column = cells_beside(row, column, columns.region.shape)
         if len(beside_row) == 0:
             return None
         nearest = KDTree(np.column_stack([row, column])).query(np.column_stack([beside_row, beside_column]))[1]
@@ -398,8 +401,8 @@ class Labelling:
         if np.any(highest > columns.ceiling[row, column]) or len(pulses) == 0:
             return False
         arrays = columns.height, columns.slope_x, columns.slope_y, columns.region
-        around = _around(row, column, columns.region.shape)
-        before, pairs = [array[row, column] for array in arrays], _unlike_pairs(columns.region[around])
+        around = window_around(row, column, columns.region.shape)
+        before, pairs = [array[row, column] for array in arrays], unlike_pairs(columns.region[around])
         for array, values in zip(arrays, tops, strict=True):
             array[row, column] = values
         window, gain = np.array([row.min(), row.max() + 1, column.min(), column.max() + 1]), np.empty(len(pulses))
@@ -409,7 +412,7 @@ class Labelling:
             list(in_threads(partial(region_gains, *arguments, accept, gain), chunks(len(pulses), PULSES_AT_ONCE)))
 
         compare(False)
-        if gain.sum() > self._pair_nepers * (_unlike_pairs(columns.region[around]) - pairs):
+        if gain.sum() > self._pair_nepers * (unlike_pairs(columns.region[around]) - pairs):
             compare(True)
             self._unsettled[row, column] = self._unmerged[row, column] = self._changed[pulses] = True
             return True
@@ -501,75 +504,6 @@ class Labelling:
         return changed
 
 
-def _views(sightings: Sightings, spacing_m: float) -> CellViews:
-    """Return the poses and samples of the beam, not yet cast."""
-    pose, beam = sightings.pose, sightings.beam
-    # Area of the main lobe on ground as far as the nearest half of all echoes, seen at 45 deg.
-    range_m = float(np.median(mean_ranges(sightings).range_m))
-    area_m2 = range_m**2 * float(np.ptp(beam.azimuth) * np.ptp(beam.elevation)) * np.sqrt(2)
-    count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, MIN_SAMPLES, MAX_SAMPLES))
-    direction, power = beam_samples(beam, count)
-    shape = len(pose), len(power)
-    return CellViews(
-        position=np.ascontiguousarray(pose.position_m),
-        velocity=np.ascontiguousarray(pose.velocity_mps),
-        R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
-        direction=np.ascontiguousarray(direction.T),
-        power=power,
-        enters=np.full(shape, np.nan),
-        meets=np.empty(shape),
-        what=np.empty(shape, dtype=np.int32),
-        entries=np.zeros(len(pose), dtype=np.int64),
-        surface=np.empty(shape[::-1], dtype=np.int32),
-        cell=np.empty(shape[::-1], dtype=np.int32),
-        nearer=np.empty(shape[::-1]),
-        farther=np.empty(shape[::-1]),
-    )
-
-
-def _echoes(sightings: Sightings) -> PulseEchoes:
-    """Return the measured profiles, not yet predicted."""
-    profiles = sightings.profiles
-    power, start = profiles.power.astype(np.float64), profiles.start
-    strongest = np.zeros(len(profiles))
-    some = np.diff(start) > 0
-    strongest[some] = np.maximum.reduceat(power, start[:-1][some])
-    return PulseEchoes(
-        first=profiles.first,
-        start=start,
-        power=power,
-        floor=profiles.noise + PEDESTAL * strongest,
-        response=sightings.response,
-        doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
-        cell_m=float(profiles.cell_m),
-        unit_m=UNIT_M,
-        mean=np.empty(len(power)),
-        looks=np.full(len(profiles), sightings.looks_per_cell),
-    )
-
-
-def _slopes(
-    height_m: Float[np.ndarray, "row column"], region: Int[np.ndarray, "row column"], spacing_m: float
-) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-    """Return the slopes of each cell toward its neighbours in the same region, along x and y."""
-
-    def along(axis: int) -> Float[np.ndarray, "row column"]:
-        rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(region, axis=axis) == 0
-        total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
-        for side in (slice(None, -1), slice(1, None)):
-            where = (slice(None),) * axis + (side,)
-            total[where] += np.where(same, rise, 0.0)
-            count[where] += same
-        return np.asarray(total / np.maximum(count, 1))
-
-    return along(1), along(0)
-
-
-def border_cells(region: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
-    """Return the cells with a neighbour in another region."""
-    return np.asarray(maximum_filter(region, 3, mode="nearest") != minimum_filter(region, 3, mode="nearest"))
-
-
 def _span(start: int, count: int) -> slice:
     return slice(max(start - MARGIN_CELLS, 0), min(start + BLOCK_CELLS + MARGIN_CELLS, count))
 
@@ -578,53 +512,3 @@ def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n
     west, east, south, north = grid.extent_m
     x, y = place_m[:, 0], place_m[:, 1]
     return np.asarray((x > west) & (x < east) & (y > south) & (y < north))
-
-
-def _unlike_pairs(region: Int[np.ndarray, "row column"]) -> int:
-    """Return the number of pairs of neighbours in different regions, of eight neighbours each."""
-    across = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
-    pairs = *across, (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
-    return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
-
-
-def _around(
-    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
-) -> tuple[slice, slice]:
-    """Return the window of some cells and their neighbours."""
-    return (
-        slice(max(int(row.min()) - 1, 0), min(int(row.max()) + 2, shape[0])),
-        slice(max(int(column.min()) - 1, 0), min(int(column.max()) + 2, shape[1])),
-    )
-
-
-def _cells_beside(
-    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
-) -> tuple[Int[np.ndarray, " beside"], Int[np.ndarray, " beside"]]:
-    """Return the rows and columns of the cells beside some cells."""
-    window = _around(row, column, shape)
-    first = window[0].start, window[1].start
-    inside = np.zeros((window[0].stop - first[0], window[1].stop - first[1]), dtype=bool)
-    inside[row - first[0], column - first[1]] = True
-    beside = np.nonzero(binary_dilation(inside, AROUND) & ~inside)
-    return beside[0] + first[0], beside[1] + first[1]
-
-
-def _connected(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.ndarray, " cell"]]:
-    """Yield the cells of each connected part of a region, by running numbers, the smallest first; -1 is no region."""
-    parts, count = [], region.shape[1]
-    for number, window in enumerate(find_objects(region + 1)):
-        if window is None:
-            continue
-        pieces, many = label(region[window] == number, AROUND)
-        for piece in range(1, many + 1):
-            row, column = np.nonzero(pieces == piece)
-            parts.append((row + window[0].start) * count + column + window[1].start)
-    yield from sorted(parts, key=len)
-
-
-def _regions_beside(
-    region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
-) -> Int[np.ndarray, " region"]:
-    """Return the other regions that are beside some cells of one."""
-    beside = np.unique(region[_cells_beside(row, column, region.shape)])
-    return beside[beside != region[row[0], column[0]]]

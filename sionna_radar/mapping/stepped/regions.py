@@ -1,15 +1,21 @@
 """Regions of a stepped surface: connected cells between steps, their windows and borders."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import (
+    binary_dilation,
     binary_erosion,
     distance_transform_edt,
     find_objects,
     label,
+    maximum_filter,
+    minimum_filter,
 )
 
-AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
+NEIGHBOURS = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
+AROUND = np.ones((3, 3), dtype=bool)
 
 
 def regions_of(
@@ -64,7 +70,7 @@ def _extend_to_adjacent_cells(
     rows, columns = region.shape
     padded, heights = np.pad(region, 1, constant_values=-1), np.pad(height_m, 1, mode="edge")
     best, extended = np.full(region.shape, step_m), region.copy()
-    for down, right in AROUND:
+    for down, right in NEIGHBOURS:
         window = slice(1 + down, 1 + down + rows), slice(1 + right, 1 + right + columns)
         difference_m = np.abs(heights[window] - height_m)
         nearer = (region < 0) & (padded[window] >= 0) & (difference_m <= best)
@@ -79,3 +85,58 @@ def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int)
         return np.zeros(region.shape, dtype=np.int64)
     row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
     return np.asarray(np.unique(region[row, column], return_inverse=True)[1].reshape(region.shape))
+
+
+def border_cells(region: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another region."""
+    return np.asarray(maximum_filter(region, 3, mode="nearest") != minimum_filter(region, 3, mode="nearest"))
+
+
+def unlike_pairs(region: Int[np.ndarray, "row column"]) -> int:
+    """Return the number of pairs of neighbours in different regions, of eight neighbours each."""
+    across = (region[1:], region[:-1]), (region[:, 1:], region[:, :-1])
+    pairs = *across, (region[1:, 1:], region[:-1, :-1]), (region[1:, :-1], region[:-1, 1:])
+    return sum(int(np.count_nonzero(one != other)) for one, other in pairs)
+
+
+def window_around(
+    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
+) -> tuple[slice, slice]:
+    """Return the window of some cells and their neighbours."""
+    return (
+        slice(max(int(row.min()) - 1, 0), min(int(row.max()) + 2, shape[0])),
+        slice(max(int(column.min()) - 1, 0), min(int(column.max()) + 2, shape[1])),
+    )
+
+
+def cells_beside(
+    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
+) -> tuple[Int[np.ndarray, " beside"], Int[np.ndarray, " beside"]]:
+    """Return the rows and columns of the cells beside some cells."""
+    window = window_around(row, column, shape)
+    first = window[0].start, window[1].start
+    inside = np.zeros((window[0].stop - first[0], window[1].stop - first[1]), dtype=bool)
+    inside[row - first[0], column - first[1]] = True
+    beside = np.nonzero(binary_dilation(inside, AROUND) & ~inside)
+    return beside[0] + first[0], beside[1] + first[1]
+
+
+def connected_parts(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.ndarray, " cell"]]:
+    """Yield the cells of each connected part of a region, by running numbers, the smallest first; -1 is no region."""
+    parts, count = [], region.shape[1]
+    for number, window in enumerate(find_objects(region + 1)):
+        if window is None:
+            continue
+        pieces, many = label(region[window] == number, AROUND)
+        for piece in range(1, many + 1):
+            row, column = np.nonzero(pieces == piece)
+            parts.append((row + window[0].start) * count + column + window[1].start)
+    yield from sorted(parts, key=len)
+
+
+def regions_beside(
+    region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
+) -> Int[np.ndarray, " region"]:
+    """Return the other regions that are beside some cells of one."""
+    beside = np.unique(region[cells_beside(row, column, region.shape)])
+    return beside[beside != region[row[0], column[0]]]
