@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from seen_points import seen_points
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -22,7 +23,7 @@ from sionna_radar.mapping.stepped.labelling_kernels import (
     candidate,
     cast,
 )
-from sionna_radar.mapping.stepped.planes import plane_of_echoes
+from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes
 from sionna_radar.mapping.stepped.regions import border_cells, distance_to_border_m, regions_of
 from sionna_radar.mapping.stepped.uncertainty import sigma_after_reassignment
 
@@ -118,11 +119,18 @@ def labelling_of(seen, roof: np.ndarray) -> Labelling:
     return Labelling(seen, height, roof.astype(np.int64), MAP, np.full(MAP.shape, TOP), PAIR_NEPERS)
 
 
+def beams_of(seen) -> FilledBeams:
+    """Return the beams whose echoes refit planes: each echo on the axis, at its mean range."""
+    pose, range_m = seen.pose, mean_ranges(seen).range_m
+    position = pose.position_m + range_m[:, None] * pose.boresight
+    return FilledBeams(seen_points(position, pose.position_m, range_m=range_m), seen, 4.0)
+
+
 def labelled(seen, *roofs: np.ndarray, echo_m: np.ndarray | None = None):
     starts = [Start(np.where(roof, TOP, 0.0), roof.astype(np.int64)) for roof in roofs]
     axis_m = seen.places(mean_ranges(seen).range_m)
     echo_m = np.full(MAP.shape, np.nan) if echo_m is None else echo_m
-    return labelled_map(seen, axis_m, starts, echo_m, 1.0, MAP, PAIR_NEPERS)
+    return labelled_map(seen, axis_m, starts, echo_m, 1.0, MAP, PAIR_NEPERS, beams_of(seen))
 
 
 def plain_energy(labelling: Labelling) -> float:
@@ -186,8 +194,20 @@ def test_two_parts_of_a_roof_become_one(seen):
     halves = np.where(true & (x > 70.0), 2, true.astype(np.int64))
     axis_m, nowhere = seen.places(mean_ranges(seen).range_m), np.full(MAP.shape, np.nan)
     height = np.where(true, TOP, 0.0)
-    found = labelled_map(seen, axis_m, [Start(height, halves)], nowhere, 1.0, MAP, PAIR_NEPERS)
+    found = labelled_map(seen, axis_m, [Start(height, halves)], nowhere, 1.0, MAP, PAIR_NEPERS, beams_of(seen))
     assert len(np.unique(found.region[found.height_m > TOP / 2])) == 1
+
+
+def test_a_roof_that_is_too_low_is_lifted_to_its_echoes(seen):
+    true = on_box(MAP)
+    level = Plane(np.array([70.0, 0.0]), np.array([TOP - 0.4, 0.0, 0.0]), np.eye(3))
+    start = Start(np.where(true, TOP - 0.4, 0.0), true.astype(np.int64), {1: level})
+    axis_m, nowhere = seen.places(mean_ranges(seen).range_m), np.full(MAP.shape, np.nan)
+    found = labelled_map(seen, axis_m, [start], nowhere, 1.0, MAP, PAIR_NEPERS, beams_of(seen))
+    roof = found.region == 1
+    np.testing.assert_allclose(np.median(found.height_m[roof]), TOP, atol=0.1)
+    assert np.isfinite(found.refitted_sigma_m[roof]).all()
+    assert np.isnan(found.refitted_sigma_m[~roof]).all()
 
 
 def test_an_echo_a_step_off_is_as_good_as_a_map(seen):
@@ -316,7 +336,7 @@ def test_a_hill_is_no_plane():
 def test_a_map_without_borders_stays_as_it_is(seen):
     axis_m, nowhere = seen.places(mean_ranges(seen).range_m), np.full(MAP.shape, np.nan)
     start = Start(np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64))
-    found = labelled_map(seen, axis_m, [start], nowhere, 1.0, MAP, PAIR_NEPERS)
+    found = labelled_map(seen, axis_m, [start], nowhere, 1.0, MAP, PAIR_NEPERS, beams_of(seen))
     np.testing.assert_array_equal(found.height_m, start.height_m)
     assert not found.other_side.any()
 

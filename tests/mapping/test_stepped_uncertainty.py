@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from sionna_radar import load_scenario, run
-from sionna_radar.mapping.stepped.uncertainty import doubt_of_rivals
+from sionna_radar.mapping.stepped.uncertainty import BESIDE_STEP, doubt_of_rivals, unseen_steps
 
 
 def test_doubt_is_how_often_two_rivals_differ_and_by_how_much():
@@ -34,6 +34,27 @@ def test_without_rivals_the_echo_alone_is_asked():
     chance, square_m2 = doubt_of_rivals(np.zeros(0), off_m)
     np.testing.assert_array_equal(chance, [[0.0, 1.0]])
     np.testing.assert_array_equal(square_m2, [[0.0, 16.0]])
+
+
+def test_cells_beside_steps_may_be_crossed_by_them_and_others_less_with_the_cube_of_the_distance():
+    height = np.zeros((7, 24))
+    height[:, 8:16], height[:, 16:] = 6.0, 15.0
+    open_m = np.zeros(height.shape)
+    chance, square_m2 = unseen_steps(height, open_m, 2.0)
+    np.testing.assert_allclose(chance[3, 4:12] / BESIDE_STEP, [1 / 64, 1 / 27, 1 / 8, 1, 1, 1 / 8, 1 / 27, 1 / 64])
+    # By the step of the nearest border.
+    np.testing.assert_allclose(square_m2[3, 8:16] / chance[3, 8:16], [36.0] * 4 + [81.0] * 4)
+    open_m[3, 2] = 4.0
+    chance, square_m2 = unseen_steps(height, open_m, 2.0)
+    assert chance[3, 1] == BESIDE_STEP
+    assert square_m2[3, 1] == pytest.approx(BESIDE_STEP * 16.0)
+
+
+def test_a_hillside_without_steps_has_no_other_side():
+    height = np.add.outer(np.zeros(30), 0.4 * np.arange(40))
+    chance, square_m2 = unseen_steps(height, np.zeros(height.shape), 1.2)
+    assert not chance.any()
+    assert not square_m2.any()
 
 
 def test_a_survey_over_boxes_states_its_gross_errors():

@@ -32,7 +32,7 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
-from scipy.ndimage import binary_dilation, maximum_filter
+from scipy.ndimage import binary_dilation, find_objects, maximum_filter
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -42,7 +42,7 @@ from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
 from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.stepped.labelling_arrays import echoes_of, slopes_within, views_of
 from sionna_radar.mapping.stepped.labelling_kernels import CellColumns
-from sionna_radar.mapping.stepped.planes import Plane
+from sionna_radar.mapping.stepped.planes import FilledBeams, Plane
 from sionna_radar.mapping.stepped.regions import (
     AROUND,
     border_cells,
@@ -76,12 +76,14 @@ class LabelledMap:
 
     other_side: probability that a cell belongs to another region, whose height there is another by a step or more.
     other_side_m2: mean square of how far off that is, times the probability.
+    refitted_sigma_m: standard deviation of cells whose plane was fitted again; NaN of others.
     """
 
     height_m: Float[np.ndarray, "row column"]
     region: Int[np.ndarray, "row column"]
     other_side: Float[np.ndarray, "row column"]
     other_side_m2: Float[np.ndarray, "row column"]
+    refitted_sigma_m: Float[np.ndarray, "row column"]
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ def labelled_map(
     step_m: float,
     grid: Grid,
     pair_nepers: float,
+    beams: FilledBeams,
 ) -> LabelledMap:
     """Return the likeliest stepped map given the profiles.
 
@@ -113,9 +116,11 @@ def labelled_map(
     step_m: smallest height difference that counts as a step.
     grid: cells of the map.
     pair_nepers: energy of two neighbours in different regions.
+    beams: fits planes again, once their cells are known.
     """
     first = starts[0]
-    result = LabelledMap(first.height_m.copy(), first.region.copy(), *np.zeros((2, *grid.shape)))
+    nothing, unknown = np.zeros(grid.shape), np.full(grid.shape, np.nan)
+    result = LabelledMap(first.height_m.copy(), first.region.copy(), nothing, nothing.copy(), unknown)
     uniform = np.random.default_rng(0).random((DRAWS, *grid.shape))
     corners = list(product(range(0, grid.rows, BLOCK_CELLS), range(0, grid.columns, BLOCK_CELLS)))
     steps = len(starts) + 1 + DRAWS
@@ -128,8 +133,8 @@ def labelled_map(
             if not near.any():
                 advance(steps)
                 continue
-            block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers)
-            of_block = [Start(start.height_m[window], start.region[window]) for start in starts]
+            block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers, beams)
+            of_block = [Start(start.height_m[window], start.region[window], start.planes) for start in starts]
             found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
             for layer in fields(LabelledMap):
                 getattr(result, layer.name)[window][block.core] = getattr(found, layer.name)[block.core]
@@ -173,6 +178,7 @@ class _Block:
     core: Bool[np.ndarray, "row column"]
     step_m: float
     pair_nepers: float
+    beams: FilledBeams
 
     def labelled(
         self,
@@ -198,6 +204,7 @@ class _Block:
         for rival in rivals:
             best.take(rival, self.core, self.step_m)
         best.search(self.core)
+        sigma_m = best.refit({number: plane for start in starts for number, plane in start.planes.items()}, self)
         advance()
         excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
         off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
@@ -206,7 +213,7 @@ class _Block:
         drawn = best.drawn(self.core, uniform, self.step_m)
         apart = 1 - drawn.other_side
         other_side_m2 = drawn.other_side_m2 + apart * doubt_m2
-        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - doubt), other_side_m2)
+        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - doubt), other_side_m2, sigma_m)
 
 
 class Labelling:
@@ -292,16 +299,36 @@ class Labelling:
                 region = offset + int(other.region[row[0], column[0]])
             tops = other.height[at], other.slope_x[at], other.slope_y[at], np.full(len(cells), region)
             self._propose(row, column, tops, crossing)
-        self._cast(np.flatnonzero(self._changed))
-        self._changed[:] = False
-        self._update(UPDATES)
+        self._settle()
+
+    def refit(self, planes: Mapping[int, Plane], block: _Block) -> Float[np.ndarray, "row column"]:
+        """Fit planes of regions again to the beams that they fill, where that lowers the energy.
+
+        Returns the standard deviations of their cells; NaN elsewhere.
+        """
+        sigma_m, crossing = np.full(block.core.shape, np.nan), self._crossing()
+        for number in np.intersect1d(self.region, list(planes)).tolist():
+            cells = (self.region == number) & block.core
+            if not cells.any():
+                continue
+            row, column = np.nonzero(cells)
+            window = find_objects(cells.astype(np.int8))[0]
+            cut = block.grid.cut(*window)
+            plane = block.beams.refitted(planes[number], cells[window], cut, block.step_m)
+            place_m = cut.centres_m[cells[window].ravel()]
+            fixed = *plane.coefficients[1:], self._columns.region[row[0], column[0]]
+            if self._propose(row, column, (plane.at(place_m), *(np.full(len(row), each) for each in fixed)), crossing):
+                sigma_m[row, column] = plane.sigma_m(place_m)
+        self._settle()
+        return sigma_m
 
     def drawn(
         self, core: Bool[np.ndarray, "row column"], uniform: Float[np.ndarray, "draw row column"], step_m: float
     ) -> LabelledMap:
         """Return the map, and how probable it is that its cells are a step off; afterwards labels are others."""
         crossing, shape = self._crossing(), core.shape
-        result = LabelledMap(self._columns.height.copy(), self.region, *np.zeros((2, *shape)))
+        nothing, unknown = np.zeros(shape), np.full(shape, np.nan)
+        result = LabelledMap(self._columns.height.copy(), self.region, nothing, nothing.copy(), unknown)
         moved = np.zeros(shape, dtype=bool)
         for numbers in uniform:
             wanted = border_cells(self._columns.region) & core
@@ -350,9 +377,7 @@ class Labelling:
                 if size[into] >= len(cells) and self._join(row, column, into, crossing):
                     size[into] += len(cells)
                     break
-        self._cast(np.flatnonzero(self._changed))
-        self._changed[:] = False
-        self._update(UPDATES)
+        self._settle()
 
     def _join(
         self, row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], into: int, crossing: Crossing
@@ -419,6 +444,12 @@ class Labelling:
         for array, values in zip(arrays, before, strict=True):
             array[row, column] = values
         return False
+
+    def _settle(self) -> None:
+        """Cast the rays over regions that have changed, and update reflectivities and profiles."""
+        self._cast(np.flatnonzero(self._changed))
+        self._changed[:] = False
+        self._update(UPDATES)
 
     def _cast(self, pulses: Int[np.ndarray, " chosen"]) -> None:
         """Cast the rays of some pulses."""

@@ -48,7 +48,7 @@ from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looki
 from sionna_radar.mapping.stepped.labelling import Start, labelled_map, nearest_echo_m
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_windows, regions_of
-from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment
+from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, unseen_steps
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
 # Blocks of levels along the longest side of a tile.
@@ -96,18 +96,21 @@ def step_surface(
     starts = [start, *(surfaces.rival(rival_m, start, spread_m) for rival_m in coarse.rivals_m)]
     starts = _numbered(starts)
     axis_m, echo_m = sightings.places(echoes.range_m), nearest_echo_m(points.position_m, grid)
-    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, options.jump_nepers / JUMP_PAIRS)
-    height, kept = labelled.height_m, labelled.other_side <= options.max_other_side
-    region_sigma = sigma_after_reassignment(sigma, region, labelled.region)
     beams = FilledBeams(points, sightings, options.outlier_sigmas)
-    for start in starts:
-        for number, plane in start.planes.items():
-            _refit(plane, labelled.region == number, beams, height, region_sigma, grid, step_m)
+    pair_nepers = options.jump_nepers / JUMP_PAIRS
+    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, pair_nepers, beams)
+    region_sigma = sigma_after_reassignment(sigma, region, labelled.region)
+    region_sigma = np.where(np.isnan(labelled.refitted_sigma_m), region_sigma, labelled.refitted_sigma_m)
+    probable = labelled.other_side > options.max_other_side
+    open_m = np.sqrt(np.where(probable, labelled.other_side_m2 / np.where(probable, labelled.other_side, 1.0), 0.0))
+    unseen, unseen_m2 = unseen_steps(labelled.height_m, open_m, step_m)
+    step_sigma = np.sqrt(labelled.other_side_m2 + unseen_m2)
     # Steps do not contribute inside a region; a weakly constrained covariance could exceed the step's sigma.
-    step_sigma = np.sqrt(labelled.other_side_m2)
     cell_sigma = np.hypot(np.minimum(region_sigma, step_m), step_sigma)
-    uncertainty = SteppedUncertainty(cell_sigma, labelled.other_side, step_sigma)
-    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & kept, uncertainty)
+    other_side = 1 - (1 - labelled.other_side) * (1 - unseen)
+    supported = filled & (other_side <= options.max_other_side)
+    uncertainty = SteppedUncertainty(cell_sigma, other_side, step_sigma)
+    return SteppedMap(Heightfield(grid=grid, height_m=labelled.height_m), supported, uncertainty)
 
 
 def _numbered(starts: list[Start]) -> list[Start]:
@@ -235,26 +238,6 @@ class _Surfaces:
         inside &= distance_to_border_m(region, self.grid.spacing_m)[row, column] > reach_m
         inside &= np.abs(echo_m[:, 2] - self.coarse.height_m[row, column]) <= self.step_m
         return np.where(inside, region[row, column], -1)
-
-
-def _refit(
-    plane: Plane,
-    cells: Bool[np.ndarray, "row column"],
-    beams: FilledBeams,
-    height_m: Float[np.ndarray, "row column"],
-    sigma_m: Float[np.ndarray, "row column"],
-    grid: Grid,
-    step_m: float,
-) -> None:
-    """Refit a plane to the echoes from the parts of their beams that it fills, and move its cells."""
-    if not cells.any():
-        return
-    window = region_windows(cells.astype(np.int64) - 1)[0]
-    inside, cut = cells[window], grid.cut(*window)
-    refitted = beams.refitted(plane, inside, cut, step_m)
-    place = cut.centres_m[inside.ravel()]
-    height_m[window][inside] += refitted.at(place) - plane.at(place)
-    sigma_m[window][inside] = refitted.sigma_m(place)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.raster import Grid
@@ -28,6 +29,33 @@ class SteppedUncertainty:
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
         """Return NaN: correlations of border errors are not modelled."""
         return float("nan")
+
+
+# Probability that a cell beside a step is of the other side though nothing speaks against it: a wall crosses it, and
+# its height is one or the other by where its centre lies, or what is narrower than a footprint is hidden there. Of two
+# surveys, of San Francisco and Florence, less the 1 % that rivals and drawn labels state; elsewhere 2 to 8 %, of boxes
+# 0.5 %. It falls with the cube of the distance in cells: 0.5 % next to these cells, 0.1 % beyond.
+BESIDE_STEP = 0.04
+
+
+def unseen_steps(
+    height_m: Float[np.ndarray, "row column"], open_m: Float[np.ndarray, "row column"], step_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return the probability that cells are of the other side of a step unseen, and the mean square of how far off.
+
+    height_m: the map.
+    open_m: how far off another height is of cells that are left empty for it; 0 for others.
+    step_m: smallest height difference that counts as a step.
+    """
+    rise_m = maximum_filter(height_m, 3, mode="nearest") - height_m
+    drop_m = height_m - minimum_filter(height_m, 3, mode="nearest")
+    off_m = np.maximum(np.maximum(rise_m, drop_m), maximum_filter(open_m, 3, mode="nearest"))
+    beside = off_m > step_m
+    if not beside.any():
+        return np.zeros(height_m.shape), np.zeros(height_m.shape)
+    away, (row, column) = distance_transform_edt(~beside, return_indices=True)
+    chance = BESIDE_STEP / (1 + away) ** 3
+    return chance, chance * off_m[row, column] ** 2
 
 
 def doubt_of_rivals(
