@@ -33,6 +33,7 @@ MEANING = {
     "le68_m": "68.27th percentile of |error|, bias included",
     "le90_m": LE90_MEANING,
     "le95_m": "95th percentile of |error|, bias included",
+    "over_1m": "share of cells with an error beyond 1 m either way: where there are walls, those on the wrong side",
     "p95_p5_m": "width between the 5th and the 95th percentile of the error, which other tools call LE90",
 }
 # The share of a normal distribution within one standard deviation.
@@ -49,6 +50,7 @@ class DemError:
         distribution with the same middle half, robust to outliers.
     le68_m, le90_m, le95_m: linear errors: the percentiles of |error|, bias included. Some tools use the name LE90 for
         the width |P95 - P5|, about twice as much for normal errors: p95_p5_m.
+    over_1m: share of the cells with |error| > 1 m; NaN where results of earlier versions do not hold it.
     """
 
     count: int
@@ -63,6 +65,7 @@ class DemError:
     le68_m: float
     le95_m: float
     p95_p5_m: float
+    over_1m: float = float("nan")
 
 
 def difference(dem: Raster, truth: Raster) -> Raster:
@@ -129,6 +132,7 @@ def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
         le68_m=float(le68),
         le95_m=float(le95),
         p95_p5_m=float(high - low),
+        over_1m=float(np.mean(np.abs(values) > 1.0)),
     )
 
 

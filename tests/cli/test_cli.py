@@ -73,7 +73,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
         "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
-        "le68_m", "le90_m", "le95_m", "p95_p5_m",
+        "le68_m", "le90_m", "le95_m", "p95_p5_m", "over_1m",
     }  # fmt: skip
     costs = json.loads((tmp_path / "out" / "costs.json").read_text())
     assert costs["timing_s"]["total"] > costs["timing_s"]["trace"] > 0

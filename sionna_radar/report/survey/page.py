@@ -135,6 +135,14 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
 def _accuracy_tiles(survey: Survey) -> list[tuple[str, str, str]]:
     """Return the errors of the map, or of readings that make none: value, name and meaning."""
     lit = survey.lit_error
+    if survey.readings is None and survey.off_wall_error is not None:
+        return [
+            (number(lit.nmad_m, ".3f", " m"), "NMAD", "of lit cells; outliers do not count"),
+            (number(lit.le90_m, ".3f", " m"), "LE90", "90th percentile of |error|"),
+            (number(100 * lit.over_1m, ".2f", " %"), "over 1 m", "cells on the wrong side of a wall"),
+            (f"{lit.coverage:.1%}", "coverage", "of lit cells"),
+            (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
+        ]
     if survey.readings is None:
         return [
             (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),

@@ -280,6 +280,9 @@ def _errors(survey: Survey) -> dict[str, str]:
     mapped = survey.mapped
     if np.isfinite(mapped.coverage_of_swath):
         rows["planned swath filled"] = f"{mapped.coverage_of_swath:.1%}; {mapped.mapped_m2:,.0f} m2 mapped"
+    if lit.count and off_wall is not None:
+        # Some dozen cells on the wrong side of a wall decide the RMSE; they say more by their number.
+        rows["NMAD, LE90, cells over 1 m"] = f"{lit.nmad_m:.3f} m, {lit.le90_m:.3f} m, {lit.over_1m:.2%}"
     if lit.count:
         rows |= {
             "RMSE of lit cells": f"{lit.rms_m:.3f} m",
