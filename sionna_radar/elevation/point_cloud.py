@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.raster import Grid, Raster
@@ -105,6 +106,7 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
     import laspy
 
     size = regular_file(path, f"{key} =", REMEDY, MAX_BYTES)
+    refuse_city_model(path, f"{key} =")
     name = f"{key} = {shown(path)}"
     _check_records(path, size, name)
     with _errors(name):

@@ -23,6 +23,7 @@ from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader, MemoryFile
 from rasterio.transform import Affine
 
+from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import network_allowed, regular_file, shown
 from sionna_radar.foundation.xyz_grid import SUFFIX, read_xyz
@@ -87,6 +88,7 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
         place, size, drivers, options = _reached(path, name), MAX_BYTES, ["GTiff"], NETWORK_OPTIONS
     else:
         size = regular_file(path, name, REMEDY, MAX_BYTES)
+        refuse_city_model(path, name)
         _check_side_cars(path, name)
         place, drivers, options = str(path.absolute()), list(DRIVERS), {}
     try:

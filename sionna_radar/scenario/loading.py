@@ -14,6 +14,7 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
+from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import is_address, regular_file, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, read_toml, resolve_paths
@@ -198,9 +199,12 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
             others = copy.deepcopy(dict(PRESETS[source].scenario))
         elif path.suffix.lower() in SOURCES:
             regular_file(path, "--from", "give a file that exists, or the name of a preset", MAX_SOURCE_BYTES)
+            refuse_city_model(path, "--from")
             table, kind = SOURCES[path.suffix.lower()]
             table_values = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
         else:
+            if os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
+                refuse_city_model(path, "--from")
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
             )

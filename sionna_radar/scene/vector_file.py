@@ -20,9 +20,9 @@ from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import horizontal_crs, reproject
+from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.scene.city_models import conversion_of
 
 MAX_BYTES = 20_000_000_000
 MAX_GEOJSON_BYTES = 200_000_000
@@ -115,8 +115,7 @@ def read_polygons(
 def _kind(path: Path, name: str) -> str:
     """Return the format of a file; its name and first bytes must agree."""
     size = regular_file(path, name, REMEDY, MAX_BYTES)
-    if (conversion := conversion_of(path)) is not None:
-        raise InputFileError(f"{name} {shown(path)} {conversion}")
+    refuse_city_model(path, name)
     with path.open("rb") as file:
         head = file.read(4096)
     suffix = path.suffix.lower()

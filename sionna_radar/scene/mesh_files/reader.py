@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.scene.city_models import conversion_of
 from sionna_radar.scene.mesh_files.gltf import read_gltf
 from sionna_radar.scene.mesh_files.mitsuba_xml import read_mitsuba
 from sionna_radar.scene.mesh_files.obj_and_stl import read_obj, read_stl
@@ -37,8 +37,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     """
     name = f"{key} ="
     size = regular_file(path, name, REMEDY, MAX_BYTES)
-    if (conversion := conversion_of(path)) is not None:
-        raise InputFileError(f"{name} {shown(path)} {conversion}")
+    refuse_city_model(path, name)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputFileError(f"{name} {shown(path)} ends in {shown(path.suffix)}; {REMEDY}")
