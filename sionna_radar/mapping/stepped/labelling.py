@@ -68,6 +68,7 @@ PULSES_AT_ONCE = 64
 ENTRIES = 160
 # Side of the blocks processed one after another, and margin that their pulses reach, cells.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
+NO_RAYS = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
@@ -195,11 +196,12 @@ class _Block:
             labelling.search(self.core)
             return labelling
 
-        found = []
+        found: list[Labelling] = []
         for labelling in in_threads(searched, chunks(len(starts), 1)):
             advance()
-            found.append(labelling)
-        found.sort(key=Labelling.energy)
+            found = sorted([*found, labelling], key=Labelling.energy)
+            for rival in found[1:]:
+                rival.forget_rays()
         best, rivals = found[0], found[1:]
         for rival in rivals:
             best.take(rival, self.core, self.step_m)
@@ -277,6 +279,10 @@ class Labelling:
         loss = np.minimum(ratio, MAX_SPECKLE) + np.log(np.maximum(ratio / MAX_SPECKLE, 1.0)) + np.log(echoes.mean)
         until = np.concatenate([[0.0], np.cumsum(loss)])[echoes.start]
         return float(echoes.looks @ np.diff(until)) + self._pair_nepers * unlike_pairs(region)
+
+    def forget_rays(self) -> None:
+        """Free the memory of the rays, most of all; the map, its reflectivities and its energy stay."""
+        self._views = self._views._replace(enters=NO_RAYS, meets=NO_RAYS, what=NO_RAYS.astype(np.int32))
 
     def search(self, core: Bool[np.ndarray, "row column"]) -> None:
         """Lower the energy by changes of regions, then of cells, within a core."""
