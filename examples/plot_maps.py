@@ -4,7 +4,7 @@ Maps that know their beam
 
 The same pulses made into a DEM in two ways. A linear map puts every echo on the beam's axis and draws triangles between
 the points. `dem.method = "refined"` moves the surface until the echoes that it would send back, beam and all, are the
-measured ones. `"stepped"` is for built-up ground: it first finds where the surface breaks, from what all echoes say for
+measured ones. `"stepped"` is for built-up ground: it finds where the surface breaks, from what all echoes say for
 and against every height, and maps each level between the walls by itself.
 """
 
