@@ -326,6 +326,21 @@ def rays_over(columns, views, pulse, row, column, near, which, enters, leaves):
 
 @compiled
 @no_type_check
+def redirect(views, echoes, level, pulse, sample, meets, what, hits, sign, low, high):
+    """Add the power of a ray to the range cells that it falls into, or take it away; return which cells have changed.
+
+    hits: power that comes to each range cell; sign: 1 or -1; low, high: the first and the last that have changed.
+    """
+    at, nearer, farther = landing(views, echoes, pulse, sample, meets, what)
+    if at == NOTHING:
+        return low, high
+    hits[at] += sign * level[what] * nearer
+    hits[at + 1] += sign * level[what] * farther
+    return min(low, at), max(high, at + 1)
+
+
+@compiled
+@no_type_check
 def recast_cell_rays(columns, views, echoes, level, farthest, pulse, cell, top, rays, hits, met, what):
     """Cast the rays of a pulse over a replaced cell again; return the range cells that change.
 
@@ -356,16 +371,8 @@ def recast_cell_rays(columns, views, echoes, level, farthest, pulse, cell, top, 
         if (meets == before and surface == of) or (surface == NOTHING and passes):
             continue
         met[n], what[n] = meets, surface
-        at, nearer, farther = landing(views, echoes, pulse, k, before, of)
-        if at != NOTHING:
-            hits[at] -= level[of] * nearer
-            hits[at + 1] -= level[of] * farther
-            low, high = min(low, at), max(high, at + 1)
-        at, nearer, farther = landing(views, echoes, pulse, k, meets, surface)
-        if at != NOTHING:
-            hits[at] += level[surface] * nearer
-            hits[at + 1] += level[surface] * farther
-            low, high = min(low, at), max(high, at + 1)
+        low, high = redirect(views, echoes, level, pulse, k, before, of, hits, -1.0, low, high)
+        low, high = redirect(views, echoes, level, pulse, k, meets, surface, hits, 1.0, low, high)
     return low, high
 
 
@@ -517,16 +524,8 @@ def region_gains(columns, views, echoes, level, farthest, window, pulses, accept
             )
             if meets == before and surface == of:
                 continue
-            at, nearer, farther = landing(views, echoes, pulse, k, before, of)
-            if at != NOTHING:
-                hits[at] -= level[of] * nearer
-                hits[at + 1] -= level[of] * farther
-                nearest, last = min(nearest, at), max(last, at + 1)
-            at, nearer, farther = landing(views, echoes, pulse, k, meets, surface)
-            if at != NOTHING:
-                hits[at] += level[surface] * nearer
-                hits[at + 1] += level[surface] * farther
-                nearest, last = min(nearest, at), max(last, at + 1)
+            nearest, last = redirect(views, echoes, level, pulse, k, before, of, hits, -1.0, nearest, last)
+            nearest, last = redirect(views, echoes, level, pulse, k, meets, surface, hits, 1.0, nearest, last)
             if accept:
                 views.meets[pulse, k], views.what[pulse, k] = meets, surface
         gain[n] = 0.0

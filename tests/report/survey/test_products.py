@@ -94,7 +94,7 @@ def test_summary_of_nothing_is_strict_json(empty: Survey) -> None:
 
     document = json.loads(summary_json(empty), parse_constant=refuse)
     assert document["dem_error"] == {"count": 0, "coverage": 0.0} | dict.fromkeys(
-        name for name in DemError.__annotations__ if name.endswith("_m")
+        name for name in DemError.__annotations__ if name.endswith(("_m", "over_1m"))
     )
 
 
