@@ -15,7 +15,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, path_costs
 from sionna_radar.mapping.stepped.evidence import (
     _reflectivities,
     columns_between,
@@ -28,6 +28,10 @@ from sionna_radar.mapping.stepped.surface import SteppedTiles, _Surfaces, step_s
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)
 BOX = (62.0, 78.0, -8.0, 8.0, 6.0)
+
+
+def levels_of(cost: np.ndarray) -> np.ndarray:
+    return choose_levels(path_costs(cost))
 
 
 def on_box(x, y):
@@ -70,7 +74,7 @@ def test_levels_of_a_row_are_those_of_a_plain_search():
     for _ in range(20):
         cost = rng.uniform(0, 12, (5, 4))
         # The other six directions see single cells, which weigh a row of heights as much as it weighs itself.
-        chosen = choose_levels(cost[None].astype(np.float32))[0]
+        chosen = levels_of(cost[None].astype(np.float32))[0]
         ends = [
             min(cost_of_row(cost, np.array(row)) for row in product(range(4), repeat=5) if row[2] == level)
             for level in range(4)
@@ -86,7 +90,7 @@ def test_a_step_stays_and_noise_goes():
     cost = np.minimum(1.5 * np.abs(level - truth[..., None]), 6.0) + rng.uniform(0, 2, (20, 30, 18))
     deaf = rng.random((20, 30)) < 0.3
     cost[deaf] = 0.0
-    chosen = choose_levels(cost.astype(np.float32))
+    chosen = levels_of(cost.astype(np.float32))
     beside = np.isin(np.arange(30), (14, 15)) & np.ones((20, 1), dtype=bool)
     assert np.abs(chosen - truth)[~beside].max() <= 2
     assert np.mean(chosen[~beside] == truth[~beside]) > 0.6
@@ -96,7 +100,7 @@ def test_a_step_stays_and_noise_goes():
 def test_of_equal_levels_the_highest_is_chosen():
     cost = np.full((6, 6, 9), 5.0, dtype=np.float32)
     cost[..., 2:5] = 0.0
-    assert np.all(choose_levels(cost) == 4)
+    assert np.all(levels_of(cost) == 4)
 
 
 def test_air_speaks_against_itself_and_ground_for_itself(level):
@@ -152,9 +156,9 @@ def test_evidence_is_that_of_the_plain_formulas(level):
 
 def test_levels_do_not_depend_on_which_way_is_north():
     cost = np.random.default_rng(4).uniform(0, 12, (9, 7, 6)).astype(np.float32)
-    chosen = choose_levels(cost)
-    np.testing.assert_array_equal(choose_levels(cost.transpose(1, 0, 2)), chosen.T)
-    np.testing.assert_array_equal(choose_levels(cost[::-1]), chosen[::-1])
+    chosen = levels_of(cost)
+    np.testing.assert_array_equal(levels_of(cost.transpose(1, 0, 2)), chosen.T)
+    np.testing.assert_array_equal(levels_of(cost[::-1]), chosen[::-1])
 
 
 @pytest.fixture(scope="module")

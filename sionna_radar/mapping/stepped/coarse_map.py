@@ -29,17 +29,6 @@ from sionna_radar.mapping.terrain.heights import plane_through
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-def choose_levels(
-    cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
-) -> Int[np.ndarray, "row column"]:
-    """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
-
-    cost: evidence against each level of each cell, in nepers.
-    options: penalties of the method.
-    """
-    return _highest_good(path_costs(cost, options), options)
-
-
 def path_costs(
     cost: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
 ) -> Float32[np.ndarray, "row column level"]:
@@ -50,9 +39,14 @@ def path_costs(
     return total
 
 
-def _highest_good(
-    total: Float32[np.ndarray, "row column level"], options: SteppedParameters
+def choose_levels(
+    total: Float32[np.ndarray, "row column level"], options: SteppedParameters = STEPPED
 ) -> Int[np.ndarray, "row column"]:
+    """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
+
+    total: costs of the best paths, see `path_costs`.
+    options: penalties of the method.
+    """
     good = total <= total.min(axis=-1, keepdims=True) + options.tie_nepers * len(DIRECTIONS)
     return total.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
 
@@ -146,13 +140,13 @@ def _block(sightings: Sightings, grid: Grid, block: _Block, options: SteppedPara
     """Return the heights of a block, which of them echoes support, and those of the rivals."""
     against = evidence_against(sightings, grid, block.base_m, block.level_m, options)
     total = path_costs(against, options)
-    chosen = _highest_good(total, options)
+    chosen = choose_levels(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     rivals = []
     for name, factor in RIVALS:
         other = options.model_copy(update={name: factor * getattr(options, name)})
         cost = total if other.jump_nepers == options.jump_nepers else path_costs(against, other)
-        rivals.append(block.base_m + block.level_m[_highest_good(cost, other)])
+        rivals.append(block.base_m + block.level_m[choose_levels(cost, other)])
     return block.base_m + block.level_m[chosen], supported, *rivals
 
 
