@@ -52,7 +52,7 @@ def ground() -> dict[str, list[tuple[str, UncertaintyCheck]]]:
 def test_intervals_over_real_ground_hold_what_they_say(ground, method):
     """95 % intervals hold 85 % of every survey at least, and no more than half a percent of cells lie beyond 5 sigma.
 
-    Eight lidar DEMs at 0.5 to 2 m, two seeds each, 2 deg (`docs/theory/uncertainty.md`).
+    Eight lidar DEMs at 0.5 to 2 m, two seeds each, 2 deg (`docs/checks/uncertainty.md`).
     """
     for half in HALVES:
         own = [check for which, check in ground[method] if which == half]

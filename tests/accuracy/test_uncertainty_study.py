@@ -43,7 +43,7 @@ def test_intervals_hold_what_they_say(grid, method):
 
     With five seeds: 53.3, 71.4, 91.4, 95.6 % (`smooth`) and 54.6, 72.5, 91.7, 95.6 % (`refined`), `hills` at 8 deg 10
     and 15 points off. Of one seed alone no more than 94 % of the cases could be within 8
-    (`docs/theory/uncertainty.md`), so that fewer seeds bind less.
+    (`docs/checks/uncertainty.md`), so that fewer seeds bind less.
     """
     cases = np.array([shares(case).mean(axis=0) for case in grid[method].values()])
     mean, worst = cases.mean(axis=0), np.abs(cases - NOMINAL).max(axis=1)

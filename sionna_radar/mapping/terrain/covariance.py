@@ -130,7 +130,7 @@ FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 MICRORELIEF_LENGTH_M = 10.0
 # Landforms have slopes: a Matern field is mean-square differentiable from a smoothness of 1 on, and what is rougher is
 # microrelief. Nor is real ground smoother than about 1.6: second differences of what lidars measured in twelve places
-# of four landscapes grow as the 0.8th to 1.7th power of the distance, from 1 to 16 m (`docs/theory/uncertainty.md`).
+# of four landscapes grow as the 0.8th to 1.7th power of the distance, from 1 to 16 m (`docs/checks/uncertainty.md`).
 # Long waves decide a fit, and a larger smoothness that suits them would leave out the short ones.
 DIFFERENTIABLE, SMOOTHEST_LANDFORMS = 1.0, 1.6
 

@@ -6,7 +6,7 @@ the variance of a height is averaged over the smoothness, as Bayesian model aver
 each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times the prior.
 That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough ground. The
 exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and surveys that
-it was not chosen on agree (`docs/theory/uncertainty.md`).
+it was not chosen on agree (`docs/checks/uncertainty.md`).
 
 A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
 that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
