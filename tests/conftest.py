@@ -97,12 +97,6 @@ def small(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Results without pictures, which take longer to draw than all else to write, and have tests of their own."""
-    monkeypatch.setattr("sionna_radar.report.survey.products.draw_all", lambda *_: [])
-
-
-@pytest.fixture
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Types go unchecked, as outside the tests: the package's own checks must stop what is wrong."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,7 @@ from sionna_radar.cli.session import (
     ApplyShiftOption,
     BackendOption,
     BlockOption,
+    FiguresOption,
     Listed,
     MapOption,
     MeasuredHeights,
@@ -27,13 +28,15 @@ from sionna_radar.cli.session import (
     Session,
     command,
     log_to_stderr,
+    progress_shown,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.report.files.contents import MARKER, POINTS_FILES, PointsFile, Report
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.report.files.contents import FIGURES, MARKER, POINTS_FILES, Figures, PointsFile, Report
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
-    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
@@ -45,6 +48,7 @@ def demo(
     output: OutputOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    figures: FiguresOption = True,
     resume: ResumeOption = False,
     backend: BackendOption = None,
     quiet: QuietOption = False,
@@ -52,7 +56,7 @@ def demo(
     """Simulate a survey of San Francisco, and write its results and figures."""
     log_to_stderr(quiet)
     session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
-    _fly(session, None, map_coordinates, report)
+    _fly(session, None, map_coordinates, report, figures)
 
 
 @command(*SCENARIO, *TEAM)
@@ -61,6 +65,7 @@ def run_command(
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    figures: FiguresOption = False,
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
@@ -68,12 +73,12 @@ def run_command(
     reference_sigma: ReferenceSigmaOption = 0.0,
     apply_shift: ApplyShiftOption = False,
 ) -> None:
-    """Simulate a scenario, and write its DEM, points, errors and figures."""
+    """Simulate a scenario, and write its DEM, points, errors and page."""
     if record and (session.workers is not None or session.scheduler is not None):
         problem = Problem("--record", "recording works in one process only; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
-    _fly(session, block_size, map_coordinates, report, points, record, record_as, heights)
+    _fly(session, block_size, map_coordinates, report, figures, points, record, record_as, heights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +87,7 @@ class _SurveyDocument:
 
     coordinates: "Coordinates"
     points: Collection[PointsFile]
+    figures: Figures
     recordings: Mapping[str, Path]
     marker = MARKER
     suffix = ""
@@ -97,7 +103,13 @@ class _SurveyDocument:
         from sionna_radar.report.survey.products import write_survey
 
         return write_survey(
-            record, directory, self.coordinates, report=report, points=self.points, recordings=self.recordings
+            record,
+            directory,
+            self.coordinates,
+            report=report,
+            points=self.points,
+            figures=self.figures,
+            recordings=self.recordings,
         )
 
 
@@ -106,6 +118,7 @@ def _fly(
     block_size: int | None,
     map_coordinates: bool,
     report: bool,
+    figures: bool,
     points: list[PointsFile] | None = None,
     record: list[str] | None = None,
     record_as: str = "float64",
@@ -114,13 +127,14 @@ def _fly(
     checked, heights = session.load(), heights or MeasuredHeights()
 
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
-    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.preparation import prepare
 
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
+    drawn = Figures.PNG if figures else Figures.NONE
     if PointsFile.PARQUET in files:
         from sionna_radar.report.files.points_table import check_parquet
 
@@ -144,15 +158,32 @@ def _fly(
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
             fly,
-            _SurveyDocument(coordinates=coordinates, points=files, recordings=inside),
+            _SurveyDocument(coordinates=coordinates, points=files, figures=drawn, recordings=inside),
             report=page,
-            products=[coordinates, *files, *heights.products],
+            products=[coordinates, *files, drawn.name, *heights.products],
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
+def figures_command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of results of `run` or `demo`.")],
+    map_coordinates: MapOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Draw the figures of a finished survey into its folder, for print."""
+    log_to_stderr(quiet)
+    from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.survey.finished import draw_figures
+
+    with progress_shown(quiet):
+        drawn = draw_figures(folder, Coordinates.MAP if map_coordinates else Coordinates.LOCAL)
+    if not quiet:
+        typer.echo(f"{len(drawn)} figures in {shown(folder / FIGURES)}")
+
+
 COMMANDS = (
     Listed("Begin", "demo", demo),
     Listed("Simulate", "run", run_command),
+    Listed("Simulate", "figures", figures_command),
 )

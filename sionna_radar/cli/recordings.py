@@ -12,6 +12,7 @@ from sionna_radar.cli.session import (
     TEAM,
     ApplyShiftOption,
     BlockOption,
+    FiguresOption,
     Listed,
     MapOption,
     MeasuredHeights,
@@ -118,6 +119,7 @@ def process_command(
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    figures: FiguresOption = False,
     reference: ReferenceOption = None,
     reference_sigma: ReferenceSigmaOption = 0.0,
     apply_shift: ApplyShiftOption = False,
@@ -136,13 +138,13 @@ def process_command(
         _describe(session, recording, describe)
         return
     from sionna_radar.execution.execution import BLOCK_SIZE
-    from sionna_radar.report.drawing import Coordinates
-    from sionna_radar.report.files.contents import Report
+    from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.files.contents import Figures, Report
     from sionna_radar.report.survey.processed import processed_document
     from sionna_radar.survey.reprocessing import identity_of, open_recording, process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
-    page = Report.PAGE if report else Report.NONE
+    page, drawn = Report.PAGE if report else Report.NONE, Figures.PNG if figures else Figures.NONE
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
@@ -154,7 +156,8 @@ def process_command(
             processed = process(recording, session.overrides, execution=execution)
         return heights.beside(processed)
 
-    session.produce(fly, processed_document(coordinates), report=page, products=[coordinates, *heights.products])
+    document = processed_document(coordinates, drawn)
+    session.produce(fly, document, report=page, products=[coordinates, drawn.name, *heights.products])
 
 
 def _describe(session: Session, capture: Path, config: Path) -> None:

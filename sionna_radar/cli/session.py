@@ -333,6 +333,10 @@ ReportOption = Annotated[
         "--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."
     ),
 ]
+FiguresOption = Annotated[
+    bool,
+    typer.Option("--figures/--no-figures", help="Draw figures/*.png for print, or leave them to `figures DIR` later."),
+]
 ReferenceOption = Annotated[
     Path | None,
     typer.Option(

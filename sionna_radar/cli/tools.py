@@ -171,7 +171,7 @@ def show(
     map_coordinates: MapOption = True,
 ) -> None:
     """Draw the scene, the flight and its footprints as an interactive 3-D page, without tracing."""
-    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.files.folder import check_output
     from sionna_radar.report.page.show import MARKER, PAGE_FILE, show_page, write_page
     from sionna_radar.survey.preparation import prepare

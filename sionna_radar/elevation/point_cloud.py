@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.city_models import refuse_city_model
+from sionna_radar.foundation.deferred import REQUESTS, deferred
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.raster import Grid, Raster
@@ -103,7 +104,8 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
 
     Raises InputFileError for any other file, and for one that is truncated or claims more points than it can hold.
     """
-    import laspy
+    with deferred(REQUESTS):
+        import laspy
 
     size = regular_file(path, f"{key} =", REMEDY, MAX_BYTES)
     refuse_city_model(path, f"{key} =")

@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy.typing import DTypeLike
 
+from sionna_radar.foundation.deferred import PLOTTING, deferred
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import thread_limit
 
@@ -231,16 +232,28 @@ def load_mitsuba() -> Any:
 def _defer_preview() -> None:
     """Let Sionna RT load its preview in notebooks, 400 modules and a sixth of its import, when a scene is previewed."""
     name = "sionna.rt.preview"
-    deferred = ModuleType(name)
+    empty = ModuleType(name)
 
     def previewer(*given: Any, **named: Any) -> Any:
         """Return Sionna RT's own `Previewer` of these arguments."""
-        if sys.modules[name] is deferred:
+        if sys.modules[name] is empty:
             del sys.modules[name]
         return import_module(name).Previewer(*given, **named)
 
-    deferred.Previewer = previewer  # type: ignore[attr-defined]
-    sys.modules.setdefault(name, deferred)
+    empty.Previewer = previewer  # type: ignore[attr-defined]
+    sys.modules.setdefault(name, empty)
+
+
+@functools.cache
+def load_sionna() -> Any:
+    """Import Sionna RT after `load_mitsuba`, without what only its pictures need, and return the module.
+
+    Raises BackendError as `load_mitsuba` does.
+    """
+    load_mitsuba()
+    with deferred(PLOTTING):
+        import sionna.rt
+    return sionna.rt
 
 
 def release_arrays() -> None:

@@ -3,8 +3,6 @@
 import io
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -24,50 +22,10 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
-from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.threads import in_background
-
-# Okabe and Ito
-BLUE = "#0072b2"
-RED = "#d55e00"
-GREEN = "#009e73"
-PURPLE = "#cc79a7"
-ORANGE = "#e69f00"
-SKY = "#56b4e9"
-# Names of matplotlib's colour maps.
-HEIGHTS, POWERS, ERRORS = "viridis", "viridis", "RdBu_r"
-# Grey of empty map cells.
-EMPTY = "0.82"
-
-
-class Coordinates(StrEnum):
-    """Coordinates to show; MAP falls back to local ones if the scene is not georeferenced."""
-
-    MAP = "map"
-    LOCAL = "local"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frame:
-    """The offset of local coordinates (east, north, up), and the names of the axes."""
-
-    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    east: str = "East (m)"
-    north: str = "North (m)"
-    height: str = "Height (m)"
-    most_ticks: int = 7
-
-
-LOCAL_FRAME = Frame()
-
-
-def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
-    """Return the frame in which figures are drawn."""
-    if place is None or coordinates is Coordinates.LOCAL:
-        return LOCAL_FRAME
-    height = f"{place.vertical_name or 'Height above datum'} (m)"
-    # Labels have six or seven digits: at most four fit side by side.
-    return Frame(origin_m=place.origin_m, east="Easting (m)", north="Northing (m)", height=height, most_ticks=4)
+from sionna_radar.report.colours import EMPTY, HEIGHTS
+from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
 
 
 class _ShiftedLocator(MaxNLocator):
@@ -89,7 +47,6 @@ def shift_ticks(axis: Axis, shift: float, most: int) -> None:
 
 
 BOX_IN = (5.8, 4.8)  # largest width and height of a map on its own
-MAX_ASPECT = 3.0
 
 
 def map_size(bounds: tuple[float, float, float, float], box_in: tuple[float, float] = BOX_IN) -> tuple[float, float]:
@@ -97,22 +54,6 @@ def map_size(bounds: tuple[float, float, float, float], box_in: tuple[float, flo
     width_m, height_m = bounds[1] - bounds[0], bounds[3] - bounds[2]
     scale = min(box_in[0] / width_m, box_in[1] / height_m)
     return width_m * scale, height_m * scale
-
-
-def map_bounds(
-    extent_m: tuple[float, float, float, float], position_m: Float[np.ndarray, "n 3"]
-) -> tuple[float, float, float, float]:
-    """Return the edges (west, east, south, north) of a map of a grid and some positions."""
-    west, east, south, north = extent_m
-    if len(position_m):
-        pad = 0.03 * max(east - west, north - south)
-        low, high = position_m.min(axis=0) - pad, position_m.max(axis=0) + pad
-        west, east = min(west, low[0]), max(east, high[0])
-        south, north = min(south, low[1]), max(north, high[1])
-    # Widen narrow strips, for the ticks and the colour bar.
-    shortest = max(east - west, north - south) / MAX_ASPECT
-    across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
-    return float(west - across), float(east + across), float(south - along), float(north + along)
 
 
 def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> None:

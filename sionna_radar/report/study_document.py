@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.report.files.contents import Report, csv_text, jsonable, strict_json, write_page, write_text
+from sionna_radar.report.files.contents import FIGURES, Report, csv_text, jsonable, strict_json, write_page, write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.terminal import NONE, console, number, print_whole, say, table_of
 
@@ -91,12 +91,12 @@ class StudyDocument(Generic[Record]):
         write_text(folder / self.marker, strict_json(self.content(record)))
 
     def _draw(self, record: Record, folder: Path) -> None:
-        # Slow to import, and not needed to show a record.
-        from sionna_radar.report import drawing
-
         figures = self.figures(record)
         if figures:
-            drawing.save_figures(record, figures, folder / "figures")
+            # Slow to import, and not needed to show a record.
+            from sionna_radar.report.drawing import save_figures
+
+            save_figures(record, figures, folder / FIGURES)
 
     def _write_page(self, record: Record, folder: Path) -> None:
         if self.page is not None:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from matplotlib.path import Path as Outline
 from rasterio.windows import Window
 from scipy.ndimage import find_objects, label
 
@@ -156,9 +155,11 @@ def _part(
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
     """Return the indices of points in a polygon; only those in its bounding box are tested against its sides."""
+    from shapely import Polygon, contains_xy
+
     lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
     in_box = np.flatnonzero(np.all((point_m >= lower) & (point_m <= upper), axis=1))
-    return in_box[Outline(corner_m).contains_points(point_m[in_box])] if len(in_box) else in_box
+    return in_box[contains_xy(Polygon(corner_m), point_m[in_box])]
 
 
 def vector_classes_at(

@@ -8,7 +8,6 @@ from pathlib import Path as FilePath
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from matplotlib.path import Path as Outline
 
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -178,10 +177,12 @@ def _beyond(corner_m: Float[np.ndarray, "corner 2"], window_m: tuple[float, floa
 
 def _inside(grid: Grid, corner_m: Float[np.ndarray, "corner 2"]) -> Bool[np.ndarray, "row column"]:
     """Return the cells whose centres lie in a polygon."""
+    from shapely import Polygon, contains_xy
+
     lower, upper = corner_m.min(axis=0), corner_m.max(axis=0)
     in_box = np.ix_((grid.y_m >= lower[1]) & (grid.y_m <= upper[1]), (grid.x_m >= lower[0]) & (grid.x_m <= upper[0]))
     mask = np.zeros(grid.shape, dtype=bool)
     x, y = np.meshgrid(grid.x_m[in_box[1][0]], grid.y_m[in_box[0][:, 0]])
     if x.size:
-        mask[in_box] = Outline(corner_m).contains_points(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+        mask[in_box] = contains_xy(Polygon(corner_m), x, y)
     return mask

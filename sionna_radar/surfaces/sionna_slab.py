@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import epsilon_0, speed_of_light
 
-from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.raytracer.backend import load_sionna
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
 from sionna_radar.surfaces.rough_surface import Polarization, fresnel_reflection
 
@@ -76,7 +76,7 @@ def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> Ra
 
 
 def _permittivity(itu_type: str, frequency_hz: float) -> complex:
-    load_mitsuba()
+    load_sionna()
     from sionna.rt.radio_materials.itu import ITU_MATERIALS_PROPERTIES
 
     if itu_type not in ITU_MATERIALS_PROPERTIES:

@@ -55,7 +55,7 @@ def test_a_first_start_says_on_a_terminal_that_it_takes_longer(
 
 
 def test_run_writes_every_product(cli, small, tmp_path):
-    done = cli("run", small, "-o", tmp_path / "out", "--block-size", 7, "--set", "platform.length_m=10")
+    done = cli("run", small, "-o", tmp_path / "out", "--figures", "--block-size", 7, "--set", "platform.length_m=10")
     # Where there is no terminal, no bar but a line for what takes long, as it may on a busy machine.
     plain = r"[a-z]+|[a-z]+: [\d,]+ of [\d,]+(, about [\d,]+ s left)?|compiling, first run only"
     assert all(re.fullmatch(plain, line) for line in done.stderr.splitlines()), done.stderr
@@ -63,7 +63,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
         "manifest.json", "report.html", "summary.json", "costs.json", "scenario.toml", "points.laz", "points.csv",
-        "trajectory.csv", "dem.tif", "dem_sigma.tif", "truth.tif", "error.tif", *figures,
+        "trajectory.csv", "dem.tif", "dem_sigma.tif", "truth.tif", "error.tif", "lit.tif", *figures,
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
@@ -86,7 +86,6 @@ def test_run_writes_every_product(cli, small, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_seed_and_set_replace_values(cli, small, tmp_path):
     cli("run", small, "-o", tmp_path / "out", "--seed", 9, "--set", "radar.antenna.beamwidth_deg=4", "-q")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -127,7 +126,6 @@ def test_bad_elevation_file(cli, make, word, tmp_path):
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_own_dem_of_1_m_in_utm(cli, tmp_path):
     """A slope of known form, flown with no edit but the path; the DEM lies on it and on its coordinates."""
     size, west, north = 300, 500_000.0, 5_040_000.0
@@ -228,7 +226,6 @@ def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
     file = tmp_path / "plan.toml"
     done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
@@ -288,14 +285,12 @@ def test_a_scenario_written_by_hand_is_not_planned_over(cli, tmp_path):
     assert file.read_text() == "seed = 1\n"
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_side_looking_run_points_to_its_image(cli, tmp_path):
     sparse = ("--set", "platform.length_m=3", "--set", "tracing.scatterers_per_m2=2")
     done = cli("run", "slar", "-o", tmp_path / "out", *sparse)
     assert "sionna-radar image slar" in done.stdout
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
     done = cli("run", "roof_edge", "-o", tmp_path / "out")
     roof, ground = re.search(r"ranges in pulse 18 *│ ([\d.]+) m, ([\d.]+) m", done.stdout).groups()
@@ -303,7 +298,6 @@ def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
     assert float(ground) == pytest.approx(44.0, abs=0.3)
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_another_run_leaves_the_user_s_files_and_refuses_edited_ones(cli, small, tmp_path):
     out = tmp_path / "keep"
     cli("run", small, "-o", out, "-q")
@@ -341,7 +335,6 @@ def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(c
     assert "does not exist; give a log of a flight" in missing.stderr
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_control_characters_of_names_reach_no_terminal(cli, small, tmp_path):
     evil = tmp_path / "a\x1b[31m\x07b"
     done = cli("run", small, "-o", evil)

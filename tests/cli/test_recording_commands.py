@@ -10,7 +10,6 @@ from sionna_radar.foundation.errors import ScenarioError
 TINY = ["--set", "platform.length_m=3", "--set", "terrain.spacing_m=2", "--quiet", "--no-report"]
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_recording_goes_with_the_results_and_is_processed_again(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cli("run", "hills", *TINY, "--record", "signals", "--record", "paths=seen.nc", "-o", "out")

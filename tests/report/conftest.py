@@ -9,7 +9,6 @@ from pyproj import CRS
 from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.report.files.contents import Report
-from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.studies.comparison.results import read_results
 from sionna_radar.studies.comparison.study import FlownResult
@@ -55,10 +54,8 @@ def folders(survey: Survey, tmp_path_factory) -> list[Path]:
         error=error,
         lit_error=summarise(error, survey.lit),
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(products, "draw_all", lambda *_: [])
-        for name, one in (("first", survey), ("second", other)):
-            write_survey(one, parent / name, report=Report.NONE)
+    for name, one in (("first", survey), ("second", other)):
+        write_survey(one, parent / name, report=Report.NONE)
     return [parent / "first", parent / "second"]
 
 

@@ -15,7 +15,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.notebook import html_of
-from sionna_radar.report.drawing import BLUE
+from sionna_radar.report.colours import BLUE
 from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.manifest import lasting_columns
 from sionna_radar.scenario import load_scenario

@@ -256,7 +256,6 @@ def test_what_cannot_be_flown_again_is_one_clear_error(flown, foreign, tmp_path)
         run_twin(foreign, base="hills")
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_twin_leaves_its_numbers_and_its_page(alike, tmp_path):
     files = {path.name for path in DOCUMENT.write(alike, tmp_path / "out")}
     assert {"twin.json", "report.html", "scenario.toml"} <= files

@@ -83,7 +83,6 @@ def low() -> dict:
     return {"radar": {"preset": "avtis2"}, "platform.altitude_m": 15.0, "platform.length_m": 40.0}
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_echoes_that_doppler_folds_are_told(low, tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         survey = run(load_scenario("hills", low))
@@ -152,7 +151,6 @@ def test_ground_without_detail_below_the_footprint_is_told(tmp_path):
     assert not has(rough, "apart, footprints")
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_what_the_console_says_is_in_the_result(tmp_path, caplog):
     """Repaired meshes, in the first survey and in the next ones, which take the scene from it."""
     box = trimesh.creation.box((4.0, 4.0, 3.0))

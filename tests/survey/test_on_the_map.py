@@ -51,7 +51,6 @@ def scenario_over(path: Path, **tables: dict[str, object]) -> Scenario:
     return parse_scenario(data)
 
 
-@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(("cell_m", "spacing_m"), [(1.0, 1.0), (2.0, 1.0), (1.0, 3.0)])
 def test_input_and_output_subtract_cell_by_cell(tmp_path: Path, cell_m: float, spacing_m: float) -> None:
     source = write_file(tmp_path / "in.tif", cell_m)
@@ -199,7 +198,6 @@ def test_a_vertical_crs_is_one(tmp_path: Path, stated: str, why: str) -> None:
         load_ground(scenario.terrain, EVERYWHERE)
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_compound_crs_reaches_the_products(tmp_path: Path) -> None:
     survey = run(scenario_over(write_file(tmp_path / "in.tif", crs="EPSG:32632+5773")))
     write_survey(survey, tmp_path / "out")

@@ -21,6 +21,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import OutputError, PluginError
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
+from sionna_radar.report.files.contents import Figures
 from sionna_radar.report.survey.processed import processed_table, write_processed
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.custom_parts import CustomParts
@@ -130,11 +131,10 @@ def changed(scenario, settings):
     return data
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_products_of_both_are_the_same_files(flown, tmp_path):
     survey, files = flown
     write_survey(survey, tmp_path / "flown")
-    write_processed(process(files["signals"]), tmp_path / "again")
+    write_processed(process(files["signals"]), tmp_path / "again", figures=Figures.PNG)
     for name in ("points.laz", "dem.tif", "truth.tif", "error.tif"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "flown" / name).read_bytes(), name
     lines = (tmp_path / "again" / "echoes.csv").read_text().splitlines()

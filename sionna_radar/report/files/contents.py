@@ -19,12 +19,21 @@ logger = logging.getLogger("sionna_radar")
 MARKER = "summary.json"
 # Run times and memory, which differ from run to run.
 COSTS = "costs.json"
+# The folder of figures.
+FIGURES = "figures"
 
 
 class Report(Enum):
     """Selection of the page `report.html` in a folder of results."""
 
     PAGE = "page"
+    NONE = "none"
+
+
+class Figures(Enum):
+    """Selection of the figures in a folder of results: PNG files, or none; they are slow to draw."""
+
+    PNG = "png"
     NONE = "none"
 
 

@@ -12,19 +12,22 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 from jaxtyping import Float, Int, UInt16
-from laspy.header import GpsTimeType
-from laspy.vlrs.known import WktCoordinateSystemVlr
 from pyproj import CRS
 from pyproj.enums import WktVersion
 from pyproj.exceptions import CRSError
 
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.deferred import REQUESTS, deferred
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.mapping.points import Points
+
+with deferred(REQUESTS):
+    import laspy
+    from laspy.header import GpsTimeType
+    from laspy.vlrs.known import WktCoordinateSystemVlr
 
 ROWS_AT_ONCE = 20_000
 ROWS_OF_A_GROUP = 100_000

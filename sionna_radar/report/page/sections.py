@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Inexact, Int
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 
 from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
 from sionna_radar.accuracy.compare import DemError, nmad
@@ -19,7 +17,8 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
-from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
+from sionna_radar.report.colours import ERRORS, HEIGHTS, LEVELS, STOPS
+from sionna_radar.report.coordinates import Frame
 from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, packed_relief, thinned
 from sionna_radar.report.terminal import number, reference_rows
@@ -27,7 +26,6 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.survey.result import Processed, Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
-STOPS = 17
 BINS = 81
 # Half-width of a histogram, in NMADs, from which its scale is logarithmic.
 HEAVY_TAILS = 10
@@ -46,10 +44,9 @@ STATISTICS = {
 
 def colour_scales() -> dict[str, list[list[Any]]]:
     """Return the colour maps of the figures as plotly's lists of stops."""
-    stops = np.linspace(0, 1, STOPS)
     return {
-        kind: [[float(stop), to_hex(colormaps[name](stop))] for stop in stops]
-        for kind, name in {"height": HEIGHTS, "error": ERRORS, "level": "cividis"}.items()
+        kind: [[number / (len(STOPS[name]) - 1), colour] for number, colour in enumerate(STOPS[name])]
+        for kind, name in {"height": HEIGHTS, "error": ERRORS, "level": LEVELS}.items()
     }
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.foundation.sequences import spread_indices
-from sionna_radar.report.drawing import Coordinates, Frame, frame_of
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.signed_file import SignedFile

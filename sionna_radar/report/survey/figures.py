@@ -29,28 +29,17 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.report.colours import BLUE, ERRORS, GREEN, HEIGHTS, ORANGE, POWERS, PURPLE, RED, SKY
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
 from sionna_radar.report.drawing import (
-    BLUE,
-    ERRORS,
-    GREEN,
-    HEIGHTS,
-    ORANGE,
-    POWERS,
-    PURPLE,
-    RED,
-    SKY,
-    Coordinates,
-    Frame,
     ReportFigure,
     colour_bar,
     dot_size,
     empty_patch,
     finish_map,
-    frame_of,
     head,
     height_colours,
     height_limits,
-    map_bounds,
     map_size,
     save_figures,
     shaded,

@@ -1,15 +1,12 @@
-"""A processed recording as files, table and figures."""
+"""A processed recording as files, table and page."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.execution.workers import versions
@@ -19,25 +16,8 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.report.drawing import (
-    BLUE,
-    ERRORS,
-    HEIGHTS,
-    ORANGE,
-    RED,
-    Coordinates,
-    Frame,
-    ReportFigure,
-    colour_bar,
-    finish_map,
-    frame_of,
-    height_colours,
-    height_limits,
-    map_bounds,
-    map_size,
-    show_raster,
-)
-from sionna_radar.report.files.contents import COSTS, Report, costs_json
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
+from sionna_radar.report.files.contents import COSTS, Figures, Report, costs_json
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
 from sionna_radar.report.page.scene_data import (
@@ -59,90 +39,10 @@ from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import number, reference_rows, table_of_values
-from sionna_radar.survey.result import Processed, RangeSpectrum
-from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.survey.result import Processed
 
-# Quantile of |error| beyond which colours saturate.
-SATURATED = 0.98
-TINY = 1e-300
-
-
-def figures_of(processed: Processed, coordinates: Coordinates) -> dict[str, Callable[[Processed], Figure]]:
-    """Return the drawings of the spectrum or the readings, and of the DEM, if any."""
-    figures: dict[str, Callable[[Processed], Figure]] = {}
-    figures |= {"readings": draw_readings} if processed.chirp is None else {"spectrum": draw_spectrum}
-    if processed.dem is not None and processed.dem.filled.any():
-        figures["dem"] = partial(draw_map, coordinates=coordinates)
-    return figures
-
-
-def draw_spectrum(processed: Processed) -> Figure:
-    """Draw the beat signal of one chirp, and its spectrum with the mean, median, floor and threshold of all."""
-    record, spectrum = processed.chirp, processed.spectrum
-    assert record is not None
-    assert spectrum is not None
-    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
-    time_axes, range_axes = figure.subplots(2, 1)
-    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
-    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
-    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
-        time_axes.plot(1e3 * record.sample_time_s, samples, color=colour, lw=0.8, label=name)
-    time_axes.set(xlabel="Time in the sweep (ms)", ylabel="Beat signal (as recorded)")
-    time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
-    time_axes.legend(frameon=False, ncols=2)
-    _draw_powers(range_axes, record, spectrum)
-    range_axes.axhline(10 * np.log10(max(spectrum.floor, TINY)), color="black", lw=0.8, ls=":", label="Noise floor")
-    range_axes.legend(loc="upper right", framealpha=0.9, ncols=2)
-    return figure
-
-
-def draw_readings(processed: Processed) -> Figure:
-    """Draw ranges that were read before against their time."""
-    echoes = processed.echoes
-    figure = ReportFigure(figsize=(9.0, 4.0), layout="constrained")
-    axes = figure.subplots()
-    axes.plot(processed.time_s[echoes.pulse], echoes.range_m, color=BLUE, ls="", marker=".", ms=3)
-    axes.set(xlabel="Time (s)", ylabel="Range (m)")
-    axes.grid(alpha=0.3)
-    return figure
-
-
-def _draw_powers(axes: Axes, record: ChirpRecord, spectrum: RangeSpectrum) -> None:
-    axes.plot(record.range_m, decibels(record.power), color=BLUE, lw=0.6, alpha=0.6, label=f"Pulse {record.pulse}")
-    axes.plot(record.range_m, decibels(record.threshold), color=ORANGE, lw=1.2, ls="--", label="CFAR threshold")
-    axes.plot(spectrum.range_m, decibels(spectrum.mean), color="0.2", lw=1.2, label="Mean of pulses")
-    axes.plot(spectrum.range_m, decibels(spectrum.median), color="0.55", lw=1.2, label="Median of pulses")
-    label = f"{len(record.echo_range_m)} detected"
-    axes.plot(
-        record.echo_range_m, decibels(record.echo_power), ls="", marker="v", ms=8, mfc=RED, mec="black", label=label
-    )
-    axes.set(xlabel="Range, not corrected for Doppler (m)", ylabel="Power (dB of the recording's unit squared)")
-    axes.margins(x=0)
-    axes.grid(alpha=0.3)
-
-
-def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> Figure:
-    """Draw the DEM, and its error if the truth is known."""
-    assert processed.dem is not None
-    frame, dem, comparison = frame_of(processed.georeference, coordinates), processed.dem, processed.comparison
-    bounds = map_bounds(dem.grid.extent_m, np.zeros((0, 3)))
-    width, height = map_size(bounds, (4.2, 5.0))
-    figure = ReportFigure(
-        figsize=((width + 2.2) * (1 if comparison is None else 2), height + 1.3), layout="constrained"
-    )
-    axes = np.atleast_1d(figure.subplots(1, 1 if comparison is None else 2))
-    limits = height_limits(dem)
-    show_raster(axes[0], dem, HEIGHTS, Normalize(*limits))
-    finish_map(axes[0], bounds, "DEM", frame)
-    colour_bar(axes[0], height_colours(limits, frame), frame.height, width)
-    if comparison is not None:
-        values = comparison.error.height_m[comparison.error.filled]
-        limit = float(np.quantile(np.abs(values), SATURATED)) if len(values) else 1.0
-        show_raster(axes[1], comparison.error, ERRORS, Normalize(-limit, limit))
-        title = f"Error, RMSE of lit cells {number(comparison.lit_error.rms_m, '.3f', ' m')}"
-        finish_map(axes[1], bounds, title, frame)
-        colour_bar(axes[1], axes[1].images[0], "DEM minus truth (m)", width, extend="both")
-    return figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_processed(
@@ -151,6 +51,7 @@ def write_processed(
     coordinates: Coordinates = Coordinates.MAP,
     *,
     report: Report = Report.PAGE,
+    figures: Figures = Figures.NONE,
 ) -> list[Path]:
     """Write the results of processing into a directory, completely or not at all, and return the files.
 
@@ -160,20 +61,27 @@ def write_processed(
     directory: output folder; files of an earlier result of `process` are replaced.
     coordinates: coordinates of the figures.
     report: selects the page, `report.html`.
+    figures: selects the figures, `figures/*.png`.
 
     Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
     """
-    return processed_document(coordinates).write(processed, directory, report=report)
+    return processed_document(coordinates, figures).write(processed, directory, report=report)
 
 
-def processed_document(coordinates: Coordinates = Coordinates.MAP) -> StudyDocument[Processed]:
-    """Return the document of a processed recording; coordinates: of the figures and the page."""
+def processed_document(
+    coordinates: Coordinates = Coordinates.MAP, figures: Figures = Figures.NONE
+) -> StudyDocument[Processed]:
+    """Return the document of a processed recording.
+
+    coordinates: of the figures and the page.
+    figures: selects the figures, `figures/*.png`.
+    """
     return StudyDocument(
         marker="processed.json",
         suffix="_processed",
         numbers=_numbers,
         tables=lambda processed: [processed_table(processed)],
-        figures=partial(figures_of, coordinates=coordinates),
+        figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
         texts={
             COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()),
             "settings.toml": _settings,
@@ -181,6 +89,13 @@ def processed_document(coordinates: Coordinates = Coordinates.MAP) -> StudyDocum
         files=[_write_echoes, _write_rasters],
         page=partial(recording_page, coordinates=coordinates),
     )
+
+
+def _figures_of(coordinates: Coordinates, processed: Processed) -> "Mapping[str, Callable[[Processed], Figure]]":
+    # matplotlib is slow to load.
+    from sionna_radar.report.survey.processed_figures import figures_of
+
+    return figures_of(processed, coordinates)
 
 
 def _write_echoes(processed: Processed, directory: Path) -> None:

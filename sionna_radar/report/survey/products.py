@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool
 
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.workers import versions
@@ -16,11 +17,13 @@ from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
-from sionna_radar.report.drawing import Coordinates
+from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.files.contents import (
     COSTS,
+    FIGURES,
     MARKER,
     POINTS_FILES,
+    Figures,
     PointsFile,
     Report,
     costs_json,
@@ -30,7 +33,6 @@ from sionna_radar.report.files.contents import (
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
-from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import Scenario, to_toml
@@ -47,6 +49,7 @@ def write_survey(
     *,
     report: Report = Report.PAGE,
     points: Collection[PointsFile] = POINTS_FILES,
+    figures: Figures = Figures.NONE,
     recordings: Mapping[str, Path] | None = None,
 ) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
@@ -66,6 +69,8 @@ def write_survey(
         Selects the page, `report.html`.
     points:
         Formats of the points.
+    figures:
+        Selects the figures, `figures/*.png`; `draw_figures` adds them later.
     recordings:
         Finished recordings by kind, which are moved to the results as KIND.nc.
 
@@ -84,9 +89,10 @@ def write_survey(
     >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> files = write_survey(survey, Path("results"))
     >>> [file.name for file in files if file.suffix == ".tif"]
-    ['dem.tif', 'dem_sigma.tif', 'error.tif', 'truth.tif']
+    ['dem.tif', 'dem_sigma.tif', 'error.tif', 'lit.tif', 'truth.tif']
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}))
+    fill = partial(_write_all, survey, coordinates, report, points, figures, recordings or {})
+    return write_folder(directory, MARKER, fill)
 
 
 def _write_all(
@@ -94,6 +100,7 @@ def _write_all(
     coordinates: Coordinates,
     report: Report,
     points: Collection[PointsFile],
+    figures: Figures,
     recordings: Mapping[str, Path],
     directory: Path,
 ) -> None:
@@ -103,7 +110,7 @@ def _write_all(
         *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
         partial(_write_rasters, survey, directory),
         partial(_write_trajectory, survey, directory),
-        partial(draw_all, survey, directory / "figures", coordinates),
+        *([partial(_draw, survey, directory, coordinates)] if figures is Figures.PNG else []),
         *([partial(write_page, directory / "report.html", page)] if report is Report.PAGE else []),
         *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
     ]
@@ -111,6 +118,13 @@ def _write_all(
         for write in products:
             write()
             advance()
+
+
+def _draw(survey: Survey, directory: Path, coordinates: Coordinates) -> None:
+    # matplotlib takes longer to load than a short survey to simulate.
+    from sionna_radar.report.survey.figures import draw_all
+
+    draw_all(survey, directory / FIGURES, coordinates)
 
 
 def _write_numbers(survey: Survey, directory: Path) -> None:
@@ -137,10 +151,14 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
         survey.dem_sigma_navigation,
         "standard deviation of the DEM height from navigation",
     )
+    rasters["lit"] = (_mask(survey, survey.lit), "1 where the main beam reached the true surface")
     if survey.no_echo is not None and survey.no_echo.any():
-        silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan), quantity="mask")
-        rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back")
+        rasters["no_echo"] = (_mask(survey, survey.no_echo), "1 where the beam met the surface and nothing came back")
     write_rasters(directory, survey, rasters)
+
+
+def _mask(survey: Survey, cells: Bool[np.ndarray, "row column"]) -> Raster:
+    return Raster(grid=survey.dem.grid, height_m=np.where(cells, 1.0, np.nan), quantity="mask")
 
 
 Rasters = dict[str, tuple[Raster | None, str]]

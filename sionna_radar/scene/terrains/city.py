@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.memory import release_memory
-from sionna_radar.raytracer.backend import load_mitsuba, release_arrays
+from sionna_radar.raytracer.backend import load_sionna, release_arrays
 from sionna_radar.scene.landscape import Landscape
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
@@ -39,7 +39,7 @@ def load_city(
     Raises ScenarioError if the scenario maps a material that the city does not have, or keeps one that is undefined at
         the carrier or does not scatter.
     """
-    load_mitsuba()
+    load_sionna()
     import sionna.rt as rt
 
     scene = rt.load_scene(getattr(rt.scene, city))

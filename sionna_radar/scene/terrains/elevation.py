@@ -5,12 +5,12 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.cbook import get_sample_data
 from pyproj import CRS
 from rasterio import Affine
 
@@ -109,13 +109,21 @@ def _roughened(raster: Raster, post_m: float, roughness: Roughness) -> Raster:
     return Raster(grid=raster.grid, height_m=raster.height_m + detail_m)
 
 
+def _sample_data() -> Path:
+    """Return the folder of matplotlib's sample data; the package itself, slow to load, is not imported."""
+    found = find_spec("matplotlib")
+    assert found is not None, "matplotlib is a dependency"
+    assert found.origin is not None
+    return Path(found.origin).parent / "mpl-data" / "sample_data"
+
+
 @contextmanager
 def _opened(path: Path | str | None) -> Iterator[Any]:
     if path is not None:
         with opened_file(path) as dataset:
             yield dataset
         return
-    with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:
+    with np.load(_sample_data() / "jacksboro_fault_dem.npz") as tile:
         # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
         # seconds, are cell centres. "ymin" is wrong: it is 344 rows NORTH of ymax. That ymax is the
         # northern edge follows from the highest cell, which then is on Cross Mountain (36.1983 N,

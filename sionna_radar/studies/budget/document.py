@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from rich.table import Table
 
-from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
+from sionna_radar.report.colours import BLUE, ORANGE, RED
+from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import number, table_of
 from sionna_radar.studies.budget.study import Budget, GradeResult, Limit

@@ -12,15 +12,8 @@ from matplotlib.figure import Figure
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
-from sionna_radar.report.drawing import (
-    BLUE,
-    ERRORS,
-    HEIGHTS,
-    ORANGE,
-    ReportFigure,
-    height_limits,
-    show_raster,
-)
+from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
+from sionna_radar.report.drawing import ReportFigure, height_limits, show_raster
 from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

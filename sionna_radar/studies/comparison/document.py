@@ -13,7 +13,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_referen
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.drawing import LOCAL_FRAME, Frame
+from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of

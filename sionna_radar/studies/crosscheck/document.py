@@ -14,7 +14,8 @@ from rich.table import Table
 
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.drawing import BLUE, ERRORS, HEIGHTS, ORANGE, ReportFigure, show_raster
+from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
+from sionna_radar.report.drawing import ReportFigure, show_raster
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import number
 from sionna_radar.studies.crosscheck.study import INCIDENCE_STEP_DEG, CrossCheck

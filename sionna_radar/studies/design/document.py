@@ -13,22 +13,9 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.execution.workers import versions
-from sionna_radar.report.drawing import (
-    BLUE,
-    ERRORS,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    Coordinates,
-    ReportFigure,
-    finish_map,
-    frame_of,
-    map_bounds,
-    map_size,
-    readable,
-    show_raster,
-)
+from sionna_radar.report.colours import BLUE, ERRORS, GREEN, ORANGE, PURPLE, RED
+from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
+from sionna_radar.report.drawing import ReportFigure, finish_map, map_size, readable, show_raster
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

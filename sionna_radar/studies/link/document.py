@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from rich.table import Table
 
 from sionna_radar.foundation.decibels import decibels, to_db
-from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure
+from sionna_radar.report.colours import BLUE, ORANGE, RED
+from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.files.contents import csv_text
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import number

@@ -10,19 +10,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from sionna_radar.report.colours import BLUE, ORANGE, PURPLE, RED
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
 from sionna_radar.report.drawing import (
-    BLUE,
-    ORANGE,
-    PURPLE,
-    RED,
-    Coordinates,
-    Frame,
     ReportFigure,
     colour_bar,
     finish_map,
-    frame_of,
     height_limits,
-    map_bounds,
     map_size,
     shaded,
 )

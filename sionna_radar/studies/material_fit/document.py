@@ -8,7 +8,8 @@ import tomli_w
 from matplotlib.figure import Figure
 
 from sionna_radar.foundation.decibels import decibels
-from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
+from sionna_radar.report.colours import BLUE, ORANGE
+from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
 from sionna_radar.studies.material_fit.study import MaterialFit, Measure, Unknown

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar.foundation.decibels import decibels
-from sionna_radar.report.drawing import ORANGE, RED, ReportFigure
+from sionna_radar.report.colours import ORANGE, RED
+from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.files.contents import csv_text
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.studies.range_doppler.study import Frames, SeenTarget

@@ -31,7 +31,8 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, ReportFigure, readable
+from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+from sionna_radar.report.drawing import ReportFigure, readable
 from sionna_radar.report.files.contents import RUNS_FILES, Keep, RunsFile, csv_text
 from sionna_radar.report.files.points_table import check_parquet
 from sionna_radar.report.study_document import Column, StudyDocument

@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.decibels import decibels
-from sionna_radar.report.drawing import BLUE, ORANGE, ReportFigure
+from sionna_radar.report.colours import BLUE, ORANGE
+from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.page.markup import command_line, document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.raytracer.backend import load_mitsuba, load_sionna
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
 
 mi = load_mitsuba()
+load_sionna()
 
 import drjit as dr  # noqa: E402  (libLLVM and the variant must be chosen before these load)
 import sionna.rt as rt  # noqa: E402

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.radar.antenna import Antenna, Pattern
 from sionna_radar.radar.array_pattern import REACH, ArrayPattern, ElementPattern
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
-from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.raytracer.backend import load_mitsuba, load_sionna
 
 mi = load_mitsuba()
+load_sionna()
 
 import drjit as dr  # noqa: E402  (libLLVM and the variant must be chosen before these load)
 import sionna.rt as rt  # noqa: E402

@@ -9,13 +9,14 @@ from jaxtyping import Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
+from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba, load_sionna
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster, mitsuba_mesh
 from sionna_radar.tracing.sionna.material import sionna_material
 from sionna_radar.tracing.sionna.pattern import SionnaPattern
 
 mi = load_mitsuba()
+load_sionna()
 
 import drjit as dr  # noqa: E402  (libLLVM and the variant must be chosen before these load)
 import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen before these load)

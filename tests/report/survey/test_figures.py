@@ -15,7 +15,8 @@ from matplotlib.image import imread
 from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.report.drawing import DPI, Coordinates
+from sionna_radar.report.coordinates import Coordinates
+from sionna_radar.report.drawing import DPI
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scenario.terrain import RasterTerrain

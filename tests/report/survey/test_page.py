@@ -88,7 +88,6 @@ def test_a_survey_that_found_nothing_has_a_page(empty):
     assert document["summary"]["lit_error"]["rms_m"] is None
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_page_too_large_is_refused_and_the_results_are_written_without(monkeypatch, survey, tmp_path, caplog):
     monkeypatch.setattr(document_module, "MAX_BYTES", 100_000)
     with pytest.raises(OutputError, match="--no-report"):

@@ -56,11 +56,7 @@ FILES = [
     "costs.json",
     "dem.tif",
     "error.tif",
-    "figures/chirp.png",
-    "figures/dem.png",
-    "figures/environment.png",
-    "figures/error_map.png",
-    "figures/power_map.png",
+    "lit.tif",
     "manifest.json",
     "points.csv",
     "points.laz",
@@ -112,7 +108,6 @@ def test_all_files_are_written(survey: Survey, tmp_path: Path) -> None:
     assert out.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("method", ["linear", "smooth"])
 def test_the_file_of_stated_errors_says_what_they_hold(method: str, tmp_path: Path) -> None:
     flown = run(load_scenario("hills", {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "dem.method": method}))
@@ -131,7 +126,6 @@ def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
     assert len(write_survey(empty, tmp_path / "out")) == len(FILES)
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
     flown = replace(survey, prepared=replace(survey.prepared, custom=CustomParts(antenna=make_antenna(6.0, 6.0))))
     horn = "sionna_radar.radar.antenna.Antenna, half-power beam 6 x 6 deg"
@@ -160,7 +154,6 @@ def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
         assert file.bounds.top == 0.0
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_geotiff_says_what_made_it(survey: Survey, tmp_path: Path) -> None:
     described = survey.scenario.model_copy(update={"description": "H\u00fcgel [/x]\0 <&> \x01"})
     write_survey(replace(survey, prepared=replace(survey.prepared, scenario=described)), tmp_path / "out")

@@ -1,0 +1,64 @@
+"""What a command loads: nothing that draws, and nothing that talks to a network."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# matplotlib takes a tenth of a warm run, requests and their kin a hundredth.
+SLOW = ("matplotlib", "requests", "urllib3", "pythreejs", "ipywidgets", "IPython", "pandas", "sklearn", "dask")
+LOADED = f"print(sorted({{name.partition('.')[0] for name in sys.modules}} & {set(SLOW)}))"
+
+
+def loaded_by(code: str) -> str:
+    """Return which of the slow modules a fresh process has loaded after some code."""
+    script = f"import sys\n{code}\n{LOADED}"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [("hills", {}), ("jacksboro", {}), ("two_fields", {}), ("buildings", {"dem.method": "stepped"}), ("rain", {})],
+)
+def test_a_survey_and_its_files_load_nothing_that_draws(name: str, keys: dict, tmp_path: Path) -> None:
+    keys = {"platform.length_m": 4.0, "tracing.paths_per_pulse": 32, **keys}
+    flight = (
+        "from sionna_radar import load_scenario, run\n"
+        "from sionna_radar.report.survey.products import write_survey\n"
+        "from pathlib import Path\n"
+        f"write_survey(run(load_scenario({name!r}, {keys!r})), Path({str(tmp_path / 'out')!r}))"
+    )
+    assert loaded_by(flight) == "[]"
+
+
+def test_that_a_figure_draws_is_noticed(tmp_path: Path) -> None:
+    assert loaded_by("from sionna_radar.report.survey import figures") == "['matplotlib']"
+
+
+def test_sionna_rt_draws_though_matplotlib_was_not_there_when_it_was_loaded() -> None:
+    drawn = (
+        "from sionna_radar.raytracer.backend import load_sionna\n"
+        "rt = load_sionna()\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "import matplotlib\n"
+        "matplotlib.use('agg')\n"
+        "from sionna.rt import antenna_pattern\n"
+        "pattern = rt.antenna_pattern.antenna_pattern_registry.get('tr38901')(polarization='V')\n"
+        "assert len(pattern.show()) == 3\n"
+        "array = rt.PlanarArray(num_rows=2, num_cols=2, pattern='iso', polarization='V')\n"
+        "assert array.show() is not None"
+    )
+    assert "matplotlib" in loaded_by(drawn)
+
+
+def test_sionna_rt_is_loaded_where_matplotlib_was_before() -> None:
+    code = (
+        "import matplotlib.pyplot as plt\n"
+        "from sionna_radar.raytracer.backend import load_sionna\n"
+        "load_sionna()\n"
+        "assert sys.modules['matplotlib.pyplot'] is plt"
+    )
+    assert "matplotlib" in loaded_by(code)
