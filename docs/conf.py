@@ -73,5 +73,5 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "min_reported_time": 1e9,
     "show_signature": False,
-    "default_thumb_file": str(HERE.parent / "examples" / "images" / "san_francisco.png"),
+    "default_thumb_file": str(HERE.parent / "examples" / "images" / "demo.png"),
 }

@@ -9,6 +9,7 @@ from .foundation.raster import Raster as Raster
 from .mapping.build import register_dem_method as register_dem_method
 from .mapping.points import Points as Points
 from .radar.build import register_antenna as register_antenna
+from .report.survey.finished import read_survey as read_survey
 from .report.survey.products import write_survey as write_survey
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import parse_scenario as parse_scenario

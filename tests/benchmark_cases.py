@@ -423,13 +423,13 @@ def measure_start() -> Iterator[Ratio]:
     yield result
     name = "`run hills` until the result is printed / `import mitsuba`"
     yield Ratio(name=name, value=result.value / mitsuba_s, bound=None, at_most=True)
-    yield _start_ratio("`run hills` until all is written and drawn", last, python_s, None)
-    for scene in ("hills", "san_francisco"):
+    yield _start_ratio("`run hills` until all is written", last, python_s, None)
+    for flight in ("run hills", "demo", "run san_francisco"):
         with tempfile.TemporaryDirectory() as folder:
-            command, cache = ["-m", "sionna_radar", "run", scene, "-o"], Path(folder, "cache")
+            command, cache = ["-m", "sionna_radar", *flight.split(), "-o"], Path(folder, "cache")
             empty, filled = (_seconds([*command, str(Path(folder, str(k)))], cache)[1] for k in range(2))
-        yield Ratio(name=f"seconds of `run {scene}`", value=filled, bound=None, at_most=True)
-        name = f"seconds that an empty cache of compiled code adds to `run {scene}`"
+        yield Ratio(name=f"seconds of `{flight}`", value=filled, bound=None, at_most=True)
+        name = f"seconds that an empty cache of compiled code adds to `{flight}`"
         yield Ratio(name=name, value=empty - filled, bound=None, at_most=True)
 
 

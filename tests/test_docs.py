@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import sys
 import tomllib
 from pathlib import Path
 
@@ -186,8 +187,9 @@ def test_console_output_on_a_page_is_that_of_its_commands(cli, tmp_path, monkeyp
         )
 
 
-def test_the_report_of_a_machine_on_a_page_has_the_lines_of_doctor(cli):
+def test_the_report_of_a_machine_on_a_page_has_the_lines_of_doctor(cli, monkeypatch):
     """What stands in them is another machine's."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
     ((_, shown),) = shown_by_commands(DOCS / "install.md")
     lines = shown.splitlines()
     printed = [line for line in cli("doctor").stdout.splitlines() if not line.startswith("plug-in")]

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
 
-DEMO = "san_francisco"
+DEMO, CITY = "demo", "san_francisco"
 
 
 def demo(
@@ -53,10 +53,12 @@ def demo(
     backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Simulate a survey of San Francisco, and write its results and figures."""
+    """Simulate a survey of four buildings on hills, and write its results and figures."""
     log_to_stderr(quiet)
     session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
     _fly(session, None, map_coordinates, report, figures)
+    if not quiet:
+        typer.echo(f"a whole city takes a minute: sionna-radar run {CITY}")
 
 
 @command(*SCENARIO, *TEAM)

@@ -3,7 +3,7 @@
 import sys
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,8 +17,9 @@ from sionna_radar.cli.session import (
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
 
-if TYPE_CHECKING:
-    pass
+NO_BYTE_CODE = (
+    "not kept (PYTHONDONTWRITEBYTECODE is set): every start compiles all modules, and takes nearly twice as long"
+)
 
 
 @command("scenario", "set_", "set_file", "seed", "network")
@@ -95,6 +96,7 @@ def doctor() -> None:
             else "not needed: the GPU traces"
         ),
         "GPU": backend.gpu,
+        **({"byte code": NO_BYTE_CODE} if sys.dont_write_bytecode else {}),
         **{name: version or "not installed" for name, version in versions().items() if name != "python"},
     }
     for name, value in rows.items():

@@ -12,6 +12,7 @@ from sionna_radar.scenario.parts import ENGINES
 from sionna_radar.scenario.table import Conflicts, Real, Table
 
 MAX_PATHS_PER_PULSE = 100_000
+PATHS_OF_QUALITY = {"fast": 256, "normal": 512, "fine": 1024}
 
 
 class TracingTable(Table):
@@ -36,10 +37,18 @@ class TracingTable(Table):
     """Highest number of reflections. 2 lets the wave meet a second surface on its way, if one of both, or both, is a
     plane that reflects as a mirror (`materials.NAME.specular`): the ground before a wall, a corner. Engine "sionna"
     only."""
-    paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
-    """Number of rays inside the beam of a pulse, or of scatterers."""
+    quality: Literal["fast", "normal", "fine"] = "normal"
+    """Number of rays inside the beam of a pulse, or of scatterers: 256, 512 or 1,024. Fewer understate range errors, by
+    3 % ("fast") and 1.5 % ("normal") against "fine"; mean power and its spread do not depend on it."""
+    paths_per_pulse: Annotated[int | None, Field(strict=True, ge=16, le=10**7)] = None
+    """Number of rays inside the beam of a pulse, or of scatterers. Default: that of `quality`."""
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
     """Fraction of the rays that sample the side lobes."""
+
+    @property
+    def paths(self) -> int:
+        """Number of rays inside the beam of a pulse, or of scatterers: as given, or by the quality."""
+        return self.paths_per_pulse or PATHS_OF_QUALITY[self.quality]
 
     @model_validator(mode="before")
     @classmethod
@@ -58,9 +67,9 @@ class TracingTable(Table):
             yield "speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'"
         if self.bounces == 2 and self.engine != "sionna":
             yield "bounces", f"engine = {self.engine!r} supports single bounces only; set engine = 'sionna'"
-        if self.engine == "sionna" and self.paths_per_pulse > MAX_PATHS_PER_PULSE:
+        if self.engine == "sionna" and self.paths > MAX_PATHS_PER_PULSE:
             yield (
                 "paths_per_pulse",
-                f"{self.paths_per_pulse:,} of a block of pulses do not fit into memory; give at most "
+                f"{self.paths:,} of a block of pulses do not fit into memory; give at most "
                 f"{MAX_PATHS_PER_PULSE:,} (the rays of engine = 'path_solver', most of which miss, may be more)",
             )

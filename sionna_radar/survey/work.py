@@ -30,7 +30,7 @@ class Work:
 def expected_work(prepared: Prepared) -> Work:
     """Return the work that a survey is expected to take."""
     scenario, pulses = prepared.scenario, len(prepared)
-    paths = scenario.tracing.paths_per_pulse
+    paths = scenario.tracing.paths
     triangles = sum(len(surface.faces) for surface in prepared.world.scene.surfaces)
     weather = scenario.weather
     raining = weather.rain_rate_mm_per_h > 0 or weather.snowfall_mm_per_h > 0 or weather.rain_field is not None

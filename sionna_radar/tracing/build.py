@@ -62,13 +62,13 @@ def sionna_engine(inputs: EngineInputs) -> Engine:
     if table.speckle == "persistent":
         from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 
-        rays = max(1, round(table.paths_per_pulse * table.side_lobe_share))
+        rays = max(1, round(table.paths * table.side_lobe_share))
         return PersistentEngine(
             inputs.scene,
             inputs.antenna,
             inputs.chirp,
             inputs.seed,
-            table.scatterers_per_m2 or _density(inputs, table.paths_per_pulse - rays),
+            table.scatterers_per_m2 or _density(inputs, table.paths - rays),
             inputs.region_m,
             outer_rays=rays,
             decorrelation_time_s=table.decorrelation_time_s,
@@ -82,7 +82,7 @@ def sionna_engine(inputs: EngineInputs) -> Engine:
         inputs.antenna,
         inputs.chirp,
         inputs.seed,
-        table.paths_per_pulse,
+        table.paths,
         table.side_lobe_share,
         inputs.caster,
         table.bounces,
@@ -114,9 +114,7 @@ def stock_engine(inputs: EngineInputs) -> Engine:
     """Return Sionna's stock path solver, for checks."""
     from sionna_radar.tracing.engines.stock import PathSolverEngine
 
-    return PathSolverEngine(
-        inputs.scene, inputs.antenna, inputs.chirp, inputs.seed, samples=inputs.tracing.paths_per_pulse
-    )
+    return PathSolverEngine(inputs.scene, inputs.antenna, inputs.chirp, inputs.seed, samples=inputs.tracing.paths)
 
 
 @registers(ENGINES, "[tracing.engine_parameters]")

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import re
 import subprocess
 import sys
@@ -78,7 +79,10 @@ def test_run_writes_every_product(cli, small, tmp_path):
     costs = json.loads((tmp_path / "out" / "costs.json").read_text())
     assert costs["timing_s"]["total"] > costs["timing_s"]["trace"] > 0
     assert costs["peak_memory_mb"] > 100
-    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet", "--no-report")
+    assert costs["byte_code_kept"] is not sys.dont_write_bytecode
+    again = cli(
+        "run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--figures", "--quiet", "--no-report"
+    )
     assert not (tmp_path / "again" / "report.html").exists()
     assert again.stdout == ""
     # Byte for byte, whatever the size of the blocks; but for what it took, and the digests of a folder without a page.
@@ -169,9 +173,16 @@ def test_scenes_lists_the_shipped_scenarios(cli):
 
 def test_doctor_names_variant_and_library():
     command = [sys.executable, "-m", "sionna_radar", "doctor"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=kept)
     assert "ad_mono_polarized" in done.stdout
     assert "one ray traced correctly" in done.stdout
+    assert "byte code" not in done.stdout
+
+
+def test_doctor_says_when_every_start_compiles_all_modules(cli, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert "not kept (PYTHONDONTWRITEBYTECODE is set)" in cli("doctor").stdout
 
 
 def test_a_warning_is_shown_once_in_a_command(monkeypatch, capsys):
@@ -363,5 +374,5 @@ def test_help_lists_every_command_by_task_with_its_whole_first_line():
     places = [said.index(f"\n{task}:\n") for task in TASKS]
     assert places == sorted(places)
     assert "..." not in said[places[0] :]
-    assert len(LISTED) == 25
+    assert len(LISTED) == 26
     assert {command.name for command in LISTED} == {command.name for command in app.registered_commands}

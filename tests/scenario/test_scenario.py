@@ -52,7 +52,7 @@ def test_the_least_scenario_takes_the_papers_radar():
     assert (radar.carrier_hz, radar.bandwidth_hz, radar.chirp_rate_hz) == (77e9, 500e6, 360.0)
     assert (radar.antenna.beamwidth_deg, radar.antenna.side_lobe_db) == (2.0, -20.0)
     assert (radar.scan.mode, radar.scan.rotation_rpm, radar.scan.incidence_deg) == ("whisk_broom", 120.0, 45.0)
-    assert scenario.tracing.paths_per_pulse == 512
+    assert scenario.tracing.paths == 512
 
 
 @pytest.mark.parametrize(
@@ -258,3 +258,12 @@ def test_a_recording_has_its_receiver_behind_it_but_for_the_high_pass():
     assert kept.radar.receiver.high_pass_corner_hz == 1e3
     with pytest.raises(ScenarioError, match=r"radar.receiver.oscillator: has no effect on recorded samples"):
         recorded_settings({"radar.receiver.oscillator.cubic_hz": 1e3}, "recording.nc")
+
+
+@pytest.mark.parametrize(("quality", "paths"), [("fast", 256), ("normal", 512), ("fine", 1024)])
+def test_quality_sets_the_number_of_rays_unless_it_is_given(quality, paths):
+    scenario = load_scenario("hills", {"tracing.quality": quality})
+    assert scenario.tracing.paths == paths
+    again = parse_scenario(tomllib.loads(to_toml(scenario)))
+    assert again.tracing.paths == paths
+    assert load_scenario("hills", {"tracing.quality": quality, "tracing.paths_per_pulse": 99}).tracing.paths == 99

@@ -60,7 +60,17 @@ def test_jacksboro_is_georeferenced_and_sane():
     assert "UTM zone 16N" in survey.georeference.crs_wkt
 
 
-def test_demo_sees_streets_and_roofs():
+def test_demo_sees_roofs_and_the_hills_between():
+    survey = run(load_scenario("demo"))
+    assert survey.scenario.dem.method == "stepped"
+    lit = survey.lit_error
+    assert lit.coverage > 0.9
+    assert lit.nmad_m < 0.05
+    assert lit.over_1m < 0.01
+    assert np.ptp(survey.dem.height_m[survey.dem.filled]) > 10.0
+
+
+def test_san_francisco_has_streets_and_roofs():
     lines = {"count": 1, "spacing_m": 50.0, "length_m": 20.0, "centre_m": [300.0, 30.0]}
     survey = run(load_scenario("san_francisco", {"platform.lines": lines, "radar.scan.rotation_rpm": 240.0}))
     assert survey.scenario.dem.method == "stepped"

@@ -5,6 +5,7 @@ import io
 import json
 import logging
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum, StrEnum
@@ -77,8 +78,9 @@ class Keep(StrEnum):
 
 
 def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
-    """Return the text of `COSTS`: run times, s, and peak memory, MB."""
-    return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})
+    """Return the text of `COSTS`: run times, s, peak memory, MB, and whether Python kept its compiled modules."""
+    costs = {"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb}
+    return strict_json({**costs, "byte_code_kept": not sys.dont_write_bytecode})
 
 
 def write_text(path: Path, text: str) -> None:

@@ -200,7 +200,7 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
         inputs.antenna,
         inputs.chirp,
         inputs.seed,
-        table.paths_per_pulse,
+        table.paths,
         table.side_lobe_share,
         inputs.caster,
     )
