@@ -40,6 +40,10 @@ def read_survey(directory: str | Path) -> Survey:
     directory:
         The folder of results.
 
+    Returns
+    -------
+    The survey, for its figures and errors.
+
     Raises
     ------
     InputFileError
@@ -49,8 +53,9 @@ def read_survey(directory: str | Path) -> Survey:
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
-    >>> files = write_survey(survey, "results")
+    >>> files = write_survey(survey, Path("results"))
     >>> again = read_survey("results")
     >>> len(again.points) == len(survey.points)
     True
