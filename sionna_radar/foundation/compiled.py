@@ -15,17 +15,20 @@ which makes these twenty times as fast.
 """
 
 import gc
+import hashlib
 import logging
 import math
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast, no_type_check
 
+import llvmlite.binding
 import numpy as np
 from filelock import FileLock, Timeout
 from numba import njit
 from numba.core import event
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -53,12 +56,26 @@ def compiled(function: Function) -> Function:
 MAX_WAIT_S = 60.0
 
 
+# Machine code that a wheel brings, for processors of the level x86-64-v3 (AVX2, 2013); `.ci/wheel` makes it.
+SHIPPED = Path(__file__).parents[1] / "machine_code"
+LEVEL, FEATURES_OF_LEVEL = "x86-64-v3", ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+
+
 class SharedCache(FunctionCache):
-    """Compiled code on disk, shared by processes: while one compiles a function, the others wait for it."""
+    """Compiled code on disk, shared by processes: while one compiles a function, the others wait for it.
+
+    Code belongs to the text of its source file, so that it outlives copies and changes of branch; Numba's own caches go
+    by the file's date. Where a wheel brought the code of a function, that is used.
+    """
 
     def __init__(self, function: Function) -> None:
         super().__init__(function)
         self._held: FileLock | None = None  # while this process compiles
+        name, source = self._impl.filename_base, _digest(Path(function.__code__.co_filename))
+        self._cache_file = IndexDataCacheFile(self._cache_path, name, source)
+        self._shipped = (
+            IndexDataCacheFile(str(SHIPPED), name, source) if SHIPPED.is_dir() and host_runs_level() else None
+        )
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return compiled code for argument types; None if this process has to compile it."""
@@ -95,10 +112,31 @@ class SharedCache(FunctionCache):
 
     def _loaded(self, signature: Any, target: Any) -> Any:
         try:
-            return super().load_overload(signature, target)
+            found = super().load_overload(signature, target)
         except AttributeError:  # types were renamed since the index was written
             self.flush()
             return None
+        return found or self._brought(signature, target)
+
+    def _brought(self, signature: Any, target: Any) -> Any:
+        """Return the code that the wheel brought for argument types; None without any."""
+        if self._shipped is None:
+            return None
+        signature, (triple, _, _), function = self._index_key(signature, target.codegen())
+        data = self._shipped.load((signature, (triple, LEVEL, ""), function))
+        return None if data is None else self._impl.rebuild(target, data)
+
+
+@cache
+def _digest(source: Path) -> str:
+    return hashlib.sha256(source.read_bytes()).hexdigest()
+
+
+@cache
+def host_runs_level() -> bool:
+    """Return True if this machine's processor is of the level of shipped code."""
+    features = llvmlite.binding.get_host_cpu_features()
+    return all(features.get(feature, False) for feature in FEATURES_OF_LEVEL)
 
 
 class _Compilation(event.Listener):

@@ -142,3 +142,56 @@ def test_a_forked_process_compiles_a_function_of_its_parent(monkeypatch):
         os._exit(status)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     assert not is_locked(function)
+
+
+SHIPPED = """
+import sys
+from pathlib import Path
+import numpy as np
+from sionna_radar.foundation import compiled as module
+module.SHIPPED = Path(sys.argv[1])
+import kernel
+print(kernel.scaled(np.array([1.5, 2.0])))
+"""
+
+
+def ran_with(folder, shipped, source, **environment):
+    """Return what a kernel says in a process of its own, and whether it was compiled there."""
+    folder.mkdir(exist_ok=True)
+    text = "from sionna_radar.foundation.compiled import compiled\n\n@compiled\ndef scaled(values):\n    return {}\n"
+    (folder / "kernel.py").write_text(text.format(source))
+    cache = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    command = [sys.executable, "-B", "-c", SHIPPED, str(shipped)]
+    done = subprocess.run(
+        command, env=os.environ | cache | environment, capture_output=True, text=True, check=False, cwd=folder
+    )
+    assert done.returncode == 0, done.stderr
+    return float(done.stdout), bool(list((folder / "cache").rglob("*.nbc")))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="machine code travels in wheels for Linux alone")
+def test_machine_code_that_a_wheel_brings_is_used_as_long_as_it_fits(tmp_path):
+    shipped, text = tmp_path / "shipped", "3.0 * values[0] + values[1]"
+    level = {"NUMBA_CPU_NAME": module.LEVEL, "NUMBA_CPU_FEATURES": ""}
+    assert ran_with(tmp_path / "made", tmp_path / "none", text, **level) == (6.5, True)
+    shipped.mkdir()
+    for file in (tmp_path / "made" / "cache").rglob("*.nb[ic]"):
+        (shipped / file.name).write_bytes(file.read_bytes())
+    # A copy of the source elsewhere and of another date, with the same text.
+    assert ran_with(tmp_path / "used", shipped, text) == (6.5, not module.host_runs_level())
+    # Another text, another processor.
+    assert ran_with(tmp_path / "edited", shipped, "3.0 * values[0] + 2.0 * values[1]") == (8.5, True)
+    (shipped / "notes.txt").write_text("not code")
+    for file in shipped.glob("*.nbc"):
+        file.unlink()
+    assert ran_with(tmp_path / "lost", shipped, text) == (6.5, True)
+
+
+def test_an_older_processor_compiles(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "SHIPPED", tmp_path)
+    monkeypatch.setattr(module.llvmlite.binding, "get_host_cpu_features", lambda: {"avx2": False})
+    module.host_runs_level.cache_clear()
+    try:
+        assert compiled(doubled)._cache._shipped is None
+    finally:
+        module.host_runs_level.cache_clear()
