@@ -17,11 +17,9 @@ from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import UNIFORM
 from sionna_radar.mapping.terrain.uncertainty import (
     Information,
-    PlausibleTerrain,
     TiledUncertainty,
     TileUncertainty,
     information_of,
-    plausible_terrains,
 )
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=10)
@@ -182,32 +180,28 @@ def test_pairs_of_heights_share_noise_as_all_of_them_do(heights):
     np.testing.assert_allclose(shared.noise_m2(one, other, 1.5), expected)
 
 
-def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
+def test_what_is_left_is_what_neither_the_terrain_nor_whole_echoes_tell():
     wave = np.linspace(0.1, 2.0, 50)
     weight, means, echoes = wave * 0.1, np.full(50, 0.2), np.geomspace(0.1, 5.0, 50)
     information = Information(wave, weight, means, echoes)
-    rough, smooth = FittedCovariance(Covariance(0.5, 20.0, 3.0), 1.1), FittedCovariance(Covariance(2.5, 9.0, 2.0), 0.9)
+    rough, smooth = Covariance(0.5, 20.0, 3.0), Covariance(2.5, 9.0, 2.0)
+    taken_for, fitted = FittedCovariance(rough, 0.8), FittedCovariance(rough, 1.1)
 
     def left(terrain, whole):
         told = means / terrain.noise_factor
         return weight @ (1 / (1 / terrain.covariance.power(wave) + (np.maximum(told, echoes) if whole else told)))
 
-    taken, both = left(rough, whole=False), (PlausibleTerrain(0.25, rough), PlausibleTerrain(0.75, smooth))
-    expected = 0.25 * left(rough, whole=True) + 0.75 * left(smooth, whole=True)
-    here = np.zeros((1, 2))
-    assert information.posterior_variance_m2(np.array([taken]), rough, both, None, here) == pytest.approx(expected)
-    assert information.posterior_variance_m2(np.array([taken / 2]), rough, both, None, here) == pytest.approx(
-        expected / 2
-    )
+    taken, expected = left(taken_for, whole=False), left(fitted, whole=True)
+    known, here = (taken_for, fitted, None), np.zeros((1, 2))
+    assert information.posterior_variance_m2(np.array([taken]), *known, here) == pytest.approx(expected)
+    assert information.posterior_variance_m2(np.array([taken / 2]), *known, here) == pytest.approx(expected / 2)
     # Far from all echoes it changes by no more than where they lie.
-    assert information.posterior_variance_m2(np.array([100 * taken]), rough, both, None, here) == pytest.approx(
+    assert information.posterior_variance_m2(np.array([100 * taken]), *known, here) == pytest.approx(
         99 * taken + expected
     )
     # A wide window averages short waves away, of which the smooth terrain has none.
-    only = (PlausibleTerrain(1.0, smooth),)
-    narrow, wide = (
-        information.posterior_variance_m2(np.array([1e-9]), rough, only, None, here, w) for w in (0.0, 30.0)
-    )
+    known = taken_for, FittedCovariance(smooth, 0.9), None
+    narrow, wide = (information.posterior_variance_m2(np.array([1e-9]), *known, here, w) for w in (0.0, 30.0))
     assert wide > 2 * narrow
 
 
@@ -269,38 +263,12 @@ def test_whole_echoes_tell_as_less_noise_would_beyond_the_last_of_them_too(heigh
     assert whole.gain(2.0) == pytest.approx(8.0)
 
 
-@pytest.mark.parametrize(("smoothness", "side"), [(0.4, np.less), (np.inf, np.greater)])
-def test_close_heights_tell_rough_ground_from_smooth_and_wide_footprints_do_not(smoothness, side):
-    rng = np.random.default_rng(11)
-    place = rng.uniform(0, 40, (250, 2))
-    found = []
-    for spread in (0.0, 4.0):
-        total = Covariance(smoothness, 10.0, 1.0).at(apart(place, place), spread) + 0.01 * np.eye(250)
-        heights = replace(
-            Heights.at_places(place, np.linalg.cholesky(total) @ rng.standard_normal(250), np.full(250, 0.1)),
-            footprint_m=np.broadcast_to(spread * np.eye(2), (250, 2, 2)),
-        )
-        measured = heights.above(np.zeros(3))
-        every = plausible_terrains(measured, fit_covariance(measured))
-        assert sum(one.probability for one in every) == pytest.approx(1.0)
-        found.append({one.terrain.covariance.smoothness: one.probability for one in every})
-    close, wide = found
-    assert sum(p for nu, p in close.items() if side(nu, 1.2)) > 0.98
-    assert max(wide.values()) < 0.6
-    assert len(wide) > len(close)
-
-
 def test_a_window_over_several_tiles_is_known_from_the_echoes_of_all(heights):
     bounds = ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
     kriging, information, x = Kriging(TERRAIN, heights, 1.0), information_of(heights), heights.place_m[:, 0]
     both = TiledUncertainty(
         tuple(
-            TileUncertainty(
-                own,
-                replace(kriging, heights=heights.rows(near)),
-                information,
-                (PlausibleTerrain(1.0, kriging.terrain),),
-            )
+            TileUncertainty(own, replace(kriging, heights=heights.rows(near)), information, 1.0)
             for own, near in zip(bounds, (x < 7, x > 5), strict=True)
         )
     )
@@ -312,7 +280,7 @@ def test_a_window_over_several_tiles_is_known_from_the_echoes_of_all(heights):
 def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     information, bounds = information_of(heights), ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
     west, east = (
-        TileUncertainty(own, kriging, information, (PlausibleTerrain(1.0, kriging.terrain),))
+        TileUncertainty(own, kriging, information, kriging.noise_factor)
         for own, kriging in zip(bounds, (Kriging(TERRAIN, heights, 1.0), Kriging(TERRAIN, heights, 100.0)), strict=True)
     )
     one = west.kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
@@ -337,12 +305,7 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
 
 def test_echoes_that_no_surface_explains_widen_what_is_said_within_their_footprints(heights):
     information = information_of(heights)
-    known = TileUncertainty(
-        EVERYWHERE,
-        Kriging(TERRAIN, heights, 1.0),
-        information,
-        (PlausibleTerrain(1.0, FittedCovariance(TERRAIN, 1.0)),),
-    )
+    known = TileUncertainty(EVERYWHERE, Kriging(TERRAIN, heights, 1.0), information, 1.0)
     pole = replace(known, outstanding=np.array([[6.0, 5.0, 2.0, 9.0], [6.0, 5.0, 1.0, 12.0]]))
     wanted = np.ones(GRID.shape, dtype=bool)
     before, after = (TiledUncertainty((tile,)).sigma_m(GRID, wanted).ravel() for tile in (known, pole))

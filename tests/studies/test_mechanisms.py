@@ -96,6 +96,14 @@ def yard(seed: int) -> np.ndarray:
     return height
 
 
+def drains(seed: int) -> np.ndarray:
+    """A field on a gentle slope, drained by ditches 1 m deep with sides of 45 deg, 13 m apart, along the scan lines."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(260) * POSTS_M, np.arange(260) * POSTS_M)
+    away = np.abs((x + 0.1 * y) % 13 - 6.5)
+    return 100 + 0.02 * y + 0.02 * fractal(rng, 0.6) - np.clip(1.3 - away, 0, 1)
+
+
 # Name, half, ground (drawn; or a file with the first row and column of a part of it), flight.
 WORLDS: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "hillside (looked at)": ("looked at", (HILLSIDE, 130, 650), {}),
@@ -106,6 +114,8 @@ WORLDS: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "gullies, 4 deg": ("judges", gullies(2), DRAWN | WIDE),
     "dyke": ("judges", dyke(3), {}),
     "yard": ("judges", yard(4), {}),
+    "steep banks": ("judges", (HILLSIDE, 730, 320), {}),
+    "drains": ("judges", drains(5), {"radar.scan.rotation_rpm": 120.0}),
     "dyke in rain": ("judges", dyke(3), RAIN),
 }
 PART_POSTS = 130  # of a file
@@ -151,7 +161,9 @@ def _means_alone(of: heights.Heights, linearised: Any = None, looks_per_cell: fl
 
 def _by_normal_equations(of: Any, grid: Any, trend: Any, fitted: Any, local: Any = None) -> smoothing.Smoothed:
     """`smooth_with`, by the solver of whole echoes."""
-    terrain = smoothing.TerrainModel(smoothing._padded(grid, fitted.covariance.length_m), trend, fitted.covariance, local)
+    terrain = smoothing.TerrainModel(
+        smoothing._padded(grid, fitted.covariance.length_m), trend, fitted.covariance, local
+    )
     weights = of.weights(terrain.grid)
     whole = weights.T.tocsr().multiply(1 / of.variance_m2(fitted.noise_factor)).tocsr()
     excess = of.height_m - weights @ terrain.trend_m.ravel()
@@ -408,7 +420,10 @@ def scores(folder: Path, name: str, seed: int) -> dict[str, Score]:
 
 def ledger(gains: dict[str, dict[str, Gain]]) -> str:
     """The table of mechanisms, by the place (world and method) where each wins most."""
-    lines = ["| mechanism | lines | wins most | RMS | coverage | interval | time | |", "|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "| mechanism | lines | wins most | RMS | coverage | interval | time | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for each in MECHANISMS:
         own = gains[each.name]
         place, most = max(own.items(), key=lambda item: item[1].greatest)
