@@ -30,7 +30,7 @@ import sionna_radar.mapping.terrain.kriging as kriging
 import sionna_radar.mapping.terrain.smoothing as smoothing
 import sionna_radar.mapping.terrain.uncertainty as uncertainty
 from elevation_files import NORTH, WEST, from_origin, write_heights
-from mechanism_study import METHODS, Flight, Gain, Mechanism, Score, gain
+from mechanism_study import Flight, Gain, Mechanism, Score, gain
 from real_files import HILLSIDE, MOUNTAIN, place_of
 
 SEEDS = (1, 2, 3)
@@ -133,10 +133,6 @@ def _all(measured: covariance.Measured, *_: Any) -> np.ndarray:
     return np.ones(len(measured.height_m), dtype=bool)
 
 
-def _taken(_: Any, fitted: covariance.FittedCovariance) -> tuple[uncertainty.PlausibleTerrain, ...]:
-    return (uncertainty.PlausibleTerrain(1.0, fitted),)
-
-
 def patched(*places: tuple[Any, str, Any]) -> Any:
     """Puts something else in some places."""
 
@@ -204,25 +200,10 @@ PATCHES = (
         ),
     ),
     Mechanism(
-        "plausible terrains",
-        "The variance is averaged over covariances of several smoothnesses.",
-        ("terrain.uncertainty.PlausibleTerrain", "terrain.uncertainty.plausible_terrains"),
-        patched((uncertainty, "plausible_terrains", _taken)),
-        ("smooth", "refined"),
-    ),
-    Mechanism(
         "information of whole echoes",
         "Sigma of `refined` is smaller than that of mean ranges, by the Fisher information of profiles.",
         ("terrain.uncertainty.information_of", "terrain.uncertainty._noise"),
         patched((refinement, "information_of", _means_alone)),
-        ("refined",),
-    ),
-    Mechanism(
-        "posterior variance of waves",
-        "Plausible terrains and information of whole echoes together.",
-        ("terrain.uncertainty.PlausibleTerrain", "terrain.uncertainty.plausible_terrains", "terrain.uncertainty.Information",
-         "terrain.uncertainty.information_of", "terrain.uncertainty._noise"),
-        patched((refinement, "information_of", _means_alone), (uncertainty, "plausible_terrains", _taken)),
         ("refined",),
     ),
     Mechanism(
@@ -231,18 +212,6 @@ PATCHES = (
         ("terrain.echo_heights.EchoSurface.outstanding", "terrain.uncertainty.TileUncertainty.unexplained_m"),
         patched((echo_heights.EchoSurface, "outstanding", _none)),
         ("smooth", "refined"),
-    ),
-    Mechanism(
-        "prior of the smoothness",
-        "The fit of the covariance leans to rough ground.",
-        ("terrain.covariance.PRIOR_NEPERS_SMOOTHNESS",),
-        patched((covariance, "PRIOR_NEPERS_SMOOTHNESS", 0.0)),
-    ),
-    Mechanism(
-        "Gaussian terrain",
-        "Infinite smoothness is tried, too.",
-        ("terrain.covariance.GAUSSIAN_TRIED",),
-        patched((covariance, "GAUSSIAN_TRIED", np.inf)),
     ),
     Mechanism(
         "uncorrelated noise",
@@ -327,8 +296,7 @@ PATCHES = (
         "noise factor",
         "The variance of the noise is fitted, too.",
         ("terrain.covariance.NOISE_FACTOR_SPREAD",),
-        patched((covariance, "NOISE_FACTOR_SPREAD", 1e-3), (covariance.fit_covariance, "__defaults__", (3, 1e-3)),
-                (covariance.posterior_loss, "__defaults__", (0.0, 1e-3, False))),
+        patched((covariance, "NOISE_FACTOR_SPREAD", 1e-3), (covariance.fit_covariance, "__defaults__", (3, 1e-3))),
         ("smooth", "refined"),
     ),
     Mechanism(
