@@ -226,13 +226,6 @@ PATCHES = (
         patched((heights.Heights, "above", lambda self, trend, _=0.0: _above(self, trend))),
     ),
     Mechanism(
-        "variance of the plane",
-        "An error of the trend plane is part of sigma.",
-        ("terrain.kriging.Kriging._plane_m2", "terrain.kriging.Kriging._plane"),
-        patched((kriging.Kriging, "_plane_m2", lambda _, place_m: np.zeros(len(place_m)))),
-        ("smooth", "refined"),
-    ),
-    Mechanism(
         "averaged errors of echoes",
         "The error of a mean range is averaged over similar pulses.",
         ("options.SmoothParameters.similar_pulses",),
