@@ -7,6 +7,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
 
 from sionna_radar.mapping.terrain.covariance import (
+    PRIOR_NEPERS_SMOOTHNESS,
     TABLE,
     Covariance,
     CovarianceTable,
@@ -46,8 +47,8 @@ def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, mic
         terrain = Covariance(smoothness, length, variance, microrelief_m).at(away, 1.2)
         noise = factor * np.outer(measured.sigma_m, measured.sigma_m)
         gaussian = multivariate_normal(cov=terrain + noise * repeated(measured.order, measured.reach))
-        constant = len(away) * np.log(2 * np.pi) / 2
-        return -gaussian.logpdf(measured.height_m) - constant + logs[2] ** 2 / (2 * spread**2)
+        prior = logs[2] ** 2 / (2 * spread**2) + PRIOR_NEPERS_SMOOTHNESS * np.log1p(smoothness)
+        return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
 
     loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], microrelief_m, spread)
     assert loss == pytest.approx(plain(logs), abs=1e-2)

@@ -104,6 +104,15 @@ def drains(seed: int) -> np.ndarray:
     return 100 + 0.02 * y + 0.02 * fractal(rng, 0.6) - np.clip(1.3 - away, 0, 1)
 
 
+def lynchets(seed: int) -> np.ndarray:
+    """Fields 14 m wide, 1.5 m above one another, whose banks run along the scan lines, nearly."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(260) * POSTS_M, np.arange(260) * POSTS_M)
+    field = (x + 0.12 * y + 2 * np.sin(y / 25)) / 14
+    bank = np.clip((field % 1 - 0.9) / 0.1, 0, 1)
+    return 100 + 1.5 * (np.floor(field) + bank) + 0.02 * y + 0.03 * fractal(rng, 0.6)
+
+
 # Name, half, ground (drawn; or a file with the first row and column of a part of it), flight.
 WORLDS: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "hillside (looked at)": ("looked at", (HILLSIDE, 130, 650), {}),
@@ -116,6 +125,8 @@ WORLDS: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "yard": ("judges", yard(4), {}),
     "steep banks": ("judges", (HILLSIDE, 730, 320), {}),
     "drains": ("judges", drains(5), {"radar.scan.rotation_rpm": 120.0}),
+    "lynchets": ("judges", lynchets(6), {"radar.scan.rotation_rpm": 60.0, "radar.chirp_rate_hz": 360.0}),
+    "cliff": ("judges", (MOUNTAIN, 130, 260), {}),
     "dyke in rain": ("judges", dyke(3), RAIN),
 }
 PART_POSTS = 130  # of a file
@@ -212,6 +223,12 @@ PATCHES = (
         ("terrain.echo_heights.EchoSurface.outstanding", "terrain.uncertainty.TileUncertainty.unexplained_m"),
         patched((echo_heights.EchoSurface, "outstanding", _none)),
         ("smooth", "refined"),
+    ),
+    Mechanism(
+        "prior of the smoothness",
+        "The fit of the covariance leans to rough ground.",
+        ("terrain.covariance.PRIOR_NEPERS_SMOOTHNESS",),
+        patched((covariance, "PRIOR_NEPERS_SMOOTHNESS", 0.0)),
     ),
     Mechanism(
         "uncorrelated noise",

@@ -112,6 +112,10 @@ UNCORRELATED_NOISE_FRACTION = 0.03
 # 0.95 to 1.1 times as the noise model predicts. A looser prior explains rough ground as noise: over real ground 0.1
 # assigned to noise half of what 0.05 calls rough.
 NOISE_FACTOR_SPREAD = 0.05
+# Prior against smooth terrain, nepers per unit of log(1 + smoothness): below the footprint, echoes distinguish smooth
+# from rough terrain only by the tails of the beam's pattern, which are not quite Gaussian, and a map that takes rough
+# ground for smooth is overconfident.
+PRIOR_NEPERS_SMOOTHNESS = 6.0
 # The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
 MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
@@ -389,8 +393,9 @@ def _loss(
     length, variance, factor, smoothness = (float(value) for value in np.exp(parameters))
     tried = Covariance(smoothness, length, variance, microrelief_m)
     others = replace(tried, length_m=length * np.exp(STEP)), replace(tried, smoothness=smoothness * np.exp(STEP))
-    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
-    gradient = np.array([0.0, 0.0, parameters[2] / noise_factor_spread**2, 0.0])
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + PRIOR_NEPERS_SMOOTHNESS * math.log1p(smoothness)
+    by_smoothness = PRIOR_NEPERS_SMOOTHNESS * smoothness / (1 + smoothness)
+    gradient = np.array([0.0, 0.0, parameters[2] / noise_factor_spread**2, by_smoothness])
     numbers = [(k, k + 1) for k in range(len(groups))]
     try:
         for group_loss, toward, by_variance, by_noise in in_threads(
