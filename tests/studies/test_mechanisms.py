@@ -26,7 +26,6 @@ import sionna_radar.mapping.seen as seen
 import sionna_radar.mapping.terrain.covariance as covariance
 import sionna_radar.mapping.terrain.echo_heights as echo_heights
 import sionna_radar.mapping.terrain.heights as heights
-import sionna_radar.mapping.terrain.kriging as kriging
 import sionna_radar.mapping.terrain.smoothing as smoothing
 import sionna_radar.mapping.terrain.uncertainty as uncertainty
 from elevation_files import NORTH, WEST, from_origin, write_heights
@@ -179,7 +178,7 @@ def _by_normal_equations(of: Any, grid: Any, trend: Any, fitted: Any, local: Any
 
 
 MASKED = tuple((each, "low_relief_mask", _all) for each in (smoothing, uncertainty, linear, refinement))
-PATCHES = (
+MECHANISMS = (
     Mechanism(
         "local relief",
         "Amplitude of short waves from place to place.",
@@ -189,7 +188,11 @@ PATCHES = (
     Mechanism(
         "misfit between lines",
         "All sigmas are larger where heights of a scan line scatter too much about predictions from other lines.",
-        ("terrain.local_relief.misfit_between_lines", "terrain.local_relief._cross_line_errors", "terrain.local_relief._scan_line"),
+        (
+            "terrain.local_relief.misfit_between_lines",
+            "terrain.local_relief._cross_line_errors",
+            "terrain.local_relief._scan_line",
+        ),
         patched((uncertainty, "misfit_between_lines", _one), (linear, "misfit_between_lines", _one)),
     ),
     Mechanism(
@@ -294,7 +297,9 @@ PATCHES = (
         ("linear",),
     ),
     *(
-        Mechanism(f"`{name}`", sentence, (f"options.LinearParameters.{name}",), methods=("linear",), options=((name, value),))
+        Mechanism(
+            f"`{name}`", sentence, (f"options.LinearParameters.{name}",), methods=("linear",), options=((name, value),)
+        )
         for name, value, sentence in (
             ("wall_contrast", 1e-6, "A wall's slope is twice that of the ground around."),
             ("wall_sigmas", 1e-6, "A wall's height is no noise."),
@@ -308,8 +313,11 @@ PATCHES = (
         ("smooth", "refined"),
     ),
     Mechanism(
-        "longest side", "Triangles with a long side stay empty.", ("options.LinearParameters.longest_side_gaps",),
-        methods=("linear",), options=(("longest_side_gaps", 1e6),),
+        "longest side",
+        "Triangles with a long side stay empty.",
+        ("options.LinearParameters.longest_side_gaps",),
+        methods=("linear",),
+        options=(("longest_side_gaps", 1e6),),
     ),
     Mechanism(
         "shared error behind rain",
@@ -318,38 +326,64 @@ PATCHES = (
         patched((mapper, "SHARED_CELLS", 0.0)),
     ),
     Mechanism(
-        "Anderson acceleration", "Scoring steps are mixed.", ("refined.refinement.AndersonAcceleration",),
-        patched((refinement.AndersonAcceleration, "next", lambda _, place, step, seen: place + step)), ("refined",),
+        "Anderson acceleration",
+        "Scoring steps are mixed.",
+        ("refined.refinement.AndersonAcceleration",),
+        patched((refinement.AndersonAcceleration, "next", lambda _, place, step, seen: place + step)),
+        ("refined",),
     ),
     Mechanism(
-        "thinned rows", "Curvature is made from some rows.", ("refined.refinement.ROWS",),
-        patched((model.EchoModel, "linearise", _every_row)), ("refined",),
+        "thinned rows",
+        "Curvature is made from some rows.",
+        ("refined.refinement.ROWS",),
+        patched((model.EchoModel, "linearise", _every_row)),
+        ("refined",),
     ),
     Mechanism(
-        "coarser steps", "Steps are solved on a coarser grid.", ("terrain.smoothing.TerrainModel.coarser", "terrain.smoothing.TerrainModel.left_out"),
-        patched((refinement, "COARSER", (1,))), ("refined",),
+        "coarser steps",
+        "Steps are solved on a coarser grid.",
+        ("terrain.smoothing.TerrainModel.coarser", "terrain.smoothing.TerrainModel.left_out"),
+        patched((refinement, "COARSER", (1,))),
+        ("refined",),
     ),
     Mechanism(
-        "curvature kept", "Curvature is computed on the first two surfaces alone.", ("refined.refinement.CURVED",),
-        patched((refinement, "CURVED", 12)), ("refined",),
+        "curvature kept",
+        "Curvature is computed on the first two surfaces alone.",
+        ("refined.refinement.CURVED",),
+        patched((refinement, "CURVED", 12)),
+        ("refined",),
     ),
     Mechanism(
-        "occlusion kept", "Rays start where they met the last surface.", ("refined.refinement.COARSE_M",),
-        patched((refinement, "COARSE_M", 0.0)), ("refined",),
+        "occlusion kept",
+        "Rays start where they met the last surface.",
+        ("refined.refinement.COARSE_M",),
+        patched((refinement, "COARSE_M", 0.0)),
+        ("refined",),
     ),
     Mechanism(
-        "curvature on cells", "The curvature of a pulse is brought onto cells.",
-        ("refined.curvature.curvature_on_cells", "refined.curvature.touch", "refined.curvature.onto_cells", "refined.curvature.curve_cells"),
+        "curvature on cells",
+        "The curvature of a pulse is brought onto cells.",
+        (
+            "refined.curvature.curvature_on_cells",
+            "refined.curvature.touch",
+            "refined.curvature.onto_cells",
+            "refined.curvature.curve_cells",
+        ),
         patched((refinement, "curvature_on_cells", curvature._by_nodes)),
         ("refined",),
     ),
     Mechanism(
-        "kriging solver", "Mean ranges are solved for in their own space, with an approximate inverse.",
-        ("terrain.kriging.Kriging.near_inverse", "terrain.smoothing.smooth_with", "terrain.smoothing.TerrainModel.covaried"),
-        patched((smoothing, "smooth_with", _by_normal_equations)), ("smooth", "refined"),
+        "kriging solver",
+        "Mean ranges are solved for in their own space, with an approximate inverse.",
+        (
+            "terrain.kriging.Kriging.near_inverse",
+            "terrain.smoothing.smooth_with",
+            "terrain.smoothing.TerrainModel.covaried",
+        ),
+        patched((smoothing, "smooth_with", _by_normal_equations)),
+        ("smooth", "refined"),
     ),
-)  # fmt: skip
-MECHANISMS = PATCHES
+)
 
 
 @pytest.fixture(scope="module")
