@@ -177,7 +177,7 @@ def _by_normal_equations(of: Any, grid: Any, trend: Any, fitted: Any, local: Any
     return smoothing.Smoothed(terrain, white, fitted.noise_factor)
 
 
-MASKED = tuple((each, "low_relief_mask", _all) for each in (smoothing, uncertainty, linear, refinement))
+MASKED = tuple((each, "low_relief_mask", _all) for each in (smoothing, linear, refinement))
 MECHANISMS = (
     Mechanism(
         "local relief",
