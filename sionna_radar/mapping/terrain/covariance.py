@@ -101,7 +101,7 @@ def covariances_between(
     return result
 
 
-# Bounds of the smoothness; beyond them terrain is Gaussian.
+# Bounds of the smoothness; beyond them terrain is as good as Gaussian.
 ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
@@ -116,16 +116,14 @@ NOISE_FACTOR_SPREAD = 0.05
 # from rough terrain only by the tails of the beam's pattern, which are not quite Gaussian, and a map that takes rough
 # ground for smooth is overconfident.
 PRIOR_NEPERS_SMOOTHNESS = 6.0
-# Smoothness as which Gaussian terrain counts in that prior.
-GAUSSIAN_SMOOTHNESS = 12.0
 # The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
 MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
 # Knots of the spline that tables are made from: it errs by less than 1e-8 variances, ten times less than they do.
 KNOTS = 400
 ITERATIONS, STEP = 30, 1e-3
-# Initial smoothness of the search, and the smoothness above which Gaussian terrain is tried too.
-FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
+# Initial smoothness of the search.
+FIRST_SMOOTHNESS = 1.0
 # Length over which differences of microrelief grow; longer waves are those of the landforms.
 MICRORELIEF_LENGTH_M = 10.0
 # Landforms have slopes: a Matern field is mean-square differentiable from a smoothness of 1 on, and what is rougher is
@@ -252,7 +250,7 @@ class Measured(Columns):
     @property
     def smoothness_bounds(self) -> tuple[float, float]:
         """Least and largest smoothness of a covariance of the landforms."""
-        return (DIFFERENTIABLE, SMOOTHEST_LANDFORMS) if self.microrelief_m > 0 else (ROUGHEST, np.inf)
+        return (DIFFERENTIABLE, SMOOTHEST_LANDFORMS) if self.microrelief_m > 0 else (ROUGHEST, SMOOTHEST)
 
 
 def fit_covariance(
@@ -266,28 +264,16 @@ def fit_covariance(
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
-    near, bounds = neighbours(measured, groups), search_bounds(measured)
+    near, bounds = neighbours(measured, groups), _search_bounds(measured)
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
     args = near, measured.microrelief_m, noise_factor_spread
-    rough = minimize(_loss, start, args=args, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    best, smoothness = rough, float(np.exp(rough.x[3]))
-    if smoothness > GAUSSIAN_TRIED:
-        gaussian = minimize(
-            _loss,
-            rough.x[:3],
-            args=args,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds[:3],
-            options=options,
-        )
-        best, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
-    length, scale, factor = (float(value) for value in np.exp(best.x[:3]))
+    fit = minimize(_loss, start, args=args, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    length, scale, factor, smoothness = (float(value) for value in np.exp(fit.x))
     return FittedCovariance(Covariance(smoothness, length, scale, measured.microrelief_m), factor)
 
 
-def search_bounds(measured: Measured) -> list[tuple[float, float]]:
+def _search_bounds(measured: Measured) -> list[tuple[float, float]]:
     """Return bounds of the logarithms of length, variance, noise factor and smoothness.
 
     The length is at least a footprint's standard deviation: for shorter waves only variance x length^2 is
@@ -301,7 +287,7 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
         (np.log(shortest), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
-        (np.log(roughest), np.log(min(smoothest, SMOOTHEST))),
+        (np.log(roughest), np.log(smoothest)),
     ]
 
 
@@ -395,55 +381,30 @@ def repeated_pairs(
 
 
 def _loss(
-    parameters: Float[np.ndarray, " parameter"],
+    parameters: Float[np.ndarray, "4"],
     groups: Sequence[Group],
     microrelief_m: float,
     noise_factor_spread: float,
-) -> tuple[float, Float[np.ndarray, " parameter"]]:
+) -> tuple[float, Float[np.ndarray, "4"]]:
     """Return the negative logarithm of the posterior, and its gradient.
 
-    parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
+    parameters: logarithms of length, variance, noise factor and smoothness.
     """
-    smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
-    loss, gradient = posterior_loss(
-        parameters[:3], smoothness, groups, microrelief_m, noise_factor_spread, len(parameters) > 3
-    )
-    loss += PRIOR_NEPERS_SMOOTHNESS * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS)))
-    if len(parameters) > 3:
-        gradient[3] += PRIOR_NEPERS_SMOOTHNESS * smoothness / (1 + smoothness)
-    return loss, gradient
-
-
-def posterior_loss(
-    parameters: Float[np.ndarray, "3"],
-    smoothness: float,
-    groups: Sequence[Group],
-    microrelief_m: float = 0.0,
-    noise_factor_spread: float = NOISE_FACTOR_SPREAD,
-    smoother: bool = False,
-) -> tuple[float, Float[np.ndarray, " parameter"]]:
-    """Return the negative log posterior of terrain of a given smoothness, and its gradient.
-
-    parameters: logarithms of length, variance and noise factor. The gradient is that along them and, if `smoother`,
-    along the logarithm of the smoothness.
-    """
-    length, variance, factor = (float(value) for value in np.exp(parameters))
+    length, variance, factor, smoothness = (float(value) for value in np.exp(parameters))
     tried = Covariance(smoothness, length, variance, microrelief_m)
-    others = [replace(tried, length_m=length * np.exp(STEP))]
-    if smoother:
-        others.append(replace(tried, smoothness=smoothness * np.exp(STEP)))
-    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
-    gradient = np.zeros(3 + smoother)
-    gradient[2] = parameters[2] / noise_factor_spread**2
+    others = replace(tried, length_m=length * np.exp(STEP)), replace(tried, smoothness=smoothness * np.exp(STEP))
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + PRIOR_NEPERS_SMOOTHNESS * math.log1p(smoothness)
+    by_smoothness = PRIOR_NEPERS_SMOOTHNESS * smoothness / (1 + smoothness)
+    gradient = np.array([0.0, 0.0, parameters[2] / noise_factor_spread**2, by_smoothness])
     numbers = [(k, k + 1) for k in range(len(groups))]
     try:
         for group_loss, toward, by_variance, by_noise in in_threads(
             lambda k, _: groups[k].loss(tried, factor, others), numbers
         ):
             loss += group_loss
-            gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
+            gradient += [toward[0] / STEP, by_variance, by_noise, toward[1] / STEP]
     except np.linalg.LinAlgError:
-        return 1e12, np.zeros(len(gradient))
+        return 1e12, np.zeros(4)
     return loss, gradient
 
 

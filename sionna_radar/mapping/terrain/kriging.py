@@ -13,14 +13,11 @@ L^T L, row i of L predicting height i from those before it, of which only the ne
 and model identification for continuous spatial processes"). The first heights, spread over all places, are treated
 exactly: they carry the long waves.
 
-Heights are those above a plane through all echoes, whose uncertainty is included (universal kriging, Chiles and
-Delfiner 2012, section 3.4). An error of the plane remains in the map by the fraction of var z that is still unknown:
-next to nothing over hills, all of it over level ground.
+Heights are those above a plane through all echoes.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -139,15 +136,15 @@ class Kriging:
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
-        near, middle_m = self._near(place_m, MAX_WINDOW_ECHOES), place_m.mean(axis=0, keepdims=True)
+        near = self._near(place_m, MAX_WINDOW_ECHOES)
         place_m, weight, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
-        before = unknown = float(weight @ self._between(place_m, place_m, spread) @ weight)
+        unknown = float(weight @ self._between(place_m, place_m, spread) @ weight)
         if len(near) > 0:
             root, between = self._factored(near, place_m, spread)
             explained = solve_lower(root, between @ weight)
-            unknown = max(before - float(explained @ explained), 0.0)
-        return float(np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(middle_m)[0]))
+            unknown = max(unknown - float(explained @ explained), 0.0)
+        return float(np.sqrt(unknown))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         before = unknown = self._before(place_m)
@@ -156,22 +153,7 @@ class Kriging:
             root, between = self._factored(near, place_m)
             explained = solve_lower(root, between)
             unknown = np.maximum(before - np.einsum("ij,ij->j", explained, explained), JITTER * before)
-        return np.sqrt(unknown + (unknown / before) ** 2 * self._plane_m2(place_m))
-
-    def _plane_m2(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
-        """Return the variance of the height of the plane through all measured heights at some places."""
-        middle, covariance = self._plane
-        design = np.column_stack([np.ones(len(place_m)), place_m - middle])
-        return np.einsum("ni,ij,nj->n", design, covariance, design)
-
-    @cached_property
-    def _plane(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
-        """Return the middle of the heights, and the covariance of the plane there and of its slopes."""
-        middle = self.heights.place_m.mean(axis=0)
-        design = np.column_stack([np.ones(len(self.heights)), self.heights.place_m - middle])
-        # The plane is taken from mean ranges, also where whole echoes tell more of the terrain than these.
-        variance_m2 = self.heights.variance_m2(max(self.noise_factor, 1.0))
-        return middle, np.linalg.pinv(design.T / variance_m2 @ design)
+        return np.sqrt(unknown)
 
     def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
         """Return the heights in and around some places, the nearest of them."""

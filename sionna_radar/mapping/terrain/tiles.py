@@ -19,13 +19,13 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
-from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.terrain.covariance import Covariance
 from sionna_radar.mapping.terrain.echo_heights import EchoSurface
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import LocalRelief
 from sionna_radar.mapping.terrain.smoothing import Smoothed
-from sionna_radar.mapping.terrain.uncertainty import Information, PlausibleTerrain, TiledUncertainty, TileUncertainty
+from sionna_radar.mapping.terrain.uncertainty import Information, TiledUncertainty, TileUncertainty
 
 MIN_PULSES = 20
 
@@ -91,7 +91,7 @@ class Piece:
             noise_factor=kriging.noise_factor,
             local=kriging.local,
             information=uncertainty.information,
-            plausible=np.array([_numbers(each) for each in uncertainty.plausible]),
+            fitted_noise_factor=np.array(uncertainty.noise_factor),
             misfit=np.array(uncertainty.misfit),
             **({} if uncertainty.outstanding is None else {"outstanding": uncertainty.outstanding}),
         )
@@ -208,11 +208,10 @@ class Tiles:
             noise_factor=columns["noise_factor"].item(),
             local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
         )
-        plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
         information = table_of(Information, "information", columns)
-        bounds = (west, east, south, north)
+        bounds, factor = (west, east, south, north), columns["fitted_noise_factor"].item()
         outstanding, misfit = columns.get("outstanding"), columns["misfit"].item()
-        uncertainty = TileUncertainty(bounds, kriging, information, plausible, outstanding, misfit)
+        uncertainty = TileUncertainty(bounds, kriging, information, factor, outstanding, misfit)
         return Piece(columns["first"], columns["weight"], columns["height_m"], uncertainty)
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
@@ -248,19 +247,3 @@ def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:
     """Return the cells of a row that are wanted, which lie together."""
     wanted_cells = np.flatnonzero(wanted)
     return slice(int(wanted_cells[0]), int(wanted_cells[-1]) + 1)
-
-
-def _numbers(each: PlausibleTerrain) -> tuple[float, ...]:
-    covariance = each.terrain.covariance
-    return (
-        each.probability,
-        covariance.smoothness,
-        covariance.length_m,
-        covariance.variance_m2,
-        covariance.microrelief_m,
-        each.terrain.noise_factor,
-    )
-
-
-def _plausible(probability: float, *numbers: float) -> PlausibleTerrain:
-    return PlausibleTerrain(probability, FittedCovariance(Covariance(*numbers[:-1]), numbers[-1]))

@@ -1,12 +1,4 @@
-"""Uncertainty of a DEM by Bayesian model averaging: standard deviation of cells, and of means over windows.
-
-The echoes allow terrains of several covariances, one for each smoothness, with the probability of each. Echoes hardly
-resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So
-the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al. 1999): for
-each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times the prior.
-That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough ground. The
-exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and surveys that
-it was not chosen on agree (`docs/checks/uncertainty.md`).
+"""Uncertainty of a DEM: standard deviation of cells, and of means over windows.
 
 A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
 that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
@@ -23,100 +15,23 @@ variance on ground that is covered evenly: by how much it differs from that of s
 a place.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
-from scipy.optimize import minimize
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, in_background, in_threads
 from sionna_radar.mapping.echo_model.model import Linearised
 from sionna_radar.mapping.options import SMOOTH
-from sionna_radar.mapping.terrain.covariance import (
-    GAUSSIAN_SMOOTHNESS,
-    Covariance,
-    FittedCovariance,
-    Measured,
-    neighbours,
-    posterior_loss,
-    search_bounds,
-)
+from sionna_radar.mapping.terrain.covariance import FittedCovariance
 from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, low_relief_mask, misfit_between_lines
-
-# Divisor of the log-likelihood (tempering): no ground is of the Matern family, and the untempered likelihood is
-# overconfident about the smoothness (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
-TEMPERING = 3.0
-# Exponent of the prior (1 + smoothness)^-exponent.
-SMOOTHNESS_PRIOR_EXPONENT = 3.0
-# Smoothnesses that are tried, about evenly spaced in their logarithms.
-TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
-# The search ends at a smoothness that is less probable than the best by this many nepers.
-MAX_LOG_ODDS = 15.0
-# A tenth of a neper of some thousand is enough.
-ITERATIONS, TOLERANCE = 12, 1e-4
-
-
-@dataclass(frozen=True)
-class PlausibleTerrain:
-    """A covariance of the terrain that is plausible given the echoes, and its probability."""
-
-    probability: float
-    terrain: FittedCovariance
-
-
-def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[PlausibleTerrain, ...]:
-    """Return the plausible terrains given measured heights, the most probable first.
-
-    measured: scattered heights.
-    fitted: covariance fitted to them, where the search starts.
-    """
-    near = neighbours(measured)
-    bounds = search_bounds(measured)[:3]
-    taken = fitted.covariance
-    tried = sorted({float(smoothness) for smoothness in np.clip(TRIED, *measured.smoothness_bounds)})
-    first = int(
-        np.argmin(np.abs(np.log(np.minimum(tried, GAUSSIAN_SMOOTHNESS) / min(taken.smoothness, GAUSSIAN_SMOOTHNESS))))
-    )
-    searched: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
-
-    def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
-        for number in numbers:
-            smoothness = tried[number]
-            result = minimize(
-                lambda x, nu=smoothness: posterior_loss(x, nu, near, measured.microrelief_m),
-                np.clip(start + onward, *np.transpose(bounds)),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
-            )
-            start, onward = result.x, result.x - start
-            searched[number] = (
-                float(result.fun) + SMOOTHNESS_PRIOR_EXPONENT * float(np.log1p(min(smoothness, GAUSSIAN_SMOOTHNESS))),
-                result.x,
-            )
-            if searched[number][0] > min(loss for loss, _ in searched.values()) + MAX_LOG_ODDS:
-                return
-
-    search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
-    search(range(first + 1, len(tried)), searched[first][1], np.zeros(3))
-    search(range(first - 1, -1, -1), searched[first][1], np.zeros(3))
-    least = min(loss for loss, _ in searched.values())
-    weight = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in searched.items()}
-    every = []
-    for number, (_, logarithms) in searched.items():
-        length, variance, factor = (float(value) for value in np.exp(logarithms))
-        terrain = FittedCovariance(Covariance(tried[number], length, variance, measured.microrelief_m), factor)
-        every.append(PlausibleTerrain(float(weight[number] / sum(weight.values())), terrain))
-    return tuple(sorted(every, key=lambda each: -each.probability))
-
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, misfit_between_lines
 
 LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
@@ -146,20 +61,20 @@ class Information:
     def posterior_variance_m2(
         self,
         variance_m2: Float[np.ndarray, " n"],
-        taken: FittedCovariance,
-        plausible: Sequence[PlausibleTerrain],
+        by_means: FittedCovariance,
+        by_echoes: FittedCovariance,
         local: LocalRelief | None,
         place_m: Float[np.ndarray, "n 2"],
         window_m: float = 0.0,
     ) -> Float[np.ndarray, " n"]:
-        """Return the posterior variance given whole echoes, averaged over the plausible terrains.
+        """Return the posterior variance given whole echoes.
 
-        Beyond the last echoes neither whole echoes nor the plausible terrains add information: there the variance
-        changes by no more than where echoes lie.
+        Beyond the last echoes whole echoes add no information: there the variance changes by no more than where echoes
+        lie.
 
         variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
-        taken: the terrain that it was computed for, and the factor on the noise of mean ranges.
-        plausible: terrains that are plausible given the echoes.
+        by_means: the terrain, and the factor on the noise of mean ranges that it was computed for.
+        by_echoes: the same with the factor that was fitted.
         local, place_m: amplitude of short waves, and where the variance is wanted.
         window_m: side of the square; 0 for heights.
         """
@@ -171,11 +86,8 @@ class Information:
         means, left = np.zeros((2, len(tried)))
         for number, a in enumerate(tried):
             relief = long + a**2 * (1 - long)
-            means[number] = passed @ self._posterior_power(taken, relief, whole=False)
-            for each in plausible:
-                left[number] += each.probability * float(
-                    passed @ self._posterior_power(each.terrain, relief, whole=True)
-                )
+            means[number] = passed @ self._posterior_power(by_means, relief, whole=False)
+            left[number] = passed @ self._posterior_power(by_echoes, relief, whole=True)
         ratio, means = np.interp(amplitude, tried, left / means), np.interp(amplitude, tried, means)
         return np.asarray(variance_m2 + (ratio - 1) * np.minimum(variance_m2, means))
 
@@ -263,9 +175,9 @@ class TileUncertainty:
     """The uncertainty within a tile of the map.
 
     bounds_m: west, east, south and north of the tile.
-    kriging: of the mean ranges of its echoes, for the terrain that the map takes.
+    kriging: of the mean ranges of its echoes.
     information: of these and of the whole echoes on the waves of the terrain.
-    plausible: the terrains that are plausible given the echoes.
+    noise_factor: of the mean ranges, as it was fitted; that of `kriging` is smaller where whole echoes tell more.
     outstanding: echoes that the surface does not explain, such as those of poles and walls: place, radius of the
         footprint, and how far they are from the surface, m.
     misfit: how many times larger than stated errors between scan lines are; see `misfit_between_lines`.
@@ -274,7 +186,7 @@ class TileUncertainty:
     bounds_m: tuple[float, float, float, float]
     kriging: Kriging
     information: Information
-    plausible: tuple[PlausibleTerrain, ...]
+    noise_factor: float
     outstanding: Float[np.ndarray, "echo 4"] | None = None
     misfit: float = 1.0
 
@@ -292,10 +204,9 @@ class TileUncertainty:
         heights = kriging.heights
         measured = heights.above(heights.trend(), microrelief_m)
         misfit = in_background(lambda: misfit_between_lines(measured, kriging.terrain, kriging.local, window_heights))
-        plausible = plausible_terrains(measured.rows(low_relief_mask(measured, window_heights)), kriging.terrain)
         information = information or information_of(heights)
         scaled = replace(kriging, noise_factor=kriging.noise_factor / information.gain(kriging.noise_factor))
-        return cls(bounds_m, scaled, information, plausible, outstanding, misfit())
+        return cls(bounds_m, scaled, information, kriging.noise_factor, outstanding, misfit())
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return True where places lie in the tile."""
@@ -307,8 +218,9 @@ class TileUncertainty:
     ) -> Float[np.ndarray, " n"]:
         """Return the posterior standard deviation of heights, or of their means over a window, given whole echoes."""
         kriging = self.kriging
+        fitted = replace(kriging.terrain, noise_factor=self.noise_factor)
         variance_m2 = self.information.posterior_variance_m2(
-            sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m
+            sigma_m**2, kriging.terrain, fitted, kriging.local, place_m, window_m
         )
         return np.asarray(self.misfit * np.sqrt(variance_m2))
 
