@@ -51,6 +51,8 @@ class SmoothParameters(Parameters):
 class SteppedParameters(SmoothParameters):
     """Parameters of "stepped": the levels of the surface, and the steps between them."""
 
+    tile_m: Positive = 240.0
+    """Longest side of a tile of the map; each tile has levels of its own about a plane through its echoes."""
     change_nepers: Positive = 1.0
     """Penalty on neighbours that differ by one level: at 1, one in three does."""
     jump_nepers: Positive = 3.0
@@ -60,10 +62,6 @@ class SteppedParameters(SmoothParameters):
     highest is taken."""
     level_margin_m: Positive = 3.0
     """Height by which the levels extend beyond the located echoes, above and below."""
-    block_m: Positive = 120.0
-    """Side of a block; each block has levels of its own about a plane through its echoes."""
-    block_margin_m: Positive = 24.0
-    """Width of the ground around each block whose echoes count in it."""
     reflectivity_ratio: Annotated[Real, Field(gt=1, le=100)] = 4.0
     """Ratio between successive reflectivities that are tried for a cell; 4 is 6 dB."""
     min_patch_share: Share = 0.3

@@ -52,7 +52,7 @@ def evidence_against(
     """
     bright = _reflectivities(sightings, options)
     against = np.zeros((*grid.shape, len(level_m), max(len(bright.step), 1)), dtype=np.float32)
-    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+    windows = windows_of(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
     beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
     spill = options.spill_share * sightings.response / sightings.response.max()
     spill[len(spill) // 2] = 0.0
@@ -112,7 +112,7 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
     return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), weakest * float(typical), span)
 
 
-def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
+def windows_of(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
     """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
     position = sightings.pose.position_m[:, None, None]
     corner = sightings.corner_directions()[:, None]
