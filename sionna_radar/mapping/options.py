@@ -60,18 +60,10 @@ class SteppedParameters(SmoothParameters):
     tie_nepers: Positive = 0.5
     """Largest excess of a level's cost over the best, along each direction, that counts as a tie; of tied levels the
     highest is taken."""
-    level_margin_m: Positive = 3.0
-    """Height by which the levels extend beyond the located echoes, above and below."""
     reflectivity_ratio: Annotated[Real, Field(gt=1, le=100)] = 4.0
     """Ratio between successive reflectivities that are tried for a cell; 4 is 6 dB."""
-    min_patch_share: Share = 0.3
-    """Least power of a patch of one cell, as a fraction of a whole echo's."""
     min_gain: Share = 0.02
     """Least two-way gain, relative to that of the axis, at which an echo counts as evidence for a patch."""
-    leak_cells: Annotated[int, Field(strict=True, ge=1, le=64)] = 4
-    """Range cells over which the window leaks a strong power."""
-    spill_share: Share = 0.25
-    """Least ratio of a range cell's power to the power that leaks into it; a cell below it holds no echo."""
     step_levels: Positive = 4.0
     """Least height of a step, in levels, which are a range resolution apart or more; a step is never flatter than 45
     deg."""

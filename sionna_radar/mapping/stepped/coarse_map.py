@@ -78,7 +78,7 @@ def coarse_map(
     grid: cells of the map.
     options: of the method.
     """
-    base, level = _levels(points.position_m, grid, sightings.profiles.cell_m, options.level_margin_m)
+    base, level = _levels(points.position_m, grid, sightings.profiles.cell_m, options.step_levels)
     with stage("levels", len(sightings)):
         against = evidence_against(sightings, grid, base, level, options)
     total = path_costs(against, options)
@@ -93,14 +93,15 @@ def coarse_map(
 
 
 def _levels(
-    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin_m: float
+    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
-    """Return a plane through echoes, and levels about it that span them, a range cell apart."""
+    """Return a plane through echoes, and levels about it, a range cell apart, that span them and a margin of levels."""
     plane = plane_through(point_m[:, :2], point_m[:, 2])
     above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
-    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-margin_m, margin_m])
+    low, high = np.percentile(above_m, [0.5, 99.5])
     spacing = max(cell_m, (high - low) / MAX_LEVELS)
-    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
+    level = np.arange(low - margin * spacing, high + (margin + 1) * spacing, spacing)
+    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], level
 
 
 @compiled

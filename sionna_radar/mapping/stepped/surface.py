@@ -84,9 +84,8 @@ def step_surface(
     points = points.rows(np.flatnonzero(grid.cell_of(points.position_m)[2]))
     if len(points) < MIN_PULSES:
         return None
-    height_m, margin_m = points.position_m[:, 2], options.level_margin_m
-    span_m = float(height_m.min()) - margin_m, float(height_m.max()) + margin_m
-    top, bottom, left, right = windows_of(sightings, grid, span_m).T
+    height_m = points.position_m[:, 2]
+    top, bottom, left, right = windows_of(sightings, grid, (float(height_m.min()), float(height_m.max()))).T
     seen = (top < bottom) & (left < right) | np.isin(sightings.profiles.pulse, points.pulse)
     sightings = sightings.rows(seen)
     echoes = mean_ranges(sightings)
