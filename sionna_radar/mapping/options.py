@@ -53,10 +53,9 @@ class SteppedParameters(SmoothParameters):
 
     tile_m: Positive = 240.0
     """Longest side of a tile of the map; each tile has levels of its own about a plane through its echoes."""
-    change_nepers: Positive = 1.0
-    """Penalty on neighbours that differ by one level: at 1, one in three does."""
     jump_nepers: Positive = 3.0
-    """Penalty on neighbours that differ by more than one level: at 3, one in twenty does."""
+    """Penalty on neighbours on both sides of a step: at 3, one in twenty is. In coarse maps a third of it is that on
+    neighbours that differ by one level."""
     tie_nepers: Positive = 0.5
     """Largest excess of a level's cost over the best, along each direction, that counts as a tie; of tied levels the
     highest is taken."""
@@ -69,13 +68,15 @@ class SteppedParameters(SmoothParameters):
     deg."""
     min_part_m2: Positive = 6.0
     """Least area of a region between steps; smaller regions join the nearest."""
-    beside_m: Positive = 2.0
-    """Distance from a step within which heights are biased toward its other side, and are not used for the plane of a
-    region."""
     max_other_side: Share = 0.1
     """Largest probability of a cell to belong to the other side of a step; cells beyond it are left empty."""
     single_m: Positive = 5.0
     """Width of the windows in which single wrong cells of the coarse map are outvoted."""
+
+    @property
+    def pair_nepers(self) -> float:
+        """Penalty on a pair of neighbours, of eight each: the side of a cell cuts three, two of them diagonal."""
+        return self.jump_nepers / 3
 
     def min_cells(self, spacing_m: float) -> int:
         """Return the least number of cells of a region."""

@@ -64,7 +64,7 @@ def cost_of_row(cost, levels) -> float:
     step = np.abs(np.diff(levels))
     return (
         cost[np.arange(len(levels)), levels].sum()
-        + STEPPED.change_nepers * (step == 1).sum()
+        + STEPPED.jump_nepers / 3 * (step == 1).sum()
         + STEPPED.jump_nepers * (step > 1).sum()
     )
 

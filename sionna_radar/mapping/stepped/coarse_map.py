@@ -34,7 +34,7 @@ def path_costs(
     """Return the costs of the best paths that end at each level of each cell, the sum over all directions."""
     total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
     for down, right in DIRECTIONS:
-        add_paths(cost, down, right, options.change_nepers, options.jump_nepers, total)
+        add_paths(cost, down, right, options.pair_nepers, options.jump_nepers, total)
     return total
 
 

@@ -52,9 +52,6 @@ from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_wi
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, unseen_steps
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
 
-# Pairs of neighbours, of eight each, that the border of a cell's side cuts: its own, and two diagonal ones.
-JUMP_PAIRS = 3
-
 
 @dataclass(frozen=True)
 class SteppedMap:
@@ -103,8 +100,7 @@ def step_surface(
     starts = _numbered(starts)
     axis_m, echo_m = sightings.places(echoes.range_m), nearest_echo_m(points.position_m, grid)
     beams = FilledBeams(points, sightings, options.outlier_sigmas)
-    pair_nepers = options.jump_nepers / JUMP_PAIRS
-    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, pair_nepers, beams)
+    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, options.pair_nepers, beams)
     region_sigma = sigma_after_reassignment(sigma, region, labelled.region)
     region_sigma = np.where(np.isnan(labelled.refitted_sigma_m), region_sigma, labelled.refitted_sigma_m)
     probable = labelled.other_side > options.max_other_side
