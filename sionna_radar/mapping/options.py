@@ -66,8 +66,6 @@ class SteppedParameters(SmoothParameters):
     step_levels: Positive = 4.0
     """Least height of a step, in levels, which are a range resolution apart or more; a step is never flatter than 45
     deg."""
-    min_part_m2: Positive = 6.0
-    """Least area of a region between steps; smaller regions join the nearest."""
     max_other_side: Share = 0.1
     """Largest probability of a cell to belong to the other side of a step; cells beyond it are left empty."""
     single_m: Positive = 5.0
@@ -77,10 +75,6 @@ class SteppedParameters(SmoothParameters):
     def pair_nepers(self) -> float:
         """Penalty on a pair of neighbours, of eight each: the side of a cell cuts three, two of them diagonal."""
         return self.jump_nepers / 3
-
-    def min_cells(self, spacing_m: float) -> int:
-        """Return the least number of cells of a region."""
-        return max(1, round(self.min_part_m2 / spacing_m**2))
 
 
 LINEAR, SMOOTH, STEPPED = LinearParameters(), SmoothParameters(), SteppedParameters()

@@ -177,7 +177,7 @@ class _Surfaces:
 
     def regions(self, height_m: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
         """Return the regions of a coarse map."""
-        return regions_of(height_m, self.step_m, self.options.min_cells(self.grid.spacing_m))
+        return regions_of(height_m, self.step_m)
 
     def rival(self, coarse_m: Float[np.ndarray, "row column"], first: Start, spread_m: float) -> Start:
         """Return another coarse map, on the surfaces of the first one where it is within a step of them."""
