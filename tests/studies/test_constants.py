@@ -128,7 +128,7 @@ MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 RANGING = {"detection.ranging.plane_fit": "model_fit", "detection.ranging.estimators": "leading_edge"}
 # Extents, which only a long survey exceeds.
-EXTENTS = {"TILE_M", "OVERLAP_M", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
+EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
     *("tile_m", "overlap_m"),
 }
 # Directions inside the beam need receivers that a recording does not hold.
