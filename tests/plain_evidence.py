@@ -16,20 +16,15 @@ def support(sightings, pulse, patch_m, reflectivity, typical, alternatives):
     rate = -direction @ pose.velocity_mps[pulse]
     apparent = range_m + sightings.doppler * sightings.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
     cell = np.round(apparent / profiles.cell_m).astype(int) - int(profiles.first[pulse])
-    spill = STEPPED.spill_share * sightings.response / sightings.response.max()
-    spill[len(spill) // 2] = 0.0
     edged = np.concatenate([[noise, noise], np.maximum(power, noise), [noise, noise]])
     place = np.clip(cell, -1, len(power)) + 2
-    nearer = np.concatenate([np.full(STEPPED.leak_cells + 1, noise), np.maximum.accumulate(edged[2:-2])])
-    before = nearer[np.clip(cell + 1, 0, len(power) + STEPPED.leak_cells)]
-    own = np.pad(power > np.convolve(power, spill, "same"), 2)
-    cleared = np.where(own, edged, noise)
-    most = np.maximum(np.maximum(cleared[place - 1], cleared[place]), cleared[place + 1])
+    before = np.maximum.accumulate(edged)[place - 1]
+    most = np.maximum(np.maximum(edged[place - 1], edged[place]), edged[np.minimum(place + 1, len(edged) - 1)])
     mean = noise + reflectivity * gain
     short, ratio = np.minimum(most / mean, 1.0), edged[place] / mean
     fits = np.maximum(np.log(ratio) - ratio + np.log(alternatives), 0.0)
     seen = before < noise + typical * gain
-    found = (np.log(short) - short + 1) * seen + fits * (own[place] & (gain > STEPPED.min_gain))
+    found = (np.log(short) - short + 1) * seen + fits * ((cell >= 0) & (cell < len(power)) & (gain > STEPPED.min_gain))
     return np.where(gain > 0, found, 0.0)
 
 

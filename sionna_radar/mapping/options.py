@@ -46,45 +46,30 @@ class SmoothParameters(Parameters):
 class SteppedParameters(SmoothParameters):
     """Parameters of "stepped": the levels of the surface, and the steps between them."""
 
-    change_nepers: Positive = 1.0
-    """Penalty on neighbours that differ by one level: at 1, one in three does."""
+    tile_m: Positive = 240.0
+    """Longest side of a tile of the map; each tile has levels of its own about a plane through its echoes."""
     jump_nepers: Positive = 3.0
-    """Penalty on neighbours that differ by more than one level: at 3, one in twenty does."""
+    """Penalty on neighbours on both sides of a step: at 3, one in twenty is. In coarse maps a third of it is that on
+    neighbours that differ by one level."""
     tie_nepers: Positive = 0.5
     """Largest excess of a level's cost over the best, along each direction, that counts as a tie; of tied levels the
     highest is taken."""
-    level_margin_m: Positive = 3.0
-    """Height by which the levels extend beyond the located echoes, above and below."""
-    block_m: Positive = 120.0
-    """Side of a block; each block has levels of its own about a plane through its echoes."""
-    block_margin_m: Positive = 24.0
-    """Width of the ground around each block whose echoes count in it."""
     reflectivity_ratio: Annotated[Real, Field(gt=1, le=100)] = 4.0
     """Ratio between successive reflectivities that are tried for a cell; 4 is 6 dB."""
-    min_patch_share: Share = 0.3
-    """Least power of a patch of one cell, as a fraction of a whole echo's."""
     min_gain: Share = 0.02
     """Least two-way gain, relative to that of the axis, at which an echo counts as evidence for a patch."""
-    leak_cells: Annotated[int, Field(strict=True, ge=1, le=64)] = 4
-    """Range cells over which the window leaks a strong power."""
-    spill_share: Share = 0.25
-    """Least ratio of a range cell's power to the power that leaks into it; a cell below it holds no echo."""
     step_levels: Positive = 4.0
     """Least height of a step, in levels, which are a range resolution apart or more; a step is never flatter than 45
     deg."""
-    min_part_m2: Positive = 6.0
-    """Least area of a region between steps; smaller regions join the nearest."""
-    beside_m: Positive = 2.0
-    """Distance from a step within which heights are biased toward its other side, and are not used for the plane of a
-    region."""
     max_other_side: Share = 0.1
     """Largest probability of a cell to belong to the other side of a step; cells beyond it are left empty."""
     single_m: Positive = 5.0
     """Width of the windows in which single wrong cells of the coarse map are outvoted."""
 
-    def min_cells(self, spacing_m: float) -> int:
-        """Return the least number of cells of a region."""
-        return max(1, round(self.min_part_m2 / spacing_m**2))
+    @property
+    def pair_nepers(self) -> float:
+        """Penalty on a pair of neighbours, of eight each: the side of a cell cuts three, two of them diagonal."""
+        return self.jump_nepers / 3
 
 
 LINEAR, SMOOTH, STEPPED = LinearParameters(), SmoothParameters(), SteppedParameters()

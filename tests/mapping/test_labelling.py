@@ -75,7 +75,7 @@ def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
     height = np.zeros((30, 40))
     height[8:20, 10:28] = ROOF_M
     height[14, 7:10] = [2.0, 4.0, 6.0]  # as steep as a step of 2.5 m a cell
-    region = regions_of(height, 2.5, 6)
+    region = regions_of(height, 2.5)
     assert len(np.unique(region)) == 2
     assert region[10, 15] != region[2, 2]
     np.testing.assert_array_equal(region[8:20, 10:28], region[10, 15])
@@ -83,7 +83,7 @@ def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
 
 def test_gentle_ground_is_one_part():
     x, y = np.meshgrid(np.arange(50.0), np.arange(40.0))
-    assert np.all(regions_of(0.3 * x + 2 * np.sin(y / 6), 1.0, 6) == 0)
+    assert np.all(regions_of(0.3 * x + 2 * np.sin(y / 6), 1.0) == 0)
 
 
 def test_distances_to_borders_are_euclidean():

@@ -64,7 +64,7 @@ def cost_of_row(cost, levels) -> float:
     step = np.abs(np.diff(levels))
     return (
         cost[np.arange(len(levels)), levels].sum()
-        + STEPPED.change_nepers * (step == 1).sum()
+        + STEPPED.jump_nepers / 3 * (step == 1).sum()
         + STEPPED.jump_nepers * (step > 1).sum()
     )
 
@@ -125,7 +125,7 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
     for pulse in range(len(sightings)):
         above = np.maximum(profiles.values(pulse) - 30 * profiles.noise[pulse], 0.0)
         whole.append(above @ above / above.sum() / 2)
-    weakest = STEPPED.min_patch_share * np.percentile(whole, 5)
+    weakest = np.percentile(whole, 5)
     expected = 0.0
     away = np.array([50.0, 0.0, 12.0]) - sightings.pose.position_m
     range_m = np.linalg.norm(away, axis=1)
@@ -187,7 +187,7 @@ def test_a_box_keeps_its_walls_and_its_levels(box):
 
 def test_a_map_in_tiles_is_that_of_all_echoes_but_beside_seams(box):
     """A seam crosses the roof; where there are no echoes nothing is mapped."""
-    options = STEPPED.model_copy(update={"block_m": 7.0})
+    options = STEPPED.model_copy(update={"tile_m": 21.0})
     wide = replace(MAP, columns=135)
     tiles = SteppedTiles(box, located(box), wide, 5.0, options)
     times = np.zeros(wide.shape, dtype=int)
@@ -207,7 +207,7 @@ def test_a_map_in_tiles_is_that_of_all_echoes_but_beside_seams(box):
     assert found.surface.height_m[:, 115:].max() == min(piece.layers["height_m"].min() for piece in pieces if piece)
     seen = np.s_[:, : MAP.columns]
     both = found.supported[seen] & whole.supported[seen]
-    assert both.sum() > 0.95 * whole.supported[seen].sum()
+    assert both.sum() > 0.94 * whole.supported[seen].sum()
     apart = np.abs(found.surface.height_m - whole.surface.height_m)[seen]
     assert np.mean(apart[both] > 0.1) < 0.05
     assert np.mean(apart[both] > 1.0) < 0.01
@@ -239,8 +239,7 @@ def test_an_echo_a_step_above_the_coarse_map_is_of_no_part(level):
 def test_nothing_heard_makes_no_map(level):
     sightings = level
     silent = Grid(west_m=500.0, south_m=500.0, spacing_m=1.0, columns=8, rows=8)
-    heard = step_surface(sightings, located(sightings), silent, 5.0).supported
-    assert not heard.any()
+    assert step_surface(sightings, located(sightings), silent, 5.0) is None
 
 
 @pytest.mark.parametrize("half_width", [0.01, 0.3, 0.9])

@@ -115,7 +115,7 @@ def test_every_number_has_a_unit_or_counts_something():
     shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
     shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share", "stagger"}
-    shares |= {"reflectivity_ratio", "min_patch_share", "min_gain", "spill_share", "floor_share"}
+    shares |= {"reflectivity_ratio", "min_gain", "floor_share"}
     shares |= {"wall_slope", "wall_contrast", "max_other_side"}
     assert bare <= counts | shares
 

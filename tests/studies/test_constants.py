@@ -128,8 +128,8 @@ MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 RANGING = {"detection.ranging.plane_fit": "model_fit", "detection.ranging.estimators": "leading_edge"}
 # Extents, which only a long survey exceeds.
-EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MARGIN_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
-    *("tile_m", "overlap_m", "block_m", "block_margin_m"),
+EXTENTS = {"TILE_M", "OVERLAP_M", "BLOCK_CELLS", "MAX_ECHOES", "MARGIN_M", "GROUP", "GROUPS"} | {
+    *("tile_m", "overlap_m"),
 }
 # Directions inside the beam need receivers that a recording does not hold.
 WITHOUT_MAPS = {"detection.angle"}

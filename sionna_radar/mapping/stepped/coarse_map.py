@@ -10,7 +10,6 @@ Where walls stand close the map depends on the penalties. So maps with smaller a
 same evidence, too: rivals, of which `labelling` takes what explains whole profiles better.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -35,7 +34,7 @@ def path_costs(
     """Return the costs of the best paths that end at each level of each cell, the sum over all directions."""
     total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
     for down, right in DIRECTIONS:
-        add_paths(cost, down, right, options.change_nepers, options.jump_nepers, total)
+        add_paths(cost, down, right, options.pair_nepers, options.jump_nepers, total)
     return total
 
 
@@ -54,7 +53,6 @@ def choose_levels(
 MAX_LEVELS = 128
 # Factors of the penalties of jumps and of ties with which rivals are made.
 RIVALS = (("jump_nepers", 1 / 3), ("jump_nepers", 3.0), ("tie_nepers", 1 / 4), ("tie_nepers", 4.0))
-MIN_POINTS = 6
 
 
 @dataclass(frozen=True)
@@ -67,117 +65,43 @@ class CoarseMap:
     level_m: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Block:
-    """A block of cells of the coarse map, with the cells around it that its pulses reach.
-
-    row, column: its first cell; rows, columns: all cells; near: pulses that look at them.
-    base_m, level_m: base heights of the cells, and the levels above them.
-    """
-
-    row: int
-    column: int
-    rows: slice
-    columns: slice
-    near: Bool[np.ndarray, " pulse"]
-    base_m: Float[np.ndarray, "row column"]
-    level_m: Float[np.ndarray, " level"]
-
-
 def coarse_map(
     sightings: Sightings,
     points: Points,
     grid: Grid,
     options: SteppedParameters = STEPPED,
 ) -> CoarseMap:
-    """Return the coarse map, block by block; the level is the widest of all blocks.
+    """Return the coarse map, over levels about a plane through the echoes located on it.
 
     sightings: profiles and measured poses.
-    points: located echoes.
+    points: the echoes located on the map.
     grid: cells of the map.
     options: of the method.
     """
-    height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
-    rivals = np.zeros((len(RIVALS), *grid.shape))
-    widest = sightings.profiles.cell_m
-    blocks, size = list(_blocks(sightings, points, grid, options)), _cells(options.block_m, grid)
-    with stage("levels", sum(int(block.near.sum()) for block in blocks)):
-        for block in blocks:
-            cells = grid.cut(block.rows, block.columns)
-            block_map = _block(sightings.rows(block.near), cells, block, options)
-            core = slice(block.row, block.row + size), slice(block.column, block.column + size)
-            inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-            for whole, block_values in zip((height, supported, *rivals), block_map, strict=True):
-                whole[core] = block_values[inner][:size, :size]
-            widest = max(widest, float(block.level_m[1] - block.level_m[0]))
-    return CoarseMap(height, supported, rivals, widest)
-
-
-def _cells(length_m: float, grid: Grid) -> int:
-    """Return a length in cells, at least one."""
-    return max(1, round(length_m / grid.spacing_m))
-
-
-def _blocks(sightings: Sightings, points: Points, grid: Grid, options: SteppedParameters) -> Iterator[_Block]:
-    """Yield the blocks of cells with enough points, and pulses that look at them."""
-    size, margin = _cells(options.block_m, grid), _cells(options.block_margin_m, grid)
-    for row in range(0, grid.rows, size):
-        for column in range(0, grid.columns, size):
-            rows = slice(max(row - margin, 0), min(row + size + margin, grid.rows))
-            columns = slice(max(column - margin, 0), min(column + size + margin, grid.columns))
-            block = grid.cut(rows, columns)
-            here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
-            if len(here) < MIN_POINTS:
-                continue
-            base, level = _levels(here, block, sightings.profiles.cell_m, options.level_margin_m)
-            span_m = float(base.min() + level[0]), float(base.max() + level[-1])
-            near = looking_at(sightings, block, span_m, margin * grid.spacing_m)
-            if near.any():
-                yield _Block(row=row, column=column, rows=rows, columns=columns, near=near, base_m=base, level_m=level)
-
-
-def _block(sightings: Sightings, grid: Grid, block: _Block, options: SteppedParameters) -> tuple[np.ndarray, ...]:
-    """Return the heights of a block, which of them echoes support, and those of the rivals."""
-    against = evidence_against(sightings, grid, block.base_m, block.level_m, options)
+    base, level = _levels(points.position_m, grid, sightings.profiles.cell_m, options.step_levels)
+    with stage("levels", len(sightings)):
+        against = evidence_against(sightings, grid, base, level, options)
     total = path_costs(against, options)
     chosen = choose_levels(total, options)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
-    rivals = []
-    for name, factor in RIVALS:
+    rivals = np.empty((len(RIVALS), *grid.shape))
+    for rival, (name, factor) in zip(rivals, RIVALS, strict=True):
         other = options.model_copy(update={name: factor * getattr(options, name)})
         cost = total if other.jump_nepers == options.jump_nepers else path_costs(against, other)
-        rivals.append(block.base_m + block.level_m[choose_levels(cost, other)])
-    return block.base_m + block.level_m[chosen], supported, *rivals
+        rival[:] = base + level[choose_levels(cost, other)]
+    return CoarseMap(base + level[chosen], supported, rivals, float(level[1] - level[0]))
 
 
 def _levels(
-    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin_m: float
+    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float, margin: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
-    """Return a plane through echoes, and levels about it that span them, a range cell apart."""
+    """Return a plane through echoes, and levels about it, a range cell apart, that span them and a margin of levels."""
     plane = plane_through(point_m[:, :2], point_m[:, 2])
     above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
-    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-margin_m, margin_m])
+    low, high = np.percentile(above_m, [0.5, 99.5])
     spacing = max(cell_m, (high - low) / MAX_LEVELS)
-    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
-
-
-def looking_at(
-    sightings: Sightings, grid: Grid, span_m: tuple[float, float], margin_m: float
-) -> Bool[np.ndarray, " pulse"]:
-    """Return True where the beam axis of each pulse passes near a grid at either of two heights, m."""
-    position, axis = sightings.pose.position_m, sightings.pose.boresight
-    near = np.zeros(len(sightings), dtype=bool)
-    for height_m in span_m:
-        reach = np.clip((height_m - position[:, 2]) / np.minimum(axis[:, 2], -0.05), 0.0, sightings.reach_m)
-        near |= _within((position + reach[:, None] * axis)[:, :2], grid, margin_m)
-    return near
-
-
-def _within(place_m: Float[np.ndarray, "n 2"], grid: Grid, margin_m: float) -> Bool[np.ndarray, " n"]:
-    west, east, south, north = grid.extent_m
-    x, y = place_m.T
-    inside: Bool[np.ndarray, " n"] = (x > west - margin_m) & (x < east + margin_m)
-    return inside & (y > south - margin_m) & (y < north + margin_m)
+    level = np.arange(low - margin * spacing, high + (margin + 1) * spacing, spacing)
+    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], level
 
 
 @compiled

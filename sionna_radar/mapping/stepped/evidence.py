@@ -8,7 +8,7 @@ mean of everything in the cell.
   It does not count where something nearer in the same pulse is bright enough to occlude the patch.
 * For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
   the noise and the strongest power (uniform in its logarithm, over K nepers), the gain is
-  log(P / m) - P / m + log K, where that is positive. Power leaked by the window from a neighbour does not count.
+  log(P / m) - P / m + log K, where that is positive.
 
 The reflectivity of each height of each cell is the one, in steps of 6 dB, that is likeliest for all pulses. So a
 bright roof at the edge of the beam is not taken for ground on its axis: their powers vary differently between pulses.
@@ -52,18 +52,16 @@ def evidence_against(
     """
     bright = _reflectivities(sightings, options)
     against = np.zeros((*grid.shape, len(level_m), max(len(bright.step), 1)), dtype=np.float32)
-    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+    windows = windows_of(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
     beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-    spill = options.spill_share * sightings.response / sightings.response.max()
-    spill[len(spill) // 2] = 0.0
     gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
     arguments = (
-        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, profiles.cell_m),
         *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
         sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
         *(gain, _axes(beam)),
         *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
-        *(bright.step, bright.typical, bright.alternatives, options.min_gain, options.leak_cells, against),
+        *(bright.step, bright.typical, bright.alternatives, options.min_gain, against),
     )
     if len(bright.step):
         list(in_threads(lambda low, high: add_evidence(*arguments, low, high), chunks(grid.rows, ROWS_AT_ONCE)))
@@ -106,13 +104,12 @@ def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) 
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
     low, typical, high = np.percentile(level, [5, 25, 99])
-    weakest, step = options.min_patch_share, float(np.log(options.reflectivity_ratio))
-    lowest, highest = np.log(weakest * low), np.log(high / weakest)
+    step, (lowest, highest) = float(np.log(options.reflectivity_ratio)), np.log([low, high])
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
-    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), weakest * float(typical), span)
+    return _Reflectivities(np.exp(np.arange(lowest, highest + step, step)), float(typical), span)
 
 
-def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
+def windows_of(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
     """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
     position = sightings.pose.position_m[:, None, None]
     corner = sightings.corner_directions()[:, None]
@@ -132,32 +129,20 @@ MIN_BORESIGHT, MIN_SLOPE = 0.1, 1e-6
 
 @compiled
 @no_type_check
-def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
+def prepare_cells(power, noise, edged, most, nearer):
     """Write what the range cells of one profile say, each with two cells more at both ends, where there is noise.
 
-    edged: the power, at least the noise; own: whether it comes from the cell itself, and not from its neighbours.
-    most: largest own power of the cell and its two neighbours.
-    before: strongest power of the cells nearer than `spread_cells`, of which it has as many more at its far end.
+    edged: the power, at least the noise; most: largest power of the cell and its two neighbours.
+    nearer: strongest power of all nearer cells.
     """
-    cells, half = len(power), len(spill) // 2
-    for k in range(cells + 4):
-        edged[k], own[k], before[k] = noise, False, 0.0
-    # Until it is written below, `before` holds what leaks into each cell.
-    for tap in range(len(spill)):
-        for c in range(max(tap - half, 0), min(cells + tap - half, cells)):
-            before[c] += spill[tap] * power[c + half - tap]
-    for c in range(cells):
-        edged[c + 2], own[c + 2] = max(power[c], noise), power[c] > before[c]
-    for k in range(cells + 4):
-        most[k] = noise
-        for neighbour in range(max(k - 1, 0), min(k + 2, cells + 4)):
-            if own[neighbour]:
-                most[k] = max(most[k], edged[neighbour])
-    strongest = noise
-    for k in range(cells + 4 + spread_cells):
-        if 0 <= k - 2 - spread_cells < cells:
-            strongest = max(strongest, edged[k - spread_cells])
-        before[k] = strongest
+    edged[:] = noise
+    for c in range(len(power)):
+        edged[c + 2] = max(power[c], noise)
+    strongest, last = noise, len(power) + 3
+    for k in range(last + 1):
+        most[k] = max(edged[max(k - 1, 0)], edged[k], edged[min(k + 1, last)])
+        nearer[k] = strongest
+        strongest = max(strongest, edged[k])
 
 
 @compiled
@@ -243,8 +228,8 @@ def levels_between(planes, east, north, base_up, level):
 @compiled
 @no_type_check
 def add_evidence(
-    windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
-    base, level, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
+    windows, first, start, power, noise, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
+    base, level, steps, typical, alternatives, widest_for, against, low, high,
 ):  # fmt: skip
     """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
 
@@ -262,16 +247,16 @@ def add_evidence(
     longest = 0
     for pulse in range(len(windows)):
         longest = max(longest, start[pulse + 1] - start[pulse])
-    edged, most, before = np.empty(longest + 4), np.empty(longest + 4), np.empty(longest + 4 + spread_cells)
-    log_edged, log_most = np.empty(longest + 4), np.empty(longest + 4)
-    own, planes = np.empty(longest + 4, dtype=np.bool_), np.empty((5, 3))
+    edged, most, before = np.empty(longest + 4), np.empty(longest + 4), np.empty(longest + 4)
+    log_edged, log_most, planes = np.empty(longest + 4), np.empty(longest + 4), np.empty((5, 3))
     for pulse in range(len(windows)):
         top, bottom = max(windows[pulse, 0], low), min(windows[pulse, 1], high)
         if top >= bottom or windows[pulse, 2] >= windows[pulse, 3]:
             continue
         cells = start[pulse + 1] - start[pulse]
         own_noise = noise[pulse]
-        prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
+        here = power[start[pulse] : start[pulse + 1]]
+        prepare_cells(here, own_noise, edged[: cells + 4], most, before)
         for k in range(cells + 4):
             log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
         R = R_world_antenna[pulse]
@@ -301,10 +286,9 @@ def add_evidence(
                         continue
                     rate = velocity[pulse, 0] * east + velocity[pulse, 1] * north + velocity[pulse, 2] * up
                     apparent = range_m - doppler * rate * inverse
-                    cell = max(int(np.rint(apparent * cells_per_m)) - first[pulse], -1)
-                    place = min(cell, cells) + 2
-                    nearer = before[min(cell, cells + spread_cells) + 2]
-                    seen, fits = nearer < own_noise + typical * w, own[place] and w > widest_for
+                    cell = int(np.rint(apparent * cells_per_m)) - first[pulse]
+                    place = min(max(cell, -1), cells) + 2
+                    seen, fits = before[place] < own_noise + typical * w, 0 <= cell < cells and w > widest_for
                     if not seen and not fits:
                         continue
                     there, strong, log_there, log_strong = edged[place], most[place], log_edged[place], log_most[place]

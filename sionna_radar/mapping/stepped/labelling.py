@@ -26,9 +26,8 @@ Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-diver
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
-from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
@@ -66,8 +65,6 @@ GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
 # Capacity for the map cells near the rays of a pulse; more than usual.
 ENTRIES = 160
-# Side of the blocks processed one after another, and margin that their pulses reach, cells.
-BLOCK_CELLS, MARGIN_CELLS = 200, 24
 NO_RAYS = np.empty((0, 0))
 
 
@@ -112,34 +109,44 @@ def labelled_map(
     """Return the likeliest stepped map given the profiles.
 
     sightings, axis_m: profiles, measured poses, and where on their axes the echoes of the pulses are.
-    starts: maps, of which the first also fills what no pulse sees; no two have a region's number in common.
+    starts: maps; no two have a region's number in common.
     echo_m: height of the located echo nearest to each cell.
     step_m: smallest height difference that counts as a step.
     grid: cells of the map.
     pair_nepers: energy of two neighbours in different regions.
     beams: fits planes again, once their cells are known.
     """
-    first = starts[0]
-    nothing, unknown = np.zeros(grid.shape), np.full(grid.shape, np.nan)
-    result = LabelledMap(first.height_m.copy(), first.region.copy(), nothing, nothing.copy(), unknown)
-    uniform = np.random.default_rng(0).random((DRAWS, *grid.shape))
-    corners = list(product(range(0, grid.rows, BLOCK_CELLS), range(0, grid.columns, BLOCK_CELLS)))
-    steps = len(starts) + 1 + DRAWS
-    with stage("labels", steps * len(corners)):
-        for row, column in corners:
-            window = _span(row, grid.rows), _span(column, grid.columns)
-            core = np.zeros(grid.shape, dtype=bool)
-            core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
-            near = _near(axis_m, grid.cut(*window))
-            if not near.any():
-                advance(steps)
-                continue
-            block = _Block(sightings.rows(near), grid.cut(*window), core[window], step_m, pair_nepers, beams)
-            of_block = [Start(start.height_m[window], start.region[window], start.planes) for start in starts]
-            found = block.labelled(of_block, echo_m[window], uniform[:, window[0], window[1]])
-            for layer in fields(LabelledMap):
-                getattr(result, layer.name)[window][block.core] = getattr(found, layer.name)[block.core]
-    return result
+    seen = sightings.rows(grid.cell_of(axis_m)[2])
+    highest_m = np.max([start.height_m for start in starts], axis=0)
+
+    def searched(number: int, _: int) -> Labelling:
+        start = starts[number]
+        labelling = Labelling(seen, start.height_m, start.region, grid, highest_m, pair_nepers)
+        labelling.search()
+        return labelling
+
+    found: list[Labelling] = []
+    with stage("labels", len(starts) + 1 + DRAWS):
+        for labelling in in_threads(searched, chunks(len(starts), 1)):
+            advance()
+            found = sorted([*found, labelling], key=Labelling.energy)
+            for rival in found[1:]:
+                rival.forget_rays()
+        best, rivals = found[0], found[1:]
+        for rival in rivals:
+            best.take(rival, step_m)
+        best.search()
+        planes = {number: plane for start in starts for number, plane in start.planes.items()}
+        sigma_m = best.refit(planes, beams, grid, step_m)
+        advance()
+        excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
+        off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
+        off_m[~(np.abs(off_m) > step_m)] = 0.0
+        doubt, doubt_m2 = doubt_of_rivals(excess, off_m)
+        drawn = best.drawn(step_m)
+    apart = 1 - drawn.other_side
+    other_side_m2 = drawn.other_side_m2 + apart * doubt_m2
+    return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - doubt), other_side_m2, sigma_m)
 
 
 def nearest_echo_m(point_m: Float[np.ndarray, "n 3"], grid: Grid) -> Float[np.ndarray, "row column"]:
@@ -168,54 +175,6 @@ class Crossing:
     def over_some(self, cells: Int[np.ndarray, " cell"]) -> Int[np.ndarray, " pulse"]:
         """Return the pulses whose rays come near a few cells, by their running numbers."""
         return np.unique(np.concatenate([self.pulse[self.first[cell] : self.first[cell + 1]] for cell in cells]))
-
-
-@dataclass(frozen=True)
-class _Block:
-    """Cells of a map that are labelled together, with a margin around their core whose labels stay."""
-
-    sightings: Sightings
-    grid: Grid
-    core: Bool[np.ndarray, "row column"]
-    step_m: float
-    pair_nepers: float
-    beams: FilledBeams
-
-    def labelled(
-        self,
-        starts: Sequence[Start],
-        echo_m: Float[np.ndarray, "row column"],
-        uniform: Float[np.ndarray, "draw row column"],
-    ) -> LabelledMap:
-        """Return the likeliest map; see `labelled_map`. uniform: random numbers by which labels are drawn."""
-        highest_m = np.max([start.height_m for start in starts], axis=0)
-
-        def searched(number: int, _: int) -> Labelling:
-            start = starts[number]
-            labelling = Labelling(self.sightings, start.height_m, start.region, self.grid, highest_m, self.pair_nepers)
-            labelling.search(self.core)
-            return labelling
-
-        found: list[Labelling] = []
-        for labelling in in_threads(searched, chunks(len(starts), 1)):
-            advance()
-            found = sorted([*found, labelling], key=Labelling.energy)
-            for rival in found[1:]:
-                rival.forget_rays()
-        best, rivals = found[0], found[1:]
-        for rival in rivals:
-            best.take(rival, self.core, self.step_m)
-        best.search(self.core)
-        sigma_m = best.refit({number: plane for start in starts for number, plane in start.planes.items()}, self)
-        advance()
-        excess = np.array([max(rival.energy() - best.energy(), 1.0) for rival in rivals])
-        off_m = np.stack([*(rival.height_m for rival in rivals), echo_m]) - best.height_m
-        off_m[~(np.abs(off_m) > self.step_m)] = 0.0
-        doubt, doubt_m2 = doubt_of_rivals(excess, off_m)
-        drawn = best.drawn(self.core, uniform, self.step_m)
-        apart = 1 - drawn.other_side
-        other_side_m2 = drawn.other_side_m2 + apart * doubt_m2
-        return LabelledMap(drawn.height_m, drawn.region, 1 - apart * (1 - doubt), other_side_m2, sigma_m)
 
 
 class Labelling:
@@ -284,21 +243,21 @@ class Labelling:
         """Free the memory of the rays, most of all; the map, its reflectivities and its energy stay."""
         self._views = self._views._replace(enters=NO_RAYS, meets=NO_RAYS, what=NO_RAYS.astype(np.int32))
 
-    def search(self, core: Bool[np.ndarray, "row column"]) -> None:
-        """Lower the energy by changes of regions, then of cells, within a core."""
-        self._merge(core)
-        self._improve(core)
+    def search(self) -> None:
+        """Lower the energy by changes of regions, then of cells."""
+        self._merge()
+        self._improve()
 
-    def take(self, rival: "Labelling", core: Bool[np.ndarray, "row column"], step_m: float) -> None:
+    def take(self, rival: "Labelling", step_m: float) -> None:
         """Take from another map of the same cells the regions, where they are a step off, that lower the energy."""
-        columns, other, count = self._columns, rival._columns, core.shape[1]
+        columns, other = self._columns, rival._columns
         offset = len(self._numbers)
         self._numbers = np.concatenate([self._numbers, rival._numbers])
         self._level = np.concatenate([self._level, rival._level])
         crossing = self._crossing()
         differs = np.abs(columns.height - other.height) > step_m
-        for cells in connected_parts(np.where(differs & core, other.region, -1)):
-            row, column = np.divmod(cells, count)
+        for cells in connected_parts(np.where(differs, other.region, -1)):
+            row, column = np.divmod(cells, differs.shape[1])
             at = row, column
             region = self._continued(row, column, other.height[at], step_m)
             if region is None:
@@ -307,20 +266,20 @@ class Labelling:
             self._propose(row, column, tops, crossing)
         self._settle()
 
-    def refit(self, planes: Mapping[int, Plane], block: _Block) -> Float[np.ndarray, "row column"]:
+    def refit(
+        self, planes: Mapping[int, Plane], beams: FilledBeams, grid: Grid, step_m: float
+    ) -> Float[np.ndarray, "row column"]:
         """Fit planes of regions again to the beams that they fill, where that lowers the energy.
 
         Returns the standard deviations of their cells; NaN elsewhere.
         """
-        sigma_m, crossing = np.full(block.core.shape, np.nan), self._crossing()
+        sigma_m, crossing = np.full(grid.shape, np.nan), self._crossing()
         for number in np.intersect1d(self.region, list(planes)).tolist():
-            cells = (self.region == number) & block.core
-            if not cells.any():
-                continue
+            cells = self.region == number
             row, column = np.nonzero(cells)
             window = find_objects(cells.astype(np.int8))[0]
-            cut = block.grid.cut(*window)
-            plane = block.beams.refitted(planes[number], cells[window], cut, block.step_m)
+            cut = grid.cut(*window)
+            plane = beams.refitted(planes[number], cells[window], cut, step_m)
             place_m = cut.centres_m[cells[window].ravel()]
             fixed = *plane.coefficients[1:], self._columns.region[row[0], column[0]]
             if self._propose(row, column, (plane.at(place_m), *(np.full(len(row), each) for each in fixed)), crossing):
@@ -328,20 +287,19 @@ class Labelling:
         self._settle()
         return sigma_m
 
-    def drawn(
-        self, core: Bool[np.ndarray, "row column"], uniform: Float[np.ndarray, "draw row column"], step_m: float
-    ) -> LabelledMap:
+    def drawn(self, step_m: float) -> LabelledMap:
         """Return the map, and how probable it is that its cells are a step off; afterwards labels are others."""
-        crossing, shape = self._crossing(), core.shape
+        crossing, shape = self._crossing(), self._columns.region.shape
+        uniform = np.random.default_rng(0).random((DRAWS, *shape))
         nothing, unknown = np.zeros(shape), np.full(shape, np.nan)
         result = LabelledMap(self._columns.height.copy(), self.region, nothing, nothing.copy(), unknown)
         moved = np.zeros(shape, dtype=bool)
         for numbers in uniform:
-            wanted = border_cells(self._columns.region) & core
+            wanted = border_cells(self._columns.region)
             off_m = self._columns.height - result.height_m
             off_m[np.abs(off_m) <= step_m] = 0.0
-            of_draw, sums = np.ascontiguousarray(numbers), np.zeros((2, *shape))
-            changed = self._sweep(wanted, crossing, DISCOUNT, of_draw, result.height_m, step_m, sums)
+            sums = np.zeros((2, *shape))
+            changed = self._sweep(wanted, crossing, DISCOUNT, numbers, result.height_m, step_m, sums)
             result.other_side[:] += np.where(wanted, sums[0], off_m != 0)
             result.other_side_m2[:] += np.where(wanted, sums[1], off_m**2)
             moved |= binary_dilation(changed)
@@ -352,16 +310,17 @@ class Labelling:
         result.other_side_m2[:] /= len(uniform)
         return result
 
-    def _improve(self, core: Bool[np.ndarray, "row column"]) -> None:
+    def _improve(self) -> None:
         """Give cells beside borders their likeliest labels."""
-        crossing, moved = self._crossing(), np.zeros(core.shape, dtype=bool)
+        crossing, shape = self._crossing(), self._columns.region.shape
+        moved = np.zeros(shape, dtype=bool)
         none, height = np.empty((0, 0)), self._columns.height.copy()
         for _ in range(SWEEPS):
-            wanted = border_cells(self._columns.region) & core & binary_dilation(self._unsettled, iterations=2)
+            wanted = border_cells(self._columns.region) & binary_dilation(self._unsettled, iterations=2)
             self._unsettled[:] = False
             if not wanted.any():
                 return
-            changed = self._sweep(wanted, crossing, 1.0, none, height, np.inf, np.zeros((2, *core.shape)))
+            changed = self._sweep(wanted, crossing, 1.0, none, height, np.inf, np.zeros((2, *shape)))
             self._unsettled |= changed
             self._unmerged |= changed
             # A ray over a lowered cell may meet cells that it was not listed for, which may change after that cell.
@@ -369,14 +328,14 @@ class Labelling:
             self._cast(crossing.over(moved))
             self._update(UPDATES)
 
-    def _merge(self, core: Bool[np.ndarray, "row column"]) -> None:
+    def _merge(self) -> None:
         """Let connected parts of regions join regions beside them that are no smaller, the smallest first."""
         columns, crossing = self._columns, self._crossing()
         size = np.bincount(columns.region.ravel(), minlength=len(self._numbers))
         changed = binary_dilation(self._unmerged, AROUND)
         self._unmerged[:] = False
-        for cells in connected_parts(np.where(core, columns.region, -1)):
-            row, column = np.divmod(cells, core.shape[1])
+        for cells in connected_parts(columns.region):
+            row, column = np.divmod(cells, changed.shape[1])
             if not changed[row, column].any():
                 continue
             for into in regions_beside(columns.region, row, column).tolist():
@@ -539,13 +498,3 @@ class Labelling:
             groups.sort(key=len, reverse=True)  # largest first, to balance the threads
             list(in_threads(partial(one_tile, groups), chunks(len(groups), 1)))
         return changed
-
-
-def _span(start: int, count: int) -> slice:
-    return slice(max(start - MARGIN_CELLS, 0), min(start + BLOCK_CELLS + MARGIN_CELLS, count))
-
-
-def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n"]:
-    west, east, south, north = grid.extent_m
-    x, y = place_m[:, 0], place_m[:, 1]
-    return np.asarray((x > west) & (x < east) & (y > south) & (y < north))

@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.flight.pulses import rows_of
 from sionna_radar.foundation.raster import Grid
@@ -108,13 +107,10 @@ def plane_of_points(
         off its axis by as much, on the same side all along a border, which tilts a plane.
     options: of the method.
     """
-    # Beyond the window is another region.
-    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * grid.spacing_m > options.beside_m
-    cells = deep if deep.sum() >= options.min_cells(grid.spacing_m) else inside
-    on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
+    on_cells = Heights.at_places(grid.centres_m[inside.ravel()], coarse_m[inside], np.ones(int(inside.sum())))
     rough = robust_plane(on_cells, spread_m, options.outlier_sigmas)
     row, column, on_grid = grid.cell_of(points.position_m)
-    on = on_grid & cells[row, column]
+    on = on_grid & inside[row, column]
     on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
     if on.sum() < MIN_ECHOES:
         return rough.plane if rough.spread <= 2 * spread_m else None

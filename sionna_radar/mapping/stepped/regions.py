@@ -18,20 +18,17 @@ NEIGHBOURS = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 AROUND = np.ones((3, 3), dtype=bool)
 
 
-def regions_of(
-    height_m: Float[np.ndarray, "row column"], step_m: float, min_cells: int
-) -> Int[np.ndarray, "row column"]:
+def regions_of(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.ndarray, "row column"]:
     """Return connected regions without steps: the number of each cell's region, from zero without gaps.
 
     height_m: heights of the cells.
     step_m: least difference between neighbours in different regions.
-    min_cells: smaller regions join the nearest.
     """
     along, across = (np.abs(np.diff(height_m, axis=axis)) <= step_m for axis in (1, 0))
     inner = _fully_linked(along, across)
     region = label(inner)[0] - 1
     extended = _extend_to_adjacent_cells(region, height_m, step_m)
-    return _remove_small_regions(extended, min_cells)
+    return _join_nearest(extended)
 
 
 def region_windows(region: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
@@ -78,12 +75,12 @@ def _extend_to_adjacent_cells(
     return extended
 
 
-def _remove_small_regions(region: Int[np.ndarray, "row column"], min_cells: int) -> Int[np.ndarray, "row column"]:
-    """Return regions numbered from zero; cells of no region, or of one of fewer than `min_cells`, join the nearest."""
-    crumb = (np.bincount(region.ravel() + 1)[region + 1] < min_cells) | (region < 0)
-    if crumb.all():
+def _join_nearest(region: Int[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
+    """Return regions numbered from zero; cells of none join the nearest."""
+    none = region < 0
+    if none.all():
         return np.zeros(region.shape, dtype=np.int64)
-    row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
+    row, column = distance_transform_edt(none, return_distances=False, return_indices=True)
     return np.asarray(np.unique(region[row, column], return_inverse=True)[1].reshape(region.shape))
 
 

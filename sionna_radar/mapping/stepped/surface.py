@@ -18,7 +18,7 @@ heights, a cell or two wide, roof and ground would be one region. So regions are
 neighbourhood no step is (a morphological opening of the links between cells), and take in what they touch. What no
 such region touches, narrower than three cells, joins the nearest.
 
-A map longer than three blocks of levels is made in tiles, each from what its echoes and those of a strip around it say.
+A map longer than `tile_m` is made in tiles, each from what its echoes and those of a strip around it say.
 They are not blended, as heights beside a step would be of neither side.
 """
 
@@ -44,17 +44,13 @@ from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import refine, refining
 from sionna_radar.mapping.seen import empty, visible_surface
-from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map, looking_at
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
+from sionna_radar.mapping.stepped.evidence import windows_of
 from sionna_radar.mapping.stepped.labelling import Start, labelled_map, nearest_echo_m
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_windows, regions_of
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, unseen_steps
 from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
-
-# Blocks of levels along the longest side of a tile.
-TILE_BLOCKS = 3
-# Pairs of neighbours, of eight each, that the border of a cell's side cuts: its own, and two diagonal ones.
-JUMP_PAIRS = 3
 
 
 @dataclass(frozen=True)
@@ -73,8 +69,8 @@ class SteppedMap:
 
 def step_surface(
     sightings: Sightings, points: Points, grid: Grid, gap_m: float, options: SteppedParameters = STEPPED
-) -> SteppedMap:
-    """Return the most probable stepped surface.
+) -> SteppedMap | None:
+    """Return the most probable stepped surface; None with too few echoes on it.
 
     sightings: profiles and measured poses.
     points: located echoes.
@@ -82,6 +78,13 @@ def step_surface(
     gap_m: widest gap, within a region, that is filled between cells supported by echoes.
     options: of the method.
     """
+    points = points.rows(np.flatnonzero(grid.cell_of(points.position_m)[2]))
+    if len(points) < MIN_PULSES:
+        return None
+    height_m = points.position_m[:, 2]
+    top, bottom, left, right = windows_of(sightings, grid, (float(height_m.min()), float(height_m.max()))).T
+    seen = (top < bottom) & (left < right) | np.isin(sightings.profiles.pulse, points.pulse)
+    sightings = sightings.rows(seen)
     echoes = mean_ranges(sightings)
     coarse = coarse_map(sightings, points, grid, options)
     step_m = max(options.step_levels * coarse.level_m, grid.spacing_m)
@@ -97,8 +100,7 @@ def step_surface(
     starts = _numbered(starts)
     axis_m, echo_m = sightings.places(echoes.range_m), nearest_echo_m(points.position_m, grid)
     beams = FilledBeams(points, sightings, options.outlier_sigmas)
-    pair_nepers = options.jump_nepers / JUMP_PAIRS
-    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, pair_nepers, beams)
+    labelled = labelled_map(sightings, axis_m, starts, echo_m, step_m, grid, options.pair_nepers, beams)
     region_sigma = sigma_after_reassignment(sigma, region, labelled.region)
     region_sigma = np.where(np.isnan(labelled.refitted_sigma_m), region_sigma, labelled.refitted_sigma_m)
     probable = labelled.other_side > options.max_other_side
@@ -175,7 +177,7 @@ class _Surfaces:
 
     def regions(self, height_m: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
         """Return the regions of a coarse map."""
-        return regions_of(height_m, self.step_m, self.options.min_cells(self.grid.spacing_m))
+        return regions_of(height_m, self.step_m)
 
     def rival(self, coarse_m: Float[np.ndarray, "row column"], first: Start, spread_m: float) -> Start:
         """Return another coarse map, on the surfaces of the first one where it is within a step of them."""
@@ -275,8 +277,8 @@ class SteppedTiles:
 
     @cached_property
     def windows(self) -> list[tuple[slice, slice]]:
-        """Rows and columns of each tile: as few as are no longer than `TILE_BLOCKS` blocks."""
-        size = TILE_BLOCKS * self.options.block_m / self.grid.spacing_m
+        """Rows and columns of each tile: as few as are no longer than `tile_m`."""
+        size = self.options.tile_m / self.grid.spacing_m
         rows, columns = (equal_chunks(count, int(np.ceil(count / size))) for count in self.grid.shape)
         return [(slice(*some), slice(*others)) for some in rows for others in columns]
 
@@ -288,15 +290,9 @@ class SteppedTiles:
             slice(max(side.start - margin, 0), min(side.stop + margin, count))
             for side, count in zip(core, self.grid.shape, strict=True)
         )
-        cells, sightings, points = self.grid.cut(*reach), self.sightings, self.points
-        if len(self) > 1:
-            points = points.rows(np.flatnonzero(cells.cell_of(points.position_m)[2]))
-            if len(points) < MIN_PULSES:
-                return None
-            height_m, margin_m = points.position_m[:, 2], self.options.level_margin_m
-            span_m = float(height_m.min()) - margin_m, float(height_m.max()) + margin_m
-            sightings = sightings.rows(looking_at(sightings, cells, span_m, self.options.overlap_m))
-        made = step_surface(sightings, points, cells, self.gap_m, self.options)
+        made = step_surface(self.sightings, self.points, self.grid.cut(*reach), self.gap_m, self.options)
+        if made is None:
+            return None
         core_window = tuple(slice(c.start - r.start, c.stop - r.start) for c, r in zip(core, reach, strict=True))
         return SteppedPiece({name: layer[core_window] for name, layer in made.layers.items()})
 
