@@ -199,9 +199,9 @@ def _greater_probability(weight: Float[np.ndarray, " n"], factor: float) -> floa
     saddle, peak = float(minimum.x) * end, float(minimum.fun)
     width = 1 / np.sqrt(_curvature(saddle, low, weight))
 
-    # Along s = saddle + i width sinh x the integrand falls at least as exp(-2 x), and its nearest poles are pi / 2 away,
-    # as no pole is closer to the saddle than `width`: the trapezoidal rule errs by exp(-pi^2 / 0.25) (Trefethen and
-    # Weideman 2014, "The exponentially convergent trapezoidal rule").
+    # Along s = saddle + i width sinh x the integrand falls at least as exp(-2 x), and its nearest poles are pi / 2
+    # away, as no pole is closer to the saddle than `width`: the trapezoidal rule errs by exp(-pi^2 / 0.25) (Trefethen
+    # and Weideman 2014, "The exponentially convergent trapezoidal rule").
     x = np.arange(0.0, 20.0, 0.25)
     value = np.exp(exponent(saddle + 1j * width * np.sinh(x)) - peak).real * np.cosh(x)
     integral = 0.25 * (value.sum() - value[0] / 2)

@@ -4,7 +4,7 @@ The world, the instrument and the plan of the flight are built one after another
 they are put together, and checked where they meet.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -91,6 +91,10 @@ class Prepared:
             f"Prepared: {self.scenario.description or 'no description'}\n  {len(self.flight):,} pulses, DEM of "
             f"{grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m"
         )
+
+    def __reduce__(self) -> tuple[Callable[..., "Prepared"], tuple[object, ...]]:
+        # Ray casters belong to their process: another one prepares the scenario again.
+        return _prepared_again, (self.scenario, self.custom, self.flight.navigation)
 
     @property
     def flight(self) -> PulseSchedule:
@@ -308,6 +312,10 @@ def prepare(scenario: Scenario, parts: CustomParts | None = None, *, cache: Buil
             scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
         prepared = _prepare(scenario, custom, cache or LATEST)
     return replace(prepared, warnings=said.warnings)
+
+
+def _prepared_again(scenario: Scenario, custom: CustomParts, navigation: Navigation | None) -> Prepared:
+    return prepare(scenario, custom).with_navigation(navigation)
 
 
 def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prepared:

@@ -131,6 +131,10 @@ class Survey(_ComparedWithReference, Comparison):
     saturation: Saturation | None = None
     reference: ReferenceCheck | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Its sensor belongs to the process that flew it.
+        return {**self.__dict__, "sensor": None}
+
     @property
     def scenario(self) -> Scenario:
         """The scenario, as it was given."""

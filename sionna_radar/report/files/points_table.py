@@ -167,7 +167,8 @@ def write_laz(
     if points.across_sigma_m is not None:
         header.add_extra_dim(laspy.ExtraBytesParams(name=ACROSS, type="float32", description="sigma across ray (m)"))
     las = laspy.LasData(header)
-    las.xyz = points.position_m + origin
+    # Not `las.xyz`, which refuses arrays that were unpickled.
+    las.x, las.y, las.z = (points.position_m + origin).T
     las.gps_time = time_s[points.pulse]
     las.scan_angle = np.rint(_scan_angle_deg(points, measured) / SCAN_ANGLE_STEP_DEG).astype(np.int16)
     las.intensity = _intensity(points.power)

@@ -1,0 +1,45 @@
+"""A survey in another process: its arrays, and the scenario from which world and flight are prepared again."""
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sionna_radar import load_scenario, run, write_survey
+
+WRITE = (
+    "import pickle, sys\nfrom pathlib import Path\nfrom sionna_radar import write_survey\n"
+    "write_survey(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("hills", {"dem.method": "refined"}),
+        ("demo", {"platform.length_m": 12.0}),
+        ("jacksboro", {"platform.navigation": {"position_white_m": [0.05, 0.05, 0.1]}}),
+    ],
+)
+def test_another_process_writes_the_same_files(name: str, keys: dict, tmp_path: Path) -> None:
+    survey = run(load_scenario(name, {"platform.length_m": 8.0, "tracing.paths_per_pulse": 64, **keys}))
+    survey.breakdown  # noqa: B018  (what was computed on first use goes along)
+    here, there, packed = tmp_path / "here", tmp_path / "there", tmp_path / "survey.pickle"
+    packed.write_bytes(pickle.dumps(survey))
+    write_survey(survey, here)
+    subprocess.run([sys.executable, "-c", WRITE, str(packed), str(there)], check=True, capture_output=True)
+    files = sorted(path.relative_to(here) for path in here.rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(there) for path in there.rglob("*") if path.is_file())
+    assert [str(file) for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []
+
+
+def test_other_navigation_goes_along() -> None:
+    keys = {"platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
+    survey = run(load_scenario("hills", {**keys, "platform.navigation": {"position_white_m": [1.0, 1.0, 1.0]}}))
+    exact = survey.prepared.with_navigation(None)
+    assert survey.prepared.flight.navigation is not None
+    again = pickle.loads(pickle.dumps(exact))
+    assert again.flight.navigation is None
+    assert run(again).points.sha256() == run(exact).points.sha256()
